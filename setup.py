@@ -1,7 +1,9 @@
-"""What setup.cfg cannot express: where each folder is installed, and a long description without links into the clone.
+"""What setup.cfg cannot express: where each folder is installed, and a long description without
+links into the clone.
 
-netlib, layers and handpose keep their names. The other folders have names that other packages may have, too; they are
-installed below netlib/share (netlib/files/paths.py), and only netlib and the command handpose look for them there.
+netlib, layers and handpose keep their names. The other folders have names that other packages may
+have, too; they are installed below netlib/share (netlib/files/paths.py), and only netlib and the
+command handpose look for them there.
 """
 
 import os
@@ -21,14 +23,17 @@ def folders_in(top: str) -> list[str]:
 
 
 def long_description() -> str:
-    """README.md for a page that is not beside the repository's files: no pictures, and of relative links the text."""
+    """README.md for a page that is not beside the repository's files: no pictures, and of relative
+    links the text.
+    """
     text = Path("README.md").read_text(encoding="utf-8")
     text = re.sub(r"^!\[[^\]]*\]\([^)]*\)\n+", "", text, flags=re.MULTILINE)
     text = re.sub(r"<!--.*?-->\n?", "", text, flags=re.DOTALL)
     return re.sub(r"\[([^\]]*)\]\((?!https?:)[^)]*\)", r"\1", text)
 
 
-# Of docs/ the pages are installed, which ``handpose docs`` shows, without pictures and without what makes them.
+# Of docs/ the pages are installed, which ``handpose docs`` shows, without pictures and without
+# what makes them.
 shared = [*(name for top in SHARED if Path(top).is_dir() for name in folders_in(top)), "docs"]
 setup(
     long_description=long_description(),

@@ -2,8 +2,9 @@
 
     python exercises/check.py NAME FILE ITERATIONS LIMIT_S
 
-solutions.py runs this as a process with a time limit, because the reader's code may loop without end or crash. The exit
-status is PASSED or FAILED; Python itself ends with neither of them. What the reader's code prints goes to stderr.
+solutions.py runs this as a process with a time limit, because the reader's code may loop without
+end or crash. The exit status is PASSED or FAILED; Python itself ends with neither of them. What the
+reader's code prints goes to stderr.
 """
 
 from __future__ import annotations
@@ -65,11 +66,14 @@ class Step:
         return "\n".join([head, *(wrapper.fill(printable(line)) for line in self.lines)])
 
 
-# ---------------------------------------------------------------------------------------------- the steps
+# ---------------------------------------------------------------------------------------- the steps
 
 
 def steps(exercise: Exercise, part: Part, path: Path | None = None) -> Iterator[Step]:
-    """Run the steps before the last, up to the first that fails. ``path`` is the file of the part."""
+    """Run the steps before the last, up to the first that fails.
+
+    ``path`` is the file of the part.
+    """
     for check in exercise.checks:
         lines = tuple(_failure(exercise, check, part, path))
         yield Step(check.title, not lines, lines)
@@ -115,7 +119,9 @@ def _ladder(exercise: Exercise, check: Check, failed: Case, part: Part) -> str:
 
 
 def in_network(exercise: Exercise, part: Part, iterations: int, path: Path | None = None) -> Step:
-    """Run the last step: train the paper's network with the part and compare the losses with the reference."""
+    """Run the last step: train the paper's network with the part and compare the losses with
+    the reference.
+    """
     title = exercise.last.format(iterations)
     expected = np.array(network.reference_losses(iterations))
     try:
@@ -133,7 +139,7 @@ def in_network(exercise: Exercise, part: Part, iterations: int, path: Path | Non
     return Step(f"{title} ({found[0]:.4f} → {found[-1]:.4f})", True)
 
 
-# ---------------------------------------------------------------------------------------------- exceptions
+# --------------------------------------------------------------------------------------- exceptions
 
 
 def _of_error(error: BaseException, check: Check, case: Case, path: Path | None) -> Iterator[str]:
@@ -194,7 +200,7 @@ def _line_of(function: str, path: Path) -> int | None:
     return min(lines, default=None)
 
 
-# ---------------------------------------------------------------------------------------------- the process
+# -------------------------------------------------------------------------------------- the process
 
 
 def loaded(exercise: Exercise, path: Path) -> Part:

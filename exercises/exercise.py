@@ -1,8 +1,9 @@
-"""The definition of an exercise: a part of the project to write, the cases that check it and the known mistakes.
+"""The definition of an exercise: a part of the project to write, the cases that check it and the
+known mistakes.
 
-A *part* is a module with what the reader writes: a layer class, an update rule, a few functions. A mistake is the
-project's source with one change. The reader's mistake is identified by running the known mistakes on the same inputs
-until one reproduces the results of the reader's part.
+A *part* is a module with what the reader writes: a layer class, an update rule, a few functions. A
+mistake is the project's source with one change. The reader's mistake is identified by running the
+known mistakes on the same inputs until one reproduces the results of the reader's part.
 """
 
 from __future__ import annotations
@@ -41,7 +42,8 @@ class Case:
     wanted     computes the expected results
     source     where the expected results come from, for messages: "Caffe has"
     axes       names of the axes of each result, for the index in a message
-    tolerance  relative to the largest value of the same array, or to 1 if that is larger; 0: bit for bit
+    tolerance  relative to the largest value of the same array, or to 1 if that is larger;
+               0: bit for bit
     method     the reader's function that computes the results
     """
 
@@ -83,16 +85,19 @@ class Check:
 class Mistake:
     """A mistake, and the advice for a reader who makes it.
 
-    forms  pairs (old, new): code that occurs once in the project's source, and the mistake in its place, as for
-           ``edited``. A mistake has several forms if its results differ, say in a loop over windows and in one over
-           images
+    forms  pairs (old, new): code that occurs once in the project's source, and the mistake in its
+           place, as for ``edited``. A mistake has several forms if its results differ, say in a
+           loop over windows and in one over images
     """
 
     def __init__(self, advice: str, *forms: tuple[str, str]) -> None:
         self.advice, self.forms = advice, forms
 
     def sources(self, exercise: Exercise) -> list[str]:
-        """Return the project's source with each form of the mistake. Raises ValueError if it cannot be placed."""
+        """Return the project's source with each form of the mistake.
+
+        Raises ValueError if it cannot be placed.
+        """
         text = exercise.source()
         return [edited(text, old, new) for old, new in self.forms]
 
@@ -163,13 +168,16 @@ class Difference:
 def edited(text: str, old: str, new: str) -> str:
     """Return Python source with other code in place of ``old``, an expression or whole statements.
 
-    Code is found by its syntax, in any layout; ``new`` is indented like it. Raises ValueError if it is not there once.
+    Code is found by its syntax, in any layout; ``new`` is indented like it. Raises ValueError if it
+    is not there once.
     """
     nodes = [*ast.walk(ast.parse(text))]
     statements: list[Any] = ast.parse(old).body
 
     def only(statement: Any) -> Any:
-        """Return the node of the source with the syntax of a statement, or of the expression that it consists of."""
+        """Return the node of the source with the syntax of a statement, or of the expression that
+        it consists of.
+        """
         wanted = ast.dump(statement.value if isinstance(statement, ast.Expr) else statement)
         found = [node for node in nodes if ast.dump(node) == wanted]
         if len(found) != 1:
@@ -204,14 +212,19 @@ def replaced(table: MutableMapping[str, Any], key: str, value: object) -> Iterat
 
 @contextlib.contextmanager
 def unwarned() -> Iterator[None]:
-    """Suppress warnings about overflow and other floating-point errors: the results are compared anyway."""
+    """Suppress warnings about overflow and other floating-point errors: the results are
+    compared anyway.
+    """
     with np.errstate(all="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         yield
 
 
 def agree(got: Array, wanted: Array, tolerance: float) -> Array:
-    """Return a mask of the elements of two arrays that agree to a tolerance. Non-finite elements must be equal."""
+    """Return a mask of the elements of two arrays that agree to a tolerance.
+
+    Non-finite elements must be equal.
+    """
     finite = wanted[np.isfinite(wanted)]
     scale = max(1.0, float(np.abs(finite).max(initial=0)))
     with np.errstate(invalid="ignore"):
@@ -220,8 +233,8 @@ def agree(got: Array, wanted: Array, tolerance: float) -> Array:
 
 
 def first_difference(case: Case, got: Values) -> Difference | None:
-    """Return the first result that differs, in the order of the expected ones, with the index of its first wrong
-    element.
+    """Return the first result that differs, in the order of the expected ones, with the index of
+    its first wrong element.
     """
     for name, right in case.expected.items():
         right, mine = np.asarray(right, np.float64), np.asarray(got[name], np.float64)

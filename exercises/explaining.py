@@ -87,10 +87,11 @@ def _distinct(a: float, b: float) -> tuple[str, str]:
 
 
 def advice(exercise: Exercise, check: Check, part: Part, found: Difference) -> str | None:
-    """Return the advice of the known mistake that reproduces the reader's results; None if there is none.
+    """Return the advice of the known mistake that reproduces the reader's results; None if
+    there is none.
 
-    Of several, the one that reproduces most wrong cases of the method in this step is chosen. One that reproduces at
-    least half of them is reported as a similar one.
+    Of several, the one that reproduces most wrong cases of the method in this step is chosen. One
+    that reproduces at least half of them is reported as a similar one.
     """
     mine = {case: tried(case, part) for case in check.cases if case.method == found.case.method}
     right = [case for case, values in mine.items() if is_right(case, values)]
@@ -101,7 +102,9 @@ def advice(exercise: Exercise, check: Check, part: Part, found: Difference) -> s
     ]
 
     def explains(mistaken: Part) -> float:
-        """Share of the wrong cases that a mistake reproduces; 0 if it breaks a case that the reader has right."""
+        """Share of the wrong cases that a mistake reproduces; 0 if it breaks a case that the
+        reader has right.
+        """
         if not all(is_right(case, tried(case, mistaken)) for case in right):
             return 0.0
         if not _same(found, tried(found.case, mistaken)):
@@ -146,7 +149,9 @@ def _same(found: Difference, values: Values | None) -> bool:
 
 
 def where_wrong(found: Difference) -> str | None:
-    """Describe the axes along which few indices have wrong elements; None if there is no such axis."""
+    """Describe the axes along which few indices have wrong elements; None if there
+    is no such axis.
+    """
     wrong = ~agree(found.got, found.wanted, found.case.tolerance)
     if wrong.sum() < 2:  # the message has the index of a single one
         return None

@@ -31,7 +31,9 @@ NYU = load(NYU_HAND)  # the paper's hand
 
 
 def losses(part: Part, iterations: int) -> Array:
-    """Train the paper's network with the class Kinematics of the part; returns the loss of each iteration."""
+    """Train the paper's network with the class Kinematics of the part; returns the loss of
+    each iteration.
+    """
     exercised = type("Exercised", (HandModel,), {"kinematics_type": part.Kinematics})
     with replaced(LAYER_TYPES, "HandModel", exercised):
         return network.losses(iterations)

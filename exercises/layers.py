@@ -1,4 +1,6 @@
-"""Layer exercises: the steps that check a layer, without options first, then with one option after the other."""
+"""Layer exercises: the steps that check a layer, without options first, then with one option
+after the other.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +44,8 @@ class Letters:
 
 @dataclass(frozen=True, eq=False)
 class Example:
-    """A layer with its inputs, which avoid points where it is not differentiable unless ``on_kinks``.
+    """A layer with its inputs, which avoid points where it is not differentiable
+    unless ``on_kinks``.
 
     options   the fields of its block, or of its ``layer { ... }`` except the type
     option    the option that it shows, in a separate step; empty: none
@@ -117,7 +120,9 @@ class _Runner:
         return {name: np.zeros(blob.shape) for name, blob in zip(self.letters.tops, top)}
 
     def values(self, part: Part) -> Values:
-        """Run forward with tops initialized to NaN; returns the tops, then the bottoms, which must not change."""
+        """Run forward with tops initialized to NaN; returns the tops, then the bottoms, which
+        must not change.
+        """
         layer, bottom, top = self.built(part, np.float32 if self.example.caffe else np.float64)
         for blob in [] if self.example.in_place else top:
             blob.data[...] = np.nan
@@ -131,7 +136,9 @@ class _Runner:
         return {name: blob.data.copy() for name, blob in zip(names, [*top, *bottom])}
 
     def gradient(self, part: Part) -> Values:
-        """Run backward with bottom diffs initialized to NaN and parameter diffs to 1; returns the gradients."""
+        """Run backward with bottom diffs initialized to NaN and parameter diffs to 1; returns
+        the gradients.
+        """
         if not self.example.caffe:
             return {name: gradient.analytic for name, gradient in self._gradients(part)}
         layer, bottom, top = self.built(part, np.float32)
@@ -148,7 +155,9 @@ class _Runner:
         )
 
     def unwanted(self, part: Part) -> Values:
-        """Run backward without propagate_down of the last bottom; returns its diff, which was initialized to KEPT."""
+        """Run backward without propagate_down of the last bottom; returns its diff, which was
+        initialized to KEPT.
+        """
         layer, bottom, top = self.built(part, np.float64)
         layer.forward(bottom, top)
         for blob in top:

@@ -1,4 +1,6 @@
-"""The last step of an exercise: train the paper's network for some iterations on newly rendered frames."""
+"""The last step of an exercise: train the paper's network for some iterations on newly
+rendered frames.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +43,9 @@ def net_text(folder: Path) -> str:
 
 
 def solver_of(net: str, options: str = RATE, seed: int = 1) -> Solver:
-    """Return a solver of a net given as text, on the plain engine, which runs the layer classes themselves."""
+    """Return a solver of a net given as text, on the plain engine, which runs the layer
+    classes themselves.
+    """
     param = schema.read(prototxt.parse(options, "<exercise>"), SolverParameter, "solver")
     param = schema.changed(
         param, net_param=prototxt.parse(net, "<exercise>"), display=0, max_iter=10**6
@@ -56,7 +60,10 @@ def losses(iterations: int) -> Array:
 
 
 def trained(solver: Solver, iterations: int) -> Array:
-    """Train for a number of iterations; returns the loss of each. A terminal shows a dot for each."""
+    """Train for a number of iterations; returns the loss of each.
+
+    A terminal shows a dot for each.
+    """
     found = []
     for i in range(iterations):
         solver.step(1)

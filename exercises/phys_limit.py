@@ -37,7 +37,9 @@ MISTAKES = (
 
 
 def _arm_like() -> Array:
-    """Return two hands in the initial pose except two angles beyond a limit and two exactly at one."""
+    """Return two hands in the initial pose except two angles beyond a limit and two
+    exactly at one.
+    """
     skeleton = hand.NYU
     limited = np.flatnonzero(~skeleton.fixed & (skeleton.upper < 100))
     x = np.zeros((2, 47))

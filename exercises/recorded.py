@@ -1,8 +1,10 @@
-"""Results recorded from real Caffe, as far as the exercises need them: recorded.npz, reduced from tests/caffe.
+"""Results recorded from real Caffe, as far as the exercises need them: recorded.npz, reduced
+from tests/caffe.
 
-``python -m tests.exercises.reduce_recordings`` generates it. Arrays of a layer are CASE/KIND/NUMBER: ``in`` and
-``param`` are the inputs and parameters, ``top`` the outputs, ``topdiff`` the input of backward, ``indiff`` and
-``pdiff`` its results. The other arrays are named where they are used.
+``python -m tests.exercises.reduce_recordings`` generates it. Arrays of a layer are
+CASE/KIND/NUMBER: ``in`` and ``param`` are the inputs and parameters, ``top`` the outputs,
+``topdiff`` the input of backward, ``indiff`` and ``pdiff`` its results. The other arrays are named
+where they are used.
 """
 
 from __future__ import annotations

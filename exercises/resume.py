@@ -36,7 +36,9 @@ DROPOUT = 'layer { name: "drop" type: "Dropout" bottom: "y" top: "y" }'
 
 
 def interrupted(part: Part, make: Callable[[int], Solver], iterations: int, folder: Path) -> Solver:
-    """Return a new solver, with other weights and random numbers, restored from the snapshot of a trained solver."""
+    """Return a new solver, with other weights and random numbers, restored from the snapshot of a
+    trained solver.
+    """
     first = make(1)
     first.step(iterations)
     names = folder / "at.caffemodel.h5", folder / "at.solverstate.h5"
@@ -62,10 +64,14 @@ def _found(solver: Solver) -> Values:
 
 
 def _case(title: str, data: str, options: str = FIXED, middle: str = "") -> Case:
-    """Return the case of resuming a small net; the title names the state it needs beyond the previous case."""
+    """Return the case of resuming a small net; the title names the state it needs beyond the
+    previous case.
+    """
 
     def result(train: Callable[[Callable[[int], Solver], Path], Solver]) -> Values:
-        """Return what is compared of the solver that ``train`` returns, given a function that makes one."""
+        """Return what is compared of the solver that ``train`` returns, given a function
+        that makes one.
+        """
         with tempfile.TemporaryDirectory(prefix="exercise.") as folder:
             text = data.replace("rows.txt", _rows(Path(folder))) + REST % middle
             return _found(

@@ -49,7 +49,9 @@ def followed(part: Part, momentum: float, rates: Sequence[float], decay: float =
 
 
 def caffes_training(part: Part, name: str) -> Values:
-    """Return some weights of a small net after each update, trained like Caffe's: same initial weights, same rows."""
+    """Return some weights of a small net after each update, trained like Caffe's: same initial
+    weights, same rows.
+    """
     arrays = recorded.everything()
     solver = network.solver_of(NET, TRAININGS[name])
     for layer, blobs in solver.net.params.items():

@@ -1,4 +1,6 @@
-"""The reader's solutions in the working directory: list them, start one, plant a mistake, check one."""
+"""The reader's solutions in the working directory: list them, start one, plant a
+mistake, check one.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,10 @@ def start(exercise: Exercise) -> None:
 
 
 def plant(exercise: Exercise, number: int) -> None:
-    """Write a file with a mistake to find. Raises ExerciseError if there is no such mistake or the file exists."""
+    """Write a file with a mistake to find.
+
+    Raises ExerciseError if there is no such mistake or the file exists.
+    """
     texts, path = bugs(exercise), Path(f"{exercise.name}_bug{number}.py")
     if number > len(texts):
         raise ExerciseError(f"--bug {number}: {exercise.name} has bugs 1 to {len(texts)}")
@@ -49,7 +54,8 @@ def plant(exercise: Exercise, number: int) -> None:
 
 
 def check(exercise: Exercise, path: Path | None, iterations: int, limit_s: float) -> bool:
-    """Check a file, by default the one in the working directory, and print the result; returns whether it passed.
+    """Check a file, by default the one in the working directory, and print the result; returns
+    whether it passed.
 
     Raises ExerciseError, also if the check does not end within ``limit_s`` seconds.
     """

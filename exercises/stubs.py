@@ -1,7 +1,7 @@
 """Texts for the reader of an exercise, generated from the project's source.
 
-The stub is the source without the bodies that the reader writes. In a debugging exercise the source has one known
-mistake, which the reader finds and fixes.
+The stub is the source without the bodies that the reader writes. In a debugging exercise the source
+has one known mistake, which the reader finds and fixes.
 """
 
 from __future__ import annotations
@@ -43,7 +43,10 @@ def _instead(task: str, indent: int) -> list[str]:
 
 
 def bugs(exercise: Exercise) -> list[str]:
-    """Return the text of one file for each known mistake, in its first form. Raises DataError as ``stub``."""
+    """Return the text of one file for each known mistake, in its first form.
+
+    Raises DataError as ``stub``.
+    """
     head = f"# This file contains one mistake. Find and fix it, then run: {command('exercise')} {exercise.name}"
     sources = (mistake.sources(exercise)[0] for mistake in exercise.mistakes)
     return [f"{head} --file THIS_FILE\n{_cut(exercise, text)}" for text in sources]

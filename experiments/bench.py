@@ -1,12 +1,14 @@
-"""Benchmark of this project against PyTorch, onnxruntime and OpenCV, with the same nets and weights.
+"""Benchmark of this project against PyTorch, onnxruntime and OpenCV, with the same
+nets and weights.
 
     python -m experiments bench                                   the time, all nets
     python -m experiments bench --cpu --threads 1 --nets LeNet    processor time, on a busy machine
 
-The forward pass of nine well-known nets and of the paper's network, which is called "hand", for 1, 64 and 512 images;
-a training step of four small nets and of the paper's network. Outputs and gradients are compared first, and a peer that
-differs is not timed. Each net is timed alternately with its peers; the table has the medians, and the ratio: the peer's
-time divided by ours (above 1: this project is faster). A package that is not installed is left out.
+The forward pass of nine well-known nets and of the paper's network, which is called "hand", for 1,
+64 and 512 images; a training step of four small nets and of the paper's network. Outputs and
+gradients are compared first, and a peer that differs is not timed. Each net is timed alternately
+with its peers; the table has the medians, and the ratio: the peer's time divided by ours
+(above 1: this project is faster). A package that is not installed is left out.
 """
 
 from __future__ import annotations
@@ -111,7 +113,9 @@ def medians(jobs: list[Job], rounds: int, cpu: bool) -> list[float]:
 
 
 def peers_of(name: str, work: Workload, threads: int) -> Iterator[tuple[str, Job]]:
-    """The peers that are installed and compute the same values, each with a function that runs it once."""
+    """The peers that are installed and compute the same values, each with a function
+    that runs it once.
+    """
     makers: list[Callable[[str, Workload, int], Iterator[tuple[str, Job]]]]
     makers = [_torch_training] if work.solver else [_opencv, _onnxruntime, _torch]
     for make in makers:
@@ -141,7 +145,7 @@ def agrees(what: str, found: Array, expected: Array, tolerance: float = TOLERANC
     return False
 
 
-# ---------------------------------------------------------------------------------------------- forward passes
+# ----------------------------------------------------------------------------------- forward passes
 
 
 def _checked(
@@ -212,7 +216,7 @@ def _torch(name: str, work: Workload, threads: int) -> Iterator[tuple[str, Job]]
     yield from _checked(name, work, "PyTorch", job)
 
 
-# ---------------------------------------------------------------------------------------------- training steps
+# ----------------------------------------------------------------------------------- training steps
 
 
 def _torch_training(name: str, work: Workload, threads: int) -> Iterator[tuple[str, Job]]:

@@ -4,18 +4,19 @@
         --apart P3 P3_joints.npy --out models/synthetic_hand/confidence.prototxt
     python -m experiments confidence --synthetic gestures moving --cameras kinect2 --seconds 10
 
-Labels are those of ``python -m experiments constants``, of the only hand in view; the joints of synthetic recordings
-are known. Each recording is tracked as it is and mirrored, by earlier frames only, and every pose counts, however sure.
-The logarithms of the errors are then explained by the signs that handpose/fit/pose_confidence.py describes, first of
-hands, then of fingers. All recordings have the same total weight, no weight of a sign is below 0, and weights are drawn
-towards those in use (--keep). What is tracked in addition to the labelled hand, and a pose at another of the two most
-certain places of the finder, is as wrong as a lost hand and counts a tenth. The packaged network and its fit must be
-those for which the confidence is computed.
+Labels are those of ``python -m experiments constants``, of the only hand in view; the joints of
+synthetic recordings are known. Each recording is tracked as it is and mirrored, by earlier frames
+only, and every pose counts, however sure. The logarithms of the errors are then explained by the
+signs that handpose/fit/pose_confidence.py describes, first of hands, then of fingers. All
+recordings have the same total weight, no weight of a sign is below 0, and weights are drawn towards
+those in use (--keep). What is tracked in addition to the labelled hand, and a pose at another of
+the two most certain places of the finder, is as wrong as a lost hand and counts a tenth. The
+packaged network and its fit must be those for which the confidence is computed.
 
-A row has the labelled hands, those with a confidence of 90% or more, the share of these that is more than 30 mm off,
-the correlation of expected and true error, both in mm; then the other poses, and those of 30% or more, which would have
-joints. Rows are for the weights in use, for the new ones, and for those fitted without the recording. No weight is
-fitted to the recordings --apart.
+A row has the labelled hands, those with a confidence of 90% or more, the share of these that is
+more than 30 mm off, the correlation of expected and true error, both in mm; then the other poses,
+and those of 30% or more, which would have joints. Rows are for the weights in use, for the new
+ones, and for those fitted without the recording. No weight is fitted to the recordings --apart.
 """
 
 from __future__ import annotations
@@ -60,7 +61,8 @@ from tools.common.arguments import real, seconds, seed
 from tools.common.console import DONE, aligned, say
 from tools.common.progress import ProgressBar
 
-# Of 1, 0.25, 0.1 and 0.05: with 1, 12% of the hands have less than 50%, with 0.05 more of the others have more.
+# Of 1, 0.25, 0.1 and 0.05: with 1, 12% of the hands have less than 50%, with 0.05 more of the
+# others have more.
 OTHERS = 0.1
 PLACES = 2  # of the finder in a frame: the hand, and another one
 KEEP = 0.3  # of 0, 0.3, 1, 3 and 10; up to 1 they are alike when a recording is left out
@@ -106,14 +108,16 @@ class Poses(NamedTuple):
 
 
 class Labelled(NamedTuple):
-    """A recording, and its labels (frames, 5, 3, 3): PIP, DIP and tip of each finger, y up; NaN without any."""
+    """A recording, and its labels (frames, 5, 3, 3): PIP, DIP and tip of each finger, y up;
+    NaN without any.
+    """
 
     name: str
     open: Callable[[], Recording]
     labels: Array
 
 
-# -------------------------------------------------------------------------------------------------- tracked poses
+# ------------------------------------------------------------------------------------ tracked poses
 
 
 def poses_of(name: str, frames: Iterator[TrackedLabels]) -> Poses:
@@ -174,11 +178,13 @@ def true_labels(recording: SyntheticRecording) -> Array:
     return labels
 
 
-# ------------------------------------------------------------------------------------------------------ regressions
+# -------------------------------------------------------------------------------------- regressions
 
 
 def fitted(takes: Sequence[Poses], in_use: Weights, keep: float = KEEP) -> Weights:
-    """The weights that explain the errors of recordings; ``keep`` is the weight of the squared change of a weight."""
+    """The weights that explain the errors of recordings; ``keep`` is the weight of the squared
+    change of a weight.
+    """
     evidence = Evidence.concatenate([take.evidence for take in takes])
     share = np.concatenate([take.share for take in takes])
     log_error = np.log(np.concatenate([take.error_mm for take in takes]))
@@ -211,7 +217,9 @@ def _regression(
     in_use: Regression,
     keep: float,
 ) -> Regression:
-    """The regression with the least squares of ``mean`` - ``log_error``; the shares of each take add up to 1."""
+    """The regression with the least squares of ``mean`` - ``log_error``; the shares of each
+    take add up to 1.
+    """
 
     def off(x: Array) -> Array:
         return np.asarray((mean(Regression(x[:-1], x[-1], np.nan)) - log_error) * np.sqrt(share))
@@ -226,7 +234,7 @@ def _regression(
     return Regression(x[:-1], float(x[-1]), float(spread))
 
 
-# ----------------------------------------------------------------------------------------------------- the results
+# -------------------------------------------------------------------------------------- the results
 
 
 def text_of(weights: Weights, comment: str) -> str:
@@ -276,7 +284,7 @@ def compared(
             yield cells_of(f"{title}, new", of, new)
 
 
-# ---------------------------------------------------------------------------------------------------- command line
+# ------------------------------------------------------------------------------------- command line
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

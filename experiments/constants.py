@@ -1,24 +1,27 @@
-"""The tracker's tuned numbers: how many there are, and the errors on labelled recordings with other values of some.
+"""The tracker's tuned numbers: how many there are, and the errors on labelled recordings with other
+values of some.
 
     python -m experiments constants
     python -m experiments constants --recording take joints.npy --recording other other.npy \\
         --seeds 0 1 2 3 4 --mirrored
     python -m experiments constants ... --set tracking.hand_track.KEPT=1 tracking.hand_track.NEW=1
 
-Without recordings the tuned numbers that modules of handpose/fit, handpose/tracking and handpose/estimate name are
-listed.
+Without recordings the tuned numbers that modules of handpose/fit, handpose/tracking and
+handpose/estimate name are listed.
 
-Labels are joints (frames, 5 fingers from the thumb on, MCP PIP DIP tip, 3) of a right hand in mm, x right, y down, z
-away, NaN where there are none. The error is the mean over PIP, DIP and tip of all fingers, absolute and unaligned, of
-the nearest hand with joints: mean, lowest and highest over the seeds. "without" is the share of frames without joints,
-"side" that of the others with the right side, "sure" that of poses with a confidence of 90% or more, "off" the share of
-these that are more than 30 mm off. A rule stays if its gain is larger than the spread of the seeds.
+Labels are joints (frames, 5 fingers from the thumb on, MCP PIP DIP tip, 3) of a right hand in mm, x
+right, y down, z away, NaN where there are none. The error is the mean over PIP, DIP and tip of all
+fingers, absolute and unaligned, of the nearest hand with joints: mean, lowest and highest over the
+seeds. "without" is the share of frames without joints, "side" that of the others with the right
+side, "sure" that of poses with a confidence of 90% or more, "off" the share of these that are more
+than 30 mm off. A rule stays if its gain is larger than the spread of the seeds.
 
-What rules gain, as mean errors in mm over P1, P4 and hpx (docs/fit.md), as recorded and mirrored, seeds 0 to 2: 13.38
-with all. The means of other seeds differ by up to 0.3.
+What rules gain, as mean errors in mm over P1, P4 and hpx (docs/fit.md), as recorded and mirrored,
+seeds 0 to 2: 13.38 with all. The means of other seeds differ by up to 0.3.
 
     switched off                          error   and
-    KEPT=0 NEW=1 MAX_JUMP_MM=1e9          13.19   a synthetic hand, 15 frames/s: 3.9 to 5.1 mm, found 96 to 89%
+    KEPT=0 NEW=1 MAX_JUMP_MM=1e9          13.19   a synthetic hand, 15 frames/s: 3.9 to 5.1 mm,
+                                                  found 96 to 89%
     UNREAD=2 HIDING=2                     13.70   wrong poses of covered hands
     STAY=1 HOLD=1                         13.43   jitter at rest 0.87 to 1.12 mm
     FURTHER=1 MOMENTUM=0 MIN_GAIN=0       14.72
@@ -30,7 +33,8 @@ with all. The means of other seeds differ by up to 0.3.
                                           13.47   a wrong side in hpx
     BESIDE=0 ENOUGH_BOTH=0 ENOUGH_FIRST=0 LOOK=1 STILL=1 MAX_PAUSE=0.2
                                           13.32   one hand only; for scenes
-    fit/joint_starts.py                   +0.38   hpx mirrored 12.6 to 14.0 mm, a wrong side in 20% of P7
+    fit/joint_starts.py                   +0.38   hpx mirrored 12.6 to 14.0 mm, a wrong
+                                                  side in 20% of P7
 """
 
 from __future__ import annotations
@@ -65,8 +69,9 @@ if TYPE_CHECKING:
     from handpose.tracking.tracker import Tracker
 
 ROOMS = ("fit", "tracking", "estimate")
-# Numbers that are not tuned: indices, units, and what a measure or a format is by definition; bounds of rounding and of
-# convergence; sizes of blocks, and limits of what is held, tried or accepted.
+# Numbers that are not tuned: indices, units, and what a measure or a format is by
+# definition; bounds of rounding and of convergence; sizes of blocks, and limits of what is
+# held, tried or accepted.
 NOT_TUNED = {
     module: names.split()
     for module, names in {
@@ -100,7 +105,9 @@ SURE, OFF_MM = 0.9, 30.0
 
 
 class Seen(NamedTuple):
-    """A labelled frame with a pose: its error in mm, its confidence, and whether its side is right."""
+    """A labelled frame with a pose: its error in mm, its confidence, and whether its
+    side is right.
+    """
 
     error_mm: float
     confidence: float
@@ -184,7 +191,9 @@ def _importers(owner: str, constant: str) -> list[ModuleType]:
 
 
 def _code_of(module: ModuleType) -> CodeType:
-    """What Python runs to import a module: in it and in its classes, but not in functions, names are LOAD_NAME."""
+    """What Python runs to import a module: in it and in its classes, but not in functions, names
+    are LOAD_NAME.
+    """
     return compile(
         files.read_text(str(module.__file__), "the module"), str(module.__file__), "exec"
     )
@@ -228,7 +237,8 @@ class TrackedLabels(NamedTuple):
     depth    (height, width) mm, the frame
     label    (5, 3, 3) mm, PIP, DIP and tip of each finger, y up
     hands    that the tracker reports
-    apart    of each of these: mm (5, 3), distances of PIP, DIP and tip of each finger from the labels
+    apart    of each of these: mm (5, 3), distances of PIP, DIP and tip of each finger
+             from the labels
     """
 
     tracker: Tracker
@@ -241,7 +251,9 @@ class TrackedLabels(NamedTuple):
 def tracked_labels(
     recording: Recording, labels: Array, seed: int, mirrored: bool, **options: Any
 ) -> Iterator[TrackedLabels]:
-    """Track a recording, or its mirror image; yields its labelled frames. Raises DataError, NetlibError.
+    """Track a recording, or its mirror image; yields its labelled frames.
+
+    Raises DataError, NetlibError.
 
     labels   (frames, 5, 3, 3) of PIP, DIP and tip, y up
     options  of the tracker
@@ -266,7 +278,10 @@ def tracked_labels(
 
 
 def followed(source: str, labels: Array, seed: int, mirrored: bool) -> Iterator[Seen | None]:
-    """Track a recording; for every labelled frame its nearest hand, None without one. Raises NetlibError."""
+    """Track a recording; for every labelled frame its nearest hand, None without one.
+
+    Raises NetlibError.
+    """
     from handpose.frames.formats import open_recording  # imported here, after constants are set
 
     with open_recording(source) as recording:

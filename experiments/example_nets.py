@@ -1,4 +1,5 @@
-"""The nets of the benchmarks: eight public classifiers, one for segmentation, four small ones, and the paper's.
+"""The nets of the benchmarks: eight public classifiers, one for segmentation, four small ones,
+and the paper's.
 
 Weights are random, so nothing is downloaded; times do not depend on them.
 """
@@ -26,7 +27,10 @@ FILLER = 'weight_filler { type: "msra" }'
 
 
 class Text:
-    """The layers of a net. Every method adds layers behind the blob ``bottom`` and returns the name of the top."""
+    """The layers of a net.
+
+    Every method adds layers behind the blob ``bottom`` and returns the name of the top.
+    """
 
     def __init__(self, *shape: int) -> None:
         self.lines: list[str] = []
@@ -258,7 +262,7 @@ INCEPTION = (
 )
 
 
-# ---------------------------------------------------------------------------------------------- the paper's network
+# ------------------------------------------------------------------------------ the paper's network
 
 
 @functools.cache
@@ -287,12 +291,14 @@ def hand_training(batch: int) -> Callable[[Path], str]:
 
 
 def hand_deploy(folder: Path) -> str:
-    """The paper's network for prediction, with fillers for which its outputs vary between images."""
+    """The paper's network for prediction, with fillers for which its outputs vary
+    between images.
+    """
     net = (ROOT / "prototxt" / "nyu_deploy.prototxt").read_text(encoding="utf-8")
     return net.replace("std: 0.001", "std: 0.03")
 
 
-# ---------------------------------------------------------------------------------------------- all nets
+# ----------------------------------------------------------------------------------------- all nets
 
 
 @dataclass(frozen=True)
@@ -396,7 +402,9 @@ class Workload:
 
 
 def fill(net: Net, rng: np.random.Generator) -> None:
-    """Fill the statistics of BatchNorm layers, the gains of Scale layers, and the biases with random numbers."""
+    """Fill the statistics of BatchNorm layers, the gains of Scale layers, and the biases with
+    random numbers.
+    """
     for layer in net.layers:
         for number, param in enumerate(layer.blobs):
             if layer.type == "BatchNorm":

@@ -1,16 +1,19 @@
-"""Recall of the finder of hands, at numbers of false hands a frame, and whether their sides are right.
+"""Recall of the finder of hands, at numbers of false hands a frame, and whether their
+sides are right.
 
     python -m experiments finder snapshots/finder_iter_18000.caffemodel.h5
     python -m experiments finder WEIGHTS --recording take left=take_left.npy right=take_right.npy \\
         --part odd
 
-Synthetic scenes are those of the training's generator with other random numbers ("test"), and frames of synthetic
-recordings with other cameras, of another person each, half of them mirrored ("other"). Labels of a recording are
-joints (frames, ..., 3) in mm, x right, y down, z away, NaN where there is none; the middle of a hand's joints is its
-place. A hand is found within 80 mm of it; each further answer is false. "side" is the share of the hands found whose
-side is right or unknown, with the threshold at one false hand a frame; "unknown" those without an answer.
+Synthetic scenes are those of the training's generator with other random numbers ("test"), and
+frames of synthetic recordings with other cameras, of another person each, half of them mirrored
+("other"). Labels of a recording are joints (frames, ..., 3) in mm, x right, y down, z away, NaN
+where there is none; the middle of a hand's joints is its place. A hand is found within 80 mm of it;
+each further answer is false. "side" is the share of the hands found whose side is right or unknown,
+with the threshold at one false hand a frame; "unknown" those without an answer.
 
---part chooses the frames with even or odd numbers, so that choices are made on one half and reported on the other.
+--part chooses the frames with even or odd numbers, so that choices are made on one half and
+reported on the other.
 """
 
 from __future__ import annotations
@@ -152,7 +155,10 @@ def cells_of(finder: Finder, frames: Iterator[Labelled]) -> list[str]:
 
 
 def judged(found: Sequence[FoundHand], frame: Labelled) -> list[Answer]:
-    """The answers of a frame; of several near one labelled hand, the most certain one is true. Doubtful ones go."""
+    """The answers of a frame; of several near one labelled hand, the most certain one is true.
+
+    Doubtful ones go.
+    """
     left, answers = list(frame.hands), []
     for hand in found:
         off = [float(np.linalg.norm(hand.middle - place)) for place, _ in left]
@@ -165,7 +171,9 @@ def judged(found: Sequence[FoundHand], frame: Labelled) -> list[Answer]:
 
 
 def recalls_of(answers: Sequence[Answer], total: int, frames: int) -> tuple[list[float], float]:
-    """Recall at each of ``RATES``, and the least presence of the answers that count at the second."""
+    """Recall at each of ``RATES``, and the least presence of the answers that count
+    at the second.
+    """
     order = sorted(answers, key=lambda one: -one.presence)
     false = np.cumsum([not one.true for one in order])
     true = np.cumsum([one.true for one in order])
@@ -179,7 +187,7 @@ def recalls_of(answers: Sequence[Answer], total: int, frames: int) -> tuple[list
     return recalls, threshold
 
 
-# ---------------------------------------------------------------------------------------------- labelled frames
+# ---------------------------------------------------------------------------------- labelled frames
 
 
 def drawn_scenes(number: int, scenes: int) -> Iterator[Labelled]:
@@ -197,7 +205,9 @@ def drawn_scenes(number: int, scenes: int) -> Iterator[Labelled]:
 
 
 def other_scenes(number: int, scenes: int) -> Iterator[Labelled]:
-    """One frame of each of ``scenes`` synthetic recordings, whose scripts, cameras and sides alternate."""
+    """One frame of each of ``scenes`` synthetic recordings, whose scripts, cameras and
+    sides alternate.
+    """
     scripts = list(SCRIPTS)
     for n in range(scenes):
         recording = SyntheticRecording(

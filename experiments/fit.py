@@ -1,14 +1,16 @@
-"""Errors of a network and of the fit after it on synthetic hands: failures, confidence, handedness, time.
+"""Errors of a network and of the fit after it on synthetic hands: failures, confidence,
+handedness, time.
 
     python -m experiments fit
     python -m experiments fit --network snapshots/x.caffemodel.h5 prototxt/nyu_deploy.prototxt
     python -m experiments fit --recipes nyu cameras --frames 512 --hands
 
 The default is the packaged network models/synthetic_hand. Frames are drawn from recipes (listed by
-tools/make_synthetic.py --help) with a split and seed that were not used for tuning. Errors are means over NYU's 14
-joints in mm. A frame has failed if its error is above 30 mm; "auc" measures how well the expected error predicts
-failures; "expected" is its mean; "right" is the fraction of frames that are less uncertain than their mirror image
-(--hands); "ms" is the time per frame in blocks of 64, with network and crop.
+tools/make_synthetic.py --help) with a split and seed that were not used for tuning. Errors are
+means over NYU's 14 joints in mm. A frame has failed if its error is above 30 mm; "auc" measures how
+well the expected error predicts failures; "expected" is its mean; "right" is the fraction of frames
+that are less uncertain than their mirror image (--hands); "ms" is the time per frame in blocks of
+64, with network and crop.
 """
 
 from __future__ import annotations
@@ -45,7 +47,8 @@ class FitFigures(NamedTuple):
 
     error        (N,) mean error in mm over NYU's 14 joints
     expected     (N,) the error that is expected, and the confidence
-    right        (N,) 1 if a frame's fit is less uncertain than its mirror image's, else 0; NaN if not requested
+    right        (N,) 1 if a frame's fit is less uncertain than its mirror image's, else 0; NaN
+                 if not requested
     seconds      (N,) time of a frame
     """
 
@@ -134,7 +137,9 @@ def _fit(
 
 
 def auc(score: Array, failed: NDArray[np.bool_]) -> float:
-    """The chance that a failed frame has a higher score than another (area under the ROC curve); NaN without both."""
+    """The chance that a failed frame has a higher score than another (area under the ROC curve);
+    NaN without both.
+    """
     ranks = np.empty(len(score))
     ranks[np.argsort(score, kind="stable")] = np.arange(1, len(score) + 1)
     bad, good = int(failed.sum()), int((~failed).sum())
@@ -143,7 +148,7 @@ def auc(score: Array, failed: NDArray[np.bool_]) -> float:
     return float((ranks[failed].sum() - bad * (bad + 1) / 2) / (bad * good))
 
 
-# ---------------------------------------------------------------------------------------------- command line
+# ------------------------------------------------------------------------------------- command line
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

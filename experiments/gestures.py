@@ -3,9 +3,10 @@
     python -m experiments gestures --seeds 100 101 102 103
     python -m experiments gestures --seconds 5 --cameras kinect2 --truth
 
-Each recording shows the gestures in random order, each held for 0.4 to 1.2 s. Rows are the gestures shown, columns
-those recognized, in percent of the frames in which the fingers have been at rest for 0.2 s; "none" means no gesture,
-"lost" no hand. --truth recognizes gestures from the true joints instead of a tracker's.
+Each recording shows the gestures in random order, each held for 0.4 to 1.2 s. Rows are the gestures
+shown, columns those recognized, in percent of the frames in which the fingers have been at rest for
+0.2 s; "none" means no gesture, "lost" no hand. --truth recognizes gestures from the true joints
+instead of a tracker's.
 """
 
 from __future__ import annotations
@@ -30,8 +31,9 @@ SETTLED_S = 0.2  # delay after the fingers came to rest, before a gesture is sco
 NONE, LOST = "none", "lost"
 READ = (*GESTURES, NONE, LOST)
 
-# The gestures that recordings show. Unlike the poses of the prior files, about which training data are drawn, the thumb
-# is out or across the palm as in the gesture's definition, and a pinch touches.
+# The gestures that recordings show. Unlike the poses of the prior files, about which training
+# data are drawn, the thumb is out or across the palm as in the gesture's definition, and a
+# pinch touches.
 _OUT = {
     "thumb_pip_rot_y": 0.5,
     "thumb_pip_rot_z": 0.1,
@@ -65,7 +67,9 @@ _TOUCHING = {
 def _pose(
     name: str, bends: tuple[float, float, float, float], at: dict[str, float]
 ) -> PoseParameter:
-    """A pose: the bends of index to little finger with their knuckles, and DoFs as fractions of their ranges."""
+    """A pose: the bends of index to little finger with their knuckles, and DoFs as fractions
+    of their ranges.
+    """
     bent = [
         PartParameter(chain, bend)
         for of, bend in zip(("index", "middle", "ring", "little"), bends)
@@ -115,7 +119,9 @@ class GestureFigures:
 
 
 class _Shown:
-    """The gestures of the first role of a recording, each with the time at which its fingers come to rest."""
+    """The gestures of the first role of a recording, each with the time at which its
+    fingers come to rest.
+    """
 
     def __init__(self, recording: SyntheticRecording) -> None:
         self._shown = recording.movements[0].fingers

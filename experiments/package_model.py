@@ -1,13 +1,14 @@
-"""Package weights as a small file for fits: rounded, compressed, and with the measured errors of the network.
+"""Package weights as a small file for fits: rounded, compressed, and with the measured errors
+of the network.
 
     python -m experiments package_model snapshots/synthetic_iter_80000.caffemodel.h5 \\
         --model models/synthetic_hand/deploy.prototxt \\
         --out models/synthetic_hand/synthetic_hand.caffemodel.h5
 
-Measured on training frames of a recipe (listed by tools/make_synthetic.py --help) that the network was not trained on:
-the errors of its angles, which determine further starts of a fit and its prior, and the distribution of the angles,
-natural poses for the fit. Weights of a net without a hand model are only rounded and compressed. Caffe can read the
-file.
+Measured on training frames of a recipe (listed by tools/make_synthetic.py --help) that the network
+was not trained on: the errors of its angles, which determine further starts of a fit and its prior,
+and the distribution of the angles, natural poses for the fit. Weights of a net without a hand model
+are only rounded and compressed. Caffe can read the file.
 """
 
 from __future__ import annotations
@@ -135,7 +136,9 @@ def rounded(values: NDArray[np.float32], bits: int) -> NDArray[np.float32]:
 
 
 def write_model(net: Net, errors: NetworkErrors | None, path: Path) -> None:
-    """Write the net's weights in Caffe's HDF5 format (float32), shuffled and compressed, with the network's errors."""
+    """Write the net's weights in Caffe's HDF5 format (float32), shuffled and compressed, with the
+    network's errors.
+    """
     with hdf5.created(path) as file:
         for layer, blobs in net.params.items():
             for i, blob in enumerate(blobs):

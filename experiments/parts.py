@@ -3,11 +3,12 @@
     python -m experiments parts        the paper's network and the small nets
     python -m experiments parts --nets SqueezeNet ResNet-50 --parts Winograd fusing
 
-The net is built with and without a part, and both run alternately on one thread. "time" is the processor time without
-the part divided by that with it (above 1: the part makes it faster); the smallest of some rounds is used, so the
-measurement tolerates a busy machine. "memory" is the same for the peak size of all NumPy arrays, from building the net
-to its second run. A part is a fast layer, an algorithm of fast/convolution.py, or a mechanism that a constant or a
-function switches; only parts that can affect the net are listed. "fast engine" is the plain engine in comparison.
+The net is built with and without a part, and both run alternately on one thread. "time" is the
+processor time without the part divided by that with it (above 1: the part makes it faster); the
+smallest of some rounds is used, so the measurement tolerates a busy machine. "memory" is the same
+for the peak size of all NumPy arrays, from building the net to its second run. A part is a fast
+layer, an algorithm of fast/convolution.py, or a mechanism that a constant or a function switches;
+only parts that can affect the net are listed. "fast engine" is the plain engine in comparison.
 """
 
 from __future__ import annotations
@@ -57,7 +58,10 @@ MECHANISMS: dict[str, tuple[str, Any]] = {
 
 
 class Part(NamedTuple):
-    """A part: ``off()`` is a context without it. ``place`` is that of the plain layer, if it is a fast layer."""
+    """A part: ``off()`` is a context without it.
+
+    ``place`` is that of the plain layer, if it is a fast layer.
+    """
 
     off: Callable[[], AbstractContextManager[object]]
     place: str = ""
@@ -144,7 +148,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure the selected parts and print a table for each net. Raises ImportError without fast/."""
+    """Measure the selected parts and print a table for each net.
+
+    Raises ImportError without fast/.
+    """
     netlib.set_threads(1)
     known = parts_of_fast()
     for name in args.nets:
@@ -201,7 +208,9 @@ class Measured:
         return min(off) / min(own), peak / self.peak
 
     def _peak_of(self, engine: str) -> int:
-        """The peak size in bytes of a further net's arrays, in a new thread, which has no working memory yet."""
+        """The peak size in bytes of a further net's arrays, in a new thread, which has no
+        working memory yet.
+        """
         with ThreadPoolExecutor(1) as pool:
             return pool.submit(self._peak_here, engine).result()
 

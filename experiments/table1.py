@@ -1,20 +1,22 @@
-"""One row of the paper's Table 1: derive a network, train it, and score it on the setting's test frames.
+"""One row of the paper's Table 1: derive a network, train it, and score it on the
+setting's test frames.
 
     python -m experiments table1 ours
     python -m experiments table1 direct_joint --recipe paper --iterations 13500 --seed 2
     python -m experiments table1 ours --limit-weight 10 --limit-norm L2
     python -m experiments table1 ours_bones --setting many_hands
 
-docs/results/table1.md has the rows of all networks and the meaning of the columns. A setting is a data set, by default
-in data/SETTING: "one_hand" (test: the same hand, and a second, smaller one, as in NYU), "many_hands" (hands of many
-people in the same poses) and "nyu" (NYU itself, prepared by tools/prepare_nyu.py). The synthetic ones take 5 GB each:
+docs/results/table1.md has the rows of all networks and the meaning of the columns. A setting is a
+data set, by default in data/SETTING: "one_hand" (test: the same hand, and a second, smaller one, as
+in NYU), "many_hands" (hands of many people in the same poses) and "nyu" (NYU itself, prepared by
+tools/prepare_nyu.py). The synthetic ones take 5 GB each:
 
     python tools/make_synthetic.py --recipe one_hand --out data/one_hand --train 72757 --test 4096
 
-Recipes: "adam" (synthetic_solver.prototxt, SmoothL1Loss, no dropout) has a constant rate, then linearly to 0 over the
-last 30% of the iterations; "paper" (nyu_solver.prototxt) a tenth of the rate for the last 10%. The first run of a
-setting fits the hand to its joints, in a folder next to the data. Ctrl-C writes a snapshot, from which the same command
-continues.
+Recipes: "adam" (synthetic_solver.prototxt, SmoothL1Loss, no dropout) has a constant rate, then
+linearly to 0 over the last 30% of the iterations; "paper" (nyu_solver.prototxt) a tenth of the rate
+for the last 10%. The first run of a setting fits the hand to its joints, in a folder next to the
+data. Ctrl-C writes a snapshot, from which the same command continues.
 """
 
 from __future__ import annotations
@@ -189,7 +191,10 @@ def _companions(path: Path) -> Path:
 
 
 def _fitted_angles(files: Sequence[Path], path: Path, skeleton: Skeleton) -> Array:
-    """The inputs (N, D) of the hand fitted to all joints, from files next to the data. Raises DataError."""
+    """The inputs (N, D) of the hand fitted to all joints, from files next to the data.
+
+    Raises DataError.
+    """
     rows = sum(hdf5.File(file, ("joint",)).rows for file in files)
     with ProgressBar(rows, what=f"angles of {path.stem}") as progress:
         return companions.fit_list(
@@ -197,11 +202,14 @@ def _fitted_angles(files: Sequence[Path], path: Path, skeleton: Skeleton) -> Arr
         )[0]
 
 
-# ---------------------------------------------------------------------------------------------- the net
+# ------------------------------------------------------------------------------------------ the net
 
 
 def derived_net(network: str, recipe: Recipe, lists: dict[str, Path]) -> Message:
-    """A network's file with other data and the recipe's changes; its ``str`` is a prototxt. Raises PrototxtError."""
+    """A network's file with other data and the recipe's changes; its ``str`` is a prototxt.
+
+    Raises PrototxtError.
+    """
     net = prototxt.parse_file(PROTOTXT / NETWORKS[network])
     for layer in layers_of(net):
         kind = text_of(layer, "type")
@@ -263,10 +271,11 @@ def _put(message: Message, fields: str) -> None:
 
 
 def write_components(path: Path, files: Sequence[Path]) -> None:
-    """Write weights of DeepPrior's layer "joints": mean and largest principal components of the joints in the files.
+    """Write weights of DeepPrior's layer "joints": mean and largest principal components of the
+    joints in the files.
 
-    Components are scaled by their standard deviation, so the numbers of the bottleneck have about unit size
-    (Oberweger et al. 2015, Sec. 3.2). Raises DataError.
+    Components are scaled by their standard deviation, so the numbers of the bottleneck have about
+    unit size (Oberweger et al. 2015, Sec. 3.2). Raises DataError.
     """
     joints = column(files, "joint", 3 * len(nyu.ANNOTATION_OF_JOINT))
     mean = joints.mean(axis=0)
@@ -290,7 +299,7 @@ def column(files: Sequence[Path], name: str, width: int) -> Array:
     return np.concatenate(parts)
 
 
-# ---------------------------------------------------------------------------------------------- training
+# ----------------------------------------------------------------------------------------- training
 
 
 def train(
@@ -346,14 +355,17 @@ def train(
 
 
 def solvers(recipe: Recipe, length: int, own: dict[str, object]) -> list[tuple[int, Message]]:
-    """The solvers of a training run, one after the other, each with its last iteration. Raises PrototxtError.
+    """The solvers of a training run, one after the other, each with its last iteration.
+
+    Raises PrototxtError.
 
     own  fields of the solvers; a path becomes a string, other values are prototxt text
     """
     begin = length - max(1, int(length * recipe.end))
     if not recipe.robust:
         return [(length, _solver(recipe, stepvalue=begin, max_iter=length, **own))]
-    # poly falls from base_lr at iteration 0 to 0 at max_iter; at ``begin`` it equals the constant rate.
+    # poly falls from base_lr at iteration 0 to 0 at max_iter; at ``begin`` it equals the
+    # constant rate.
     rate = solver_parameter.read(recipe.solver).base_lr / (1 - begin / length)
     return [
         (begin, _solver(recipe, lr_policy='"fixed"', max_iter=begin, **own)),
@@ -392,13 +404,15 @@ def _iteration(state: Path) -> int:
     return int(state.name.removesuffix(STATE).rpartition("_")[2])
 
 
-# ---------------------------------------------------------------------------------------------- scores
+# ------------------------------------------------------------------------------------------- scores
 
 
 def angles_of(
     predictions: Predictions, skeleton: Skeleton, progress: Callable[[int], None]
 ) -> Array:
-    """Inputs (N, D) of the hand that a network predicts: its own, or fitted within the limits to its joints."""
+    """Inputs (N, D) of the hand that a network predicts: its own, or fitted within the limits
+    to its joints.
+    """
     if predictions.dof is not None:
         return np.where(skeleton.fixed, 0.0, predictions.dof.astype(np.float64))
     return fit_joints(

@@ -123,9 +123,11 @@ class TorchNet(nn.Module):
 
 
 class TorchHand:
-    """Forward kinematics for autograd: transforms (4, 4) of all free motions, then one product per depth of the tree.
+    """Forward kinematics for autograd: transforms (4, 4) of all free motions, then one product per
+    depth of the tree.
 
-    A motion by theta is A_1 + A_cos cos theta + A_sin sin theta + A_theta theta, as in export/onnx/hand.py.
+    A motion by theta is A_1 + A_cos cos theta + A_sin sin theta + A_theta theta, as in
+    export/onnx/hand.py.
     """
 
     def __init__(self, skeleton: Skeleton) -> None:

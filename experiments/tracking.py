@@ -1,19 +1,21 @@
-"""The tracker on synthetic recordings: errors, missed and invented hands, handedness, jitter, lag, speed.
+"""The tracker on synthetic recordings: errors, missed and invented hands, handedness,
+jitter, lag, speed.
 
     python -m experiments tracking
     python -m experiments tracking --scripts minute two_hands --cameras nyu kinect2 \\
         --seeds 0 1 --frame-by-frame
     python -m experiments tracking --scripts moving --rate 60 --seconds 5 --raw --fit accurate
 
-The scripts are those of tools/make_recording.py. There is a row for each of their hands. Joint errors are in mm, over
-frames in which the hand is visible and "found", that is, reported with a mean error of at most 100 mm. "ids" and
-"flips" count changes of its id and of its reported side; "wrong side" counts frames in which that is wrong. "jitter" is
-in mm while the hand rests, "lag" in ms while it moves. The last line has all hands, the hands reported where there is
-none, and the speed of the tracker without rendering.
+The scripts are those of tools/make_recording.py. There is a row for each of their hands. Joint
+errors are in mm, over frames in which the hand is visible and "found", that is, reported with a
+mean error of at most 100 mm. "ids" and "flips" count changes of its id and of its reported side;
+"wrong side" counts frames in which that is wrong. "jitter" is in mm while the hand rests, "lag" in
+ms while it moves. The last line has all hands, the hands reported where there is none, and the
+speed of the tracker without rendering.
 
---frame-by-frame also fits each frame, or every N-th, with the same plan, without history, but given the true centre of
-the crop and side: "same" and "alone" are the mean errors of the track and of these fits in frames in which both find
-the hand.
+--frame-by-frame also fits each frame, or every N-th, with the same plan, without history, but given
+the true centre of the crop and side: "same" and "alone" are the mean errors of the track and of
+these fits in frames in which both find the hand.
 """
 
 from __future__ import annotations
@@ -58,7 +60,8 @@ class Tracked(NamedTuple):
     """A tracked recording.
 
     scores   of all hands
-    both     by hand: mean errors in mm (n, 2) of the track and of a single frame, in frames in which both find it
+    both     by hand: mean errors in mm (n, 2) of the track and of a single frame, in frames in
+             which both find it
     seconds  used by the tracker, without rendering the frames
     """
 
@@ -74,7 +77,9 @@ def follow(
     every: int = 1,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Tracked:
-    """Track a recording to its end; every ``every``-th frame is also predicted ``alone``. Raises NetlibError.
+    """Track a recording to its end; every ``every``-th frame is also predicted ``alone``.
+
+    Raises NetlibError.
 
     progress  called with the number of further frames done
     """
@@ -104,7 +109,10 @@ def follow(
 
 
 def alone_of(camera: Camera, fit: Literal["fast", "accurate"], engine: str | None) -> Alone:
-    """A prediction of hands in single frames of a camera, with the true crop centre and side. Raises NetlibError."""
+    """A prediction of hands in single frames of a camera, with the true crop centre and side.
+
+    Raises NetlibError.
+    """
     predictors = {
         side: load_predictor(camera, hand=side, refine=0, fit=fit, engine=engine, min_confidence=0)
         for side in SIDES

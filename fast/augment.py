@@ -1,7 +1,8 @@
 """FastHandAugment: transforms blocks of crops on all threads, without allocating arrays.
 
-All random numbers are drawn before the blocks are distributed, so results do not depend on the number of threads.
-OpenCV's own threads are disabled, because they would compete with this engine's threads for the same processors.
+All random numbers are drawn before the blocks are distributed, so results do not depend on the
+number of threads. OpenCV's own threads are disabled, because they would compete with this engine's
+threads for the same processors.
 """
 
 from __future__ import annotations

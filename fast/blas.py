@@ -2,17 +2,18 @@
 
 NumPy's OpenBLAS reads the environment when it is loaded:
 
-- Threads: the net splits a batch into slices and runs each slice on one thread (slices.py), so a product inside a
-  slice should use one thread. Additional BLAS threads compete with them and make a net at least ten times slower. The
-  number can also be set after NumPy was imported.
-- Kernels: OpenBLAS identifies processors by model number and selects its AVX2 kernels for an unknown, newer model,
-  even if AVX-512 is available. Naming a known model can double the speed of a product. The kernels cannot be changed
-  after NumPy was imported, so netlib must be imported first.
+- Threads: the net splits a batch into slices and runs each slice on one thread (slices.py), so a
+  product inside a slice should use one thread. Additional BLAS threads compete with them and make a
+  net at least ten times slower. The number can also be set after NumPy was imported.
+- Kernels: OpenBLAS identifies processors by model number and selects its AVX2 kernels for an
+  unknown, newer model, even if AVX-512 is available. Naming a known model can double the speed of a
+  product. The kernels cannot be changed after NumPy was imported, so netlib must be imported first.
 
 Variables that the user has set are not changed.
 
-The GNU C library returns the memory of an array to the system when it is freed, and the next one of this size costs a
-page fault for each 4 kB again, up to a third of the time of layers with temporary arrays; ``mallopt`` makes it keep it.
+The GNU C library returns the memory of an array to the system when it is freed, and the next one of
+this size costs a page fault for each 4 kB again, up to a third of the time of layers with temporary
+arrays; ``mallopt`` makes it keep it.
 """
 
 from __future__ import annotations
@@ -37,7 +38,9 @@ _SETTERS = (
 
 
 def configure() -> str:
-    """Prepare the environment for OpenBLAS, or set its threads if it is loaded; returns a line for the log."""
+    """Prepare the environment for OpenBLAS, or set its threads if it is loaded; returns a
+    line for the log.
+    """
     _keep_freed_memory()
     late = "numpy" in sys.modules
     given = next((f"{os.environ[n]} ({n})" for n in _THREAD_VARIABLES if n in os.environ), None)
@@ -71,7 +74,10 @@ def _keep_freed_memory() -> None:
 
 
 def _is_amd_with_avx512() -> bool:
-    """Whether this is an AMD processor with AVX-512. On Intel processors OpenBLAS detects AVX-512 itself."""
+    """Whether this is an AMD processor with AVX-512.
+
+    On Intel processors OpenBLAS detects AVX-512 itself.
+    """
     try:
         info = Path("/proc/cpuinfo").read_text(encoding="utf-8")
     except OSError:

@@ -1,12 +1,15 @@
-r"""Columns: convolution of any shape by products of the weights with columns, for several images at a time.
+r"""Columns: convolution of any shape by products of the weights with columns, for several
+images at a time.
 
-As in the plain layer (layers/vision/convolution.py), each column holds the values of x under one window. Here a block
-has the columns of several images, or of some rows of a large image:
+As in the plain layer (layers/vision/convolution.py), each column holds the values of x under one
+window. Here a block has the columns of several images, or of some rows of a large image:
 
-    columns (C kh kw, n, Ho, Wo)        y (O, n Ho Wo)  =  w (O, C kh kw) @ columns (C kh kw, n Ho Wo)
+    columns (C kh kw, n, Ho, Wo)        y (O, n Ho Wo)  =  w (O, C kh kw) @ columns
+                                                           (C kh kw, n Ho Wo)
 
-They are written to one buffer of the thread, which stays in the cache, and the products of small images are as long as
-those of large ones. The gradient of the weights is one product per block, too.
+They are written to one buffer of the thread, which stays in the cache, and the products of
+small images are as long as those of large ones. The gradient of the weights is one product
+per block, too.
 """
 
 from __future__ import annotations
@@ -49,10 +52,14 @@ Index = tuple[Any, ...]
 
 
 class Columns(Algorithm):
-    """The algorithm for all shapes: any number of spatial axes, stride, padding, dilation and groups."""
+    """The algorithm for all shapes: any number of spatial axes, stride, padding,
+    dilation and groups.
+    """
 
     def fits(self, s: Sizes, sum_: Sum) -> bool:
-        """All sizes, except where flipping the kernel takes less time than adding instead of copying columns."""
+        """All sizes, except where flipping the kernel takes less time than adding instead of
+        copying columns.
+        """
         if (
             sum_ != "transpose"
             or s.turned is None
@@ -120,7 +127,9 @@ def _correlate(g: Geometry, w: Array, after: After, columns: Array, y: Array) ->
 def _transpose(
     g: Geometry, w: Array, after: After, dy: Array, dx: Array, rows: slice, outputs: tuple[int, ...]
 ) -> None:
-    """Add the products of one block to the padded dx (n, C, ...), and write dx with its last rows."""
+    """Add the products of one block to the padded dx (n, C, ...), and write dx with
+    its last rows.
+    """
     (n, C, *sizes), elements = dx.shape, math.prod(g.kernel)
     columns = scratch("columns", (C * elements, dy.shape[1]), dx.dtype)
     windows = columns.reshape(C, *g.kernel, n, rows.stop - rows.start, *outputs[1:])
@@ -167,7 +176,9 @@ def _in_place(g: Geometry, images: slice) -> bool:
 
 
 def lower(g: Geometry, x: Array, rows: slice, outputs: tuple[int, ...]) -> Array:
-    """Copy x (n, C, ...) to columns (C kh kw, n L), for these rows of outputs; a view if they are a part of x."""
+    """Copy x (n, C, ...) to columns (C kh kw, n L), for these rows of outputs; a view if they
+    are a part of x.
+    """
     n, C = x.shape[:2]
     if _in_place(g, slice(0, n)):
         return x[0, :, rows].reshape(C, -1)
@@ -201,10 +212,11 @@ class _Plan:
     """What is copied for some rows of outputs; all indices are without the channels.
 
     rows      those of x under them
-    padded    the spatial axes with padding, the last one split into every stride-th value; None if x is read in place
+    padded    the spatial axes with padding, the last one split into every stride-th value; None if
+              x is read in place
     copies    indices of the padded values and of x
-    windows   for the elements of the kernel that read the same of these values in each row, the index of their columns,
-              and the first byte and the strides of the values under them
+    windows   for the elements of the kernel that read the same of these values in each row, the
+              index of their columns, and the first byte and the strides of the values under them
     """
 
     rows: slice

@@ -1,11 +1,12 @@
 """FastConvolution and FastDeconvolution: each chooses algorithms for the shapes of its blobs.
 
-For each of the sums y, dx and dw (geometry.py), the first algorithm in ALGORITHMS that fits the sizes is used. The
-conditions are those under which it is the fastest, as measured alone with one thread. Convolutions without padding next
-to poolings may be computed on tiles instead (convolution_tiles.py), and without a spatial axis by the plain
-layer.
+For each of the sums y, dx and dw (geometry.py), the first algorithm in ALGORITHMS that fits the
+sizes is used. The conditions are those under which it is the fastest, as measured alone with one
+thread. Convolutions without padding next to poolings may be computed on tiles instead
+(convolution_tiles.py), and without a spatial axis by the plain layer.
 
-A deconvolution is the transpose of a convolution from its top to its bottom and uses the same algorithms, except tiles.
+A deconvolution is the transpose of a convolution from its top to its bottom and uses the same
+algorithms, except tiles.
 """
 
 from __future__ import annotations
@@ -75,7 +76,10 @@ class Turned(Algorithm):
         )
 
     def transpose(self, g: Geometry, dy: Array, w: Array, after: After, dx: Array) -> None:
-        """Write dx. An infinite weight times the padding of dy is NaN where no window has that weight."""
+        """Write dx.
+
+        An infinite weight times the padding of dy is NaN where no window has that weight.
+        """
         try:
             check_finite(w)
         except NotFiniteError:
@@ -85,8 +89,10 @@ class Turned(Algorithm):
 
 
 class Contained(Algorithm):
-    """Keeps an infinite value or NaN in its windows: runs an algorithm that mixes the values of several windows and,
-    where it finds such a value, which may also be an overflow in a transform, Columns."""
+    """Keeps an infinite value or NaN in its windows: runs an algorithm that mixes the values of
+    several windows and, where it finds such a value, which may also be an overflow in a
+    transform, Columns.
+    """
 
     def __init__(self, algorithm: Algorithm) -> None:
         self.algorithm = algorithm
@@ -125,7 +131,9 @@ ALGORITHMS: tuple[Algorithm, ...] = tuple(
 
 @dataclass(frozen=True)
 class Choice:
-    """The algorithm of each of the three sums, and one for y and dw together if that takes less time than the two."""
+    """The algorithm of each of the three sums, and one for y and dw together if that takes less
+    time than the two.
+    """
 
     correlate: Algorithm
     transpose: Algorithm
@@ -134,7 +142,9 @@ class Choice:
 
 
 def choose(g: Geometry, x_shape: tuple[int, ...], y_shape: tuple[int, ...]) -> Choice:
-    """The fastest algorithms for x (N, C, ...) and y (N, O, ...), with at least one spatial axis."""
+    """The fastest algorithms for x (N, C, ...) and y (N, O, ...), with at least
+    one spatial axis.
+    """
     s, both = Sizes.of(g, x_shape, y_shape), Columns() if Columns.fits_both(g) else None
 
     def first(sum_: Sum) -> Algorithm:
@@ -181,7 +191,9 @@ class FastConvolution(ByAlgorithms):
         self.row_tiles, self.window_tiles = RowTiles(), WindowTiles()
 
     def bottom_tile(self, top_tile: int | None) -> int | None:
-        """The tile of the top, or a size for which the matrix product is fast; None if not computed on tiles."""
+        """The tile of the top, or a size for which the matrix product is fast; None if not
+        computed on tiles.
+        """
         return self.row_tiles.tile(top_tile, self.weight.shape) if self.tiles else None
 
     def writes_tiles(self) -> bool:
@@ -323,7 +335,9 @@ class FastDeconvolution(ByAlgorithms, Deconvolution):
 
 
 def choose_each(g: Geometry, axis: int, xs: Blobs, ys: Blobs) -> list[Choice]:
-    """The algorithms for each pair of blobs x and y with channels on this axis; none without a spatial axis."""
+    """The algorithms for each pair of blobs x and y with channels on this axis; none without
+    a spatial axis.
+    """
     shapes = [
         [(math.prod(blob.shape[:axis]), *blob.shape[axis:]) for blob in pair]
         for pair in zip(xs, ys)

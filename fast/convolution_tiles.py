@@ -2,38 +2,41 @@ r"""Convolutions on tiles (tiles.py): RowTiles, and WindowTiles for the first on
 
 RowTiles: convolution in which one matrix product computes T neighbouring outputs of a row.
 
-Im2col copies each value of x kh * kw times and multiplies by a matrix with only O rows, which is too flat for a fast
-product. Here the T outputs y[h, T t : T t + T] all read the J = T + kw - 1 inputs x[h + i, T t : T t + J], so
+Im2col copies each value of x kh * kw times and multiplies by a matrix with only O rows, which is
+too flat for a fast product. Here the T outputs y[h, T t : T t + T] all read the J = T + kw - 1
+inputs x[h + i, T t : T t + J], so
 
     Y[h]  (T O, L)  =  M (T O, kh J C)  @  X[h : h + kh]  (kh J C, L)        L = N * W / T
 
-M[p, o, i, p + j, c] = w[o, c, i, j] and zero elsewhere (a Toeplitz matrix). Some products are with zero, but M has T
-times the rows, and x is copied only J / T times: X[h, j, c, (n, t)] = x[n, c, h, T t + j]. The kh rows of X for an
-output row are contiguous, so all right factors are one strided view of X, and the result is y as tiles of T
-(tiles.py), the layout that a T x T max pooling reads.
+M[p, o, i, p + j, c] = w[o, c, i, j] and zero elsewhere (a Toeplitz matrix). Some products are with
+zero, but M has T times the rows, and x is copied only J / T times: X[h, j, c, (n, t)] = x[n, c, h,
+T t + j]. The kh rows of X for an output row are contiguous, so all right factors are one strided
+view of X, and the result is y as tiles of T (tiles.py), the layout that a T x T max pooling reads.
 
-The gradient of the kernel is the same product transposed, folded back from M to w. The gradient of x is a convolution
-of the same form: of dy with the flipped kernel, with kh - 1 rows of zeros above and below and kw - 1 columns on the
-left. Images are adjacent in a row, and the zero columns at the end of each image of dy are also those before the next.
+The gradient of the kernel is the same product transposed, folded back from M to w. The gradient of
+x is a convolution of the same form: of dy with the flipped kernel, with kh - 1 rows of zeros above
+and below and kw - 1 columns on the left. Images are adjacent in a row, and the zero columns at the
+end of each image of dy are also those before the next.
 
-WindowTiles: the first convolution of a depth image, computed only where the image is not background.
+WindowTiles: the first convolution of a depth image, computed only where the image is
+not background.
 
-Most of a depth crop is background with one constant value b. If a T x T window of outputs reads only b, its outputs
-are bias + b * (sum of the kernel), without a product. For each of the other windows the inputs are copied to a row of
-X, and one large product computes all of them,
+Most of a depth crop is background with one constant value b. If a T x T window of outputs reads
+only b, its outputs are bias + b * (sum of the kernel), without a product. For each of the other
+windows the inputs are copied to a row of X, and one large product computes all of them,
 
     Y (T T O, A)  =  M (T T O, S S)  @  Xᵀ (S S, A)         A windows, kernel T + 1, S = 2 T
 
-with M[p, q, o, p + i, q + j] = w[o, 0, i, j]. The product is computed in two halves, for the upper and the lower T / 2
-rows of outputs: each reads only T / 2 + k - 1 of the S rows of inputs, which saves a quarter of the operations. The top
-is a sparse blob: the computed windows, and the constant of all others. The max pooling that reads the top
-adds the bias, to one value in T T. The result is exact for any image and any b; the time saved depends on the part of
-the image that is b.
+with M[p, q, o, p + i, q + j] = w[o, 0, i, j]. The product is computed in two halves, for the upper
+and the lower T / 2 rows of outputs: each reads only T / 2 + k - 1 of the S rows of inputs, which
+saves a quarter of the operations. The top is a sparse blob: the computed windows, and the constant
+of all others. The max pooling that reads the top adds the bias, to one value in T T. The result is
+exact for any image and any b; the time saved depends on the part of the image that is b.
 
-Backward: dM (T T O, S S) = dY X, folded back to the kernel. dY is the gradient from a max pooling: only one of the T T
-elements of a window has a gradient, so dY is a sparse matrix, and the product has 1 / (T T) of the operations of a
-dense one. Every output over the background reads b under the whole kernel, so together they add b * (sum of their dy)
-to each element of dw.
+Backward: dM (T T O, S S) = dY X, folded back to the kernel. dY is the gradient from a max pooling:
+only one of the T T elements of a window has a gradient, so dY is a sparse matrix, and the product
+has 1 / (T T) of the operations of a dense one. Every output over the background reads b under the
+whole kernel, so together they add b * (sum of their dy) to each element of dw.
 """
 
 from __future__ import annotations
@@ -60,7 +63,9 @@ class RowTiles:
 
     @staticmethod
     def fits(g: Geometry, bottom: Blobs, top: Blobs, w: Blob) -> bool:
-        """Whether the convolution has these options, and so few numbers in a row of the kernel that tiles help."""
+        """Whether the convolution has these options, and so few numbers in a row of the kernel
+        that tiles help.
+        """
         if (
             len(g.kernel) != 2
             or len(bottom[0].shape) != 4
@@ -74,9 +79,9 @@ class RowTiles:
     def tile(self, top_tile: int | None, w: tuple[int, ...]) -> int:
         """Return T: the tile of the top if it is tiled, else a heuristic for w (O, C, kh, kw).
 
-        M has T O rows, and J C = (T + kw - 1) C columns per row of the kernel, so a larger T helps more if C kw is
-        small. The bounds were chosen for the layers of the hand network, C kw = 5, 40 and 24, each of which was fastest
-        with the tile that its pooling reads.
+        M has T O rows, and J C = (T + kw - 1) C columns per row of the kernel, so a larger T helps
+        more if C kw is small. The bounds were chosen for the layers of the hand network, C kw = 5,
+        40 and 24, each of which was fastest with the tile that its pooling reads.
         """
         if top_tile is not None:
             return top_tile
@@ -87,7 +92,10 @@ class RowTiles:
         return pitch_of(y) if tile_of(y) else -(-(pitch_of(x) or x.width) // T) * T
 
     def matrices(self, w: Array, T: int) -> tuple[Array, Array]:
-        """M of the kernel and of the flipped kernel. Computed again when the weights have changed."""
+        """M of the kernel and of the flipped kernel.
+
+        Computed again when the weights have changed.
+        """
         found = self._matrices
         if found is None or found[1] != T or not np.array_equal(found[0], w):
             flipped = w[:, :, ::-1, ::-1].transpose(1, 0, 2, 3)
@@ -95,7 +103,10 @@ class RowTiles:
         return found[2], found[3]
 
     def forward(self, layer: FastLayer, x: Blob, y: Blob, w: Array, bias: Array | None) -> None:
-        """Compute y from x. Raises NotFiniteError, because the zeros of M would make NaN of infinity."""
+        """Compute y from x.
+
+        Raises NotFiniteError, because the zeros of M would make NaN of infinity.
+        """
         check_finite(x.data)
         T = self.tile(tile_of(y), w.shape)
         N, O, Ho, Wo = y.shape
@@ -169,7 +180,9 @@ class RowTiles:
 
 
 def toeplitz(w: Array, T: int) -> Array:
-    """Build M (T O, kh J C) from a kernel w (O, C, kh, kw): T copies of it, each shifted right by one column."""
+    """Build M (T O, kh J C) from a kernel w (O, C, kh, kw): T copies of it, each shifted right
+    by one column.
+    """
     O, C, kh, kw = w.shape
     M = np.zeros((T, O, kh, T + kw - 1, C), w.dtype)
     for p in range(T):
@@ -190,7 +203,8 @@ def fold(M: Array, w: tuple[int, ...], T: int) -> Array:
 def stacked_rows(X: Array, kh: int) -> Array:
     """View X (H, R, L) as (H - kh + 1, kh R, L): each kh consecutive rows.
 
-    X must be C-contiguous. NumPy's as_strided takes 3 us for each of the hundreds of views per batch and is not used.
+    X must be C-contiguous. NumPy's as_strided takes 3 us for each of the hundreds of views per
+    batch and is not used.
     """
     (H, R, L), item = X.shape, X.itemsize
     return np.ndarray((H - kh + 1, kh * R, L), X.dtype, X, 0, (R * L * item, L * item, item))
@@ -209,8 +223,9 @@ class WindowTiles:
 
     @staticmethod
     def fits(g: Geometry, bottom: Blobs, top: Blobs, w: Blob) -> bool:
-        """Whether each T x T window of a sparse top, with a kernel of T + 1, reads exactly 2 x 2 blocks of T x T inputs
-        of one channel."""
+        """Whether each T x T window of a sparse top, with a kernel of T + 1, reads exactly 2 x 2
+        blocks of T x T inputs of one channel.
+        """
         x, y = bottom[0], top[0]
         if (
             len(top) > 1
@@ -244,14 +259,19 @@ class WindowTiles:
 
     @staticmethod
     def halves(X: Array, T: int) -> Array:
-        """View X (A, S S), C-contiguous, as (2, A, rows): the inputs of the upper and the lower half of the outputs."""
+        """View X (A, S S), C-contiguous, as (2, A, rows): the inputs of the upper and the lower
+        half of the outputs.
+        """
         S, item = 2 * T, X.itemsize
         return np.ndarray(
             (2, len(X), 3 * T // 2 * S), X.dtype, X, 0, (T // 2 * S * item, S * S * item, item)
         )
 
     def forward(self, layer: FastLayer, x: Blob, y: Blob, w: Array, bias: Array | None) -> None:
-        """Compute y from x. Raises NotFiniteError, because the zeros of M would make NaN of infinity."""
+        """Compute y from x.
+
+        Raises NotFiniteError, because the zeros of M would make NaN of infinity.
+        """
         check_finite(x.data)
         assert isinstance(y, FastBlob) and y.tile is not None
         T = y.tile
@@ -270,11 +290,16 @@ class WindowTiles:
 
     @staticmethod
     def background(x: Blob) -> Array:
-        """Return b, the far plane of a depth crop. Any number gives the same result, but is slower."""
+        """Return b, the far plane of a depth crop.
+
+        Any number gives the same result, but is slower.
+        """
         return x.data.max()
 
     def windows(self, x: Array, b: Array, T: int) -> Array:
-        """Return the indices (A,) of all windows that read a value other than b, as in SparseTiles."""
+        """Return the indices (A,) of all windows that read a value other than b, as
+        in SparseTiles.
+        """
         N, _, H, W = x.shape
         seen = (x != b).view(FLAGS[T])
         block = np.bitwise_or.reduce(seen.reshape(N, H // T, T, W // T), axis=2)  # per T x T inputs
@@ -285,7 +310,8 @@ class WindowTiles:
     def patches(self, layer: FastLayer, x: Array, window: Array, T: int) -> Array:
         """Return X (A, S S), the inputs of each window.
 
-        They are copied in units of 8 or 16 bytes, viewed as complex numbers, the widest type that ``np.take`` supports.
+        They are copied in units of 8 or 16 bytes, viewed as complex numbers, the widest type that
+        ``np.take`` supports.
         """
         N, _, H, W = x.shape
         S, A = 2 * T, len(window)
@@ -326,6 +352,8 @@ class WindowTiles:
 
 @functools.lru_cache(maxsize=16)
 def _first_inputs(N: int, H: int, W: int, rows: int, columns: int) -> Array:
-    """Flat index in images (N, H, W) of the first input of each window; windows are ``rows`` and ``columns`` apart."""
+    """Flat index in images (N, H, W) of the first input of each window; windows are ``rows`` and
+    ``columns`` apart.
+    """
     image, row, column = np.indices((N, H // rows - 1, W // columns - 1)).reshape(3, -1)
     return np.asarray((image * H + row * rows) * W + column * columns)

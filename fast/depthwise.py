@@ -1,15 +1,17 @@
 r"""Depthwise: convolutions in which each group has one channel.
 
-A product with one channel is slow, because it reads as many values as it multiplies. Here the outputs of all channels
-are sums of long vectors, one per element of the kernel: the maps of an image are copied with the channel as last axis
-(last_axis.py). OpenCV's accumulateProduct multiplies some rows of them by the element, repeated as often, and adds the
-product to the outputs, which stay in the cache. The gradient of x is added to these vectors, and that of w is the sum
-of their products with dy.
+A product with one channel is slow, because it reads as many values as it multiplies. Here the
+outputs of all channels are sums of long vectors, one per element of the kernel: the maps of an
+image are copied with the channel as last axis (last_axis.py). OpenCV's accumulateProduct multiplies
+some rows of them by the element, repeated as often, and adds the product to the outputs, which stay
+in the cache. The gradient of x is added to these vectors, and that of w is the sum of their
+products with dy.
 
-Large maps are filtered by OpenCV, one channel at a time; with a stride, the windows are chosen afterwards.
+Large maps are filtered by OpenCV, one channel at a time; with a stride, the windows are
+chosen afterwards.
 
-The channels are not divided between threads: the calls take so little time that two threads wait for the interpreter
-longer than they save.
+The channels are not divided between threads: the calls take so little time that two threads wait
+for the interpreter longer than they save.
 """
 
 from __future__ import annotations
@@ -44,8 +46,9 @@ class Filter(Algorithm):
     """OpenCV's filter2D on each map, for large ones."""
 
     def fits(self, s: Sizes, sum_: Sum) -> bool:
-        """Maps of which filter2D computes all windows, with the padding as its border, in less time, and not by a
-        Fourier transform, which mixes all values of a map."""
+        """Maps of which filter2D computes all windows, with the padding as its border, in less
+        time, and not by a Fourier transform, which mixes all values of a map.
+        """
         g = s.geometry
         if (
             sum_ != "correlate"
@@ -133,7 +136,8 @@ def _biases(w: Array, after: After) -> Array:
 def _filter(g: Geometry, x: Array, kernels: Array, biases: Array, after: After, y: Array) -> None:
     """Write y (N, C, outputs of a channel, Ho, Wo) by OpenCV's filter2D.
 
-    Its result at i is the sum over the window that begins at i - pad, which is the output i / stride.
+    Its result at i is the sum over the window that begins at i - pad, which is the
+    output i / stride.
     """
     anchor = g.pad[1], g.pad[0]
     whole = set(g.stride) == {1} and y.shape[3:] == x.shape[2:]
@@ -212,7 +216,9 @@ class Sums:
                 cv2.accumulateProduct(gradient, weights[element][: len(gradient)], vectors)
 
     def gradient(self, dy: Array, sums: Array) -> None:
-        """Add dy (c, Ho, Wo) times the values under each element of the kernel to sums (kh, kw, rows, Wo c)."""
+        """Add dy (c, Ho, Wo) times the values under each element of the kernel to sums
+        (kh, kw, rows, Wo c).
+        """
         for rows, gradient in self._bands(self._read(dy)):
             for element, vectors in self.maps.vectors(rows):
                 cv2.accumulateProduct(vectors, gradient, sums[element][: len(gradient)])

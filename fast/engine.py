@@ -1,7 +1,8 @@
-"""The fast engine: the overridden methods of the engine interface, and the table of fast layer classes.
+"""The fast engine: the overridden methods of the engine interface, and the table of fast
+layer classes.
 
-A fast class is a subclass of a plain class with another computation. It inherits setup, reshape, options and messages,
-and calls the plain computation for options that it does not support.
+A fast class is a subclass of a plain class with another computation. It inherits setup, reshape,
+options and messages, and calls the plain computation for options that it does not support.
 """
 
 from __future__ import annotations
@@ -28,7 +29,8 @@ T = TypeVar("T")
 LARGE = 1 << 20  # bytes; larger copies take longer than starting jobs on threads (about 0.1 ms)
 COPIES = 16  # parts of a large copy, and so the maximum number of threads that share it
 
-# The places of plain classes in layers/ and of their fast classes here; files are imported when a net needs them.
+# The places of plain classes in layers/ and of their fast classes here; files are imported when a
+# net needs them.
 FAST_CLASSES: dict[str, str] = {
     "activation.relu.ReLU": "relu.FastReLU",
     "activation.relu6.ReLU6": "relu.FastReLU6",
@@ -48,7 +50,9 @@ FAST_CLASSES: dict[str, str] = {
 
 
 class FastEngine(Engine):
-    """Engine that runs slices of the batch on several threads, with fast classes for the most expensive layers."""
+    """Engine that runs slices of the batch on several threads, with fast classes for the most
+    expensive layers.
+    """
 
     name = "fast"
 
@@ -65,7 +69,9 @@ class FastEngine(Engine):
     def steps(
         self, connections: Sequence[Connection], outside: Iterable[Blob], old: Sequence[Step]
     ) -> Sequence[Step]:
-        """The steps of a net: layers that run in slices together (plan.py), and other layers on the whole batch."""
+        """The steps of a net: layers that run in slices together (plan.py), and other layers on
+        the whole batch.
+        """
         for at in connections:
             if isinstance(at.layer, FastLayer):
                 at.layer.needs_backward, at.layer.needs_bottom_diff = (
@@ -91,11 +97,15 @@ class FastEngine(Engine):
         return [WholeStep(at) for at in connections]
 
     def run(self, jobs: Sequence[Callable[[], None]], values: float = float("inf")) -> None:
-        """Run independent jobs, on all threads if they process many values, and return when all are done."""
+        """Run independent jobs, on all threads if they process many values, and return
+        when all are done.
+        """
         parallel.run(jobs, here=values < LARGE // 4)
 
     def copy(self, source: Array, target: Array) -> None:
-        """Copy an array; large ones on all threads, unless the arrays share memory: parts could overwrite sources."""
+        """Copy an array; large ones on all threads, unless the arrays share memory: parts could
+        overwrite sources.
+        """
         if target.nbytes < LARGE or np.may_share_memory(source, target):
             target[...] = source
             return
@@ -120,8 +130,8 @@ class FastEngine(Engine):
 
 
 def _share_splits(connections: Sequence[Connection], apart: Iterable[Connection]) -> None:
-    """Let the tops of a Split share the memory of its bottom, as in Caffe, unless a later layer overwrites one of them,
-    or one of the layers ``apart`` or a user's layer uses it.
+    """Let the tops of a Split share the memory of its bottom, as in Caffe, unless a later layer
+    overwrites one of them, or one of the layers ``apart`` or a user's layer uses it.
     """
     writers = {blob: number for number, at in enumerate(connections) for blob in at.top}
     users = [*apart, *(at for at in connections if at.layer.type == "Python")]

@@ -33,11 +33,15 @@ class FastLayer(Layer):
         self._kept: dict[str, Array] = {}
 
     def buffer(self, key: str, shape: tuple[int, ...], dtype: DTypeLike | None = None) -> Array:
-        """Working memory of the calling thread: initially zeros, later the values of its last use."""
+        """Working memory of the calling thread: initially zeros, later the values
+        of its last use.
+        """
         return buffer_of(self._buffers, key, shape, dtype or self.dtype)
 
     def kept(self, key: str, like: Array) -> Array:
-        """Memory of this layer for values that backward reads, with the shape and type of ``like``."""
+        """Memory of this layer for values that backward reads, with the shape and
+        type of ``like``.
+        """
         found = self._kept.get(key)
         if found is None or found.shape != like.shape:
             found = self._kept[key] = aligned(like.shape, like.dtype)
@@ -54,17 +58,23 @@ class FastLayer(Layer):
         return False
 
     def fuses_channels(self) -> bool:
-        """Whether forward can compute a multiplication and an addition per channel behind the layer."""
+        """Whether forward can compute a multiplication and an addition per channel
+        behind the layer.
+        """
         return False
 
     def fuses_trained_scale(self) -> bool:
-        """Whether forward and backward can compute a Scale behind the layer that has a backward pass."""
+        """Whether forward and backward can compute a Scale behind the layer that has a
+        backward pass.
+        """
         return False
 
     # Layers that support tiles (tiles.py) override these methods.
 
     def bottom_tile(self, top_tile: int | None) -> int | None:
-        """The tile of the bottoms with which this layer is fastest if its top has ``top_tile``; None: not tiled."""
+        """The tile of the bottoms with which this layer is fastest if its top has ``top_tile``;
+        None: not tiled.
+        """
         return None
 
     def writes_tiles(self) -> bool:

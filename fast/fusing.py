@@ -3,9 +3,9 @@
 Batch normalization by its sums, a Scale with learned parameters and a ReLU or ReLU6 are a
 multiplication, an addition and a maximum per channel: y = max(gain y + bias, 0). The values between
 the layers are overwritten in any case, and their diffs are those of the layers on their own. If a
-part of the net is run, each layer is computed on its own. A layer with a backward pass is fused only
-if it is a ReLU or ReLU6, which store nothing, or a Scale directly behind a BatchNorm by the statistics
-of the batch (per_channel.py).
+part of the net is run, each layer is computed on its own. A layer with a backward pass is fused
+only if it is a ReLU or ReLU6, which store nothing, or a Scale directly behind a BatchNorm by the
+statistics of the batch (per_channel.py).
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ MIN_ROW = 32  # values from which NumPy's loop over the rows of an array takes l
 
 @dataclass(frozen=True)
 class After:
-    """What is computed from the sums of a convolution: y = gain sum + bias, its maximum with 0 if ``rectify``, and the
-    minimum with ``limit``.
+    """What is computed from the sums of a convolution: y = gain sum + bias, its maximum with 0 if
+    ``rectify``, and the minimum with ``limit``.
 
     gain, bias  (O,) or None
     """
@@ -43,7 +43,9 @@ class After:
     limit: float | None = None
 
     def activate(self, values: Array, target: Array) -> None:
-        """Write the maximum and the minimum of ``values`` to ``target``, which may be the same array."""
+        """Write the maximum and the minimum of ``values`` to ``target``, which may be
+        the same array.
+        """
         if self.rectify:  # the maximum with a row takes a third of the time of that with a number
             row = values.shape[-1] if values.ndim else 0
             np.maximum(values, np.zeros(row, values.dtype) if row >= MIN_ROW else 0, out=target)
@@ -53,7 +55,8 @@ class After:
     def write(self, values: Array, target: Array, o: slice, axis: int = 0) -> None:
         """Write the outputs ``o`` for sums ``values`` to ``target``, which may be the same array.
 
-        Both have the outputs on ``axis``. They are divided into blocks of outputs that stay in the cache.
+        Both have the outputs on ``axis``. They are divided into blocks of outputs that
+        stay in the cache.
         """
         count = target.shape[axis]
         operations = (
@@ -156,7 +159,9 @@ def release(connections: Sequence[Connection]) -> None:
 
 
 def _continues(at: Connection, chain: Sequence[Layer], follower: Connection) -> bool:
-    """Whether a layer is in place on the top of ``at`` and can be computed with it and the chain between them."""
+    """Whether a layer is in place on the top of ``at`` and can be computed with it and the
+    chain between them.
+    """
     first, layer, blob = at.layer, follower.layer, at.top[0]
     assert isinstance(first, FastLayer)
     if not isinstance(layer, FastLayer) or not all(

@@ -1,4 +1,5 @@
-"""What the algorithms for convolutions share: sizes of windows, division of a batch into blocks, parts of a product.
+"""What the algorithms for convolutions share: sizes of windows, division of a batch into blocks,
+parts of a product.
 
 There are three sums on arrays x (N, C, ...) and y (N, O, ...), with w (O, C / group, ...):
 
@@ -6,7 +7,8 @@ There are three sums on arrays x (N, C, ...) and y (N, O, ...), with w (O, C / g
     transpose   dx = every dy w, added at the position of its x      (forward of a deconvolution)
     gradient    dw = sum over images and windows of dy x, added to dw
 
-The method ``fits`` of an algorithm is the only place that states which of them it computes for which sizes.
+The method ``fits`` of an algorithm is the only place that states which of them it computes
+for which sizes.
 """
 
 from __future__ import annotations
@@ -39,7 +41,9 @@ MIN_PARTS_COST = 20_000_000
 
 @dataclass(frozen=True)
 class Geometry:
-    """Kernel, stride, pad and dilation of a convolution, one number per spatial axis, and the number of groups."""
+    """Kernel, stride, pad and dilation of a convolution, one number per spatial axis, and the
+    number of groups.
+    """
 
     kernel: tuple[int, ...]
     stride: tuple[int, ...]
@@ -64,7 +68,9 @@ class Geometry:
 
     @cached_property
     def turned(self) -> Geometry:
-        """The geometry of the transpose of a convolution with stride 1: a convolution with the flipped kernel."""
+        """The geometry of the transpose of a convolution with stride 1: a convolution with the
+        flipped kernel.
+        """
         pad = tuple(d * (k - 1) - p for k, p, d in zip(self.kernel, self.pad, self.dilation))
         return Geometry(self.kernel, self.stride, pad, self.dilation, self.group)
 
@@ -85,7 +91,9 @@ class Geometry:
     def windows(
         self, rows: slice, outputs: Sequence[int]
     ) -> Iterator[tuple[tuple[int, ...], tuple[slice, ...]]]:
-        """For each kernel element, the part of the padded axes under it in all windows of these rows of outputs."""
+        """For each kernel element, the part of the padded axes under it in all windows of these
+        rows of outputs.
+        """
         starts, counts = (
             (rows.start, *(0,) * (len(outputs) - 1)),
             (rows.stop - rows.start, *outputs[1:]),
@@ -104,9 +112,11 @@ class Geometry:
 
 @dataclass(frozen=True)
 class Sizes:
-    """Sizes of a sum over windows: x (images, inputs, \\*sizes) and y (images, outputs, \\*windows), for one group.
+    """Sizes of a sum over windows: x (images, inputs, \\*sizes) and y
+    (images, outputs, \\*windows), for one group.
 
-    excess  multiplications relative to those of y, for dx as a convolution with the flipped kernel; else 1
+    excess  multiplications relative to those of y, for dx as a convolution with the flipped
+            kernel; else 1
     """
 
     geometry: Geometry
@@ -129,7 +139,9 @@ class Sizes:
 
     @property
     def turned(self) -> Sizes | None:
-        """The sizes of the convolution with the flipped kernel that computes dx; None if there is none."""
+        """The sizes of the convolution with the flipped kernel that computes dx; None if
+        there is none.
+        """
         g = self.geometry.turned
         if set(g.stride) != {1} or min(g.pad) < 0:
             return None
@@ -143,7 +155,9 @@ def at(channels: slice, part: tuple[slice, ...]) -> tuple[slice, ...]:
 
 
 def inside(start: int, step: int, size: int, count: int) -> tuple[int, slice]:
-    """Of ``count`` places from ``start`` in steps, the first inside an axis, and the numbers of those that are."""
+    """Of ``count`` places from ``start`` in steps, the first inside an axis, and the numbers of
+    those that are.
+    """
     first, end = (min(max(-(-(edge - start) // step), 0), count) for edge in (0, size))
     return max(start + first * step, 0), slice(first, max(end, first))
 
@@ -157,7 +171,9 @@ class Algorithm:
     """Base class: an algorithm overrides ``fits`` and the sums that ``fits`` accepts."""
 
     def fits(self, s: Sizes, sum_: Sum) -> bool:
-        """Whether the algorithm computes this sum for these sizes, and faster than those behind it in the table."""
+        """Whether the algorithm computes this sum for these sizes, and faster than those behind
+        it in the table.
+        """
         raise NotImplementedError
 
     def correlate(self, g: Geometry, x: Array, w: Array, after: After, y: Array) -> None:
@@ -174,7 +190,9 @@ class Algorithm:
 
 
 class NotFiniteError(Exception):
-    """An algorithm that mixes the values of several windows has found one that is not finite, or much larger."""
+    """An algorithm that mixes the values of several windows has found one that is not finite,
+    or much larger.
+    """
 
 
 def check_finite(values: Array) -> None:
@@ -187,14 +205,15 @@ def check_finite(values: Array) -> None:
 
 
 def check_spread(sums: Array, x: Array, outputs: int) -> None:
-    """Raise NotFiniteError if the rounding errors of one value of x may be visible in outputs that do not contain it.
+    """Raise NotFiniteError if the rounding errors of one value of x may be visible in outputs that
+    do not contain it.
 
     sums     outputs of the windows of a block, before anything is added
     x        (n, C, ...) the images of the block
     outputs  per image and window
 
-    One value that is v times as large as the usual ones adds v² outputs / C usual squares to the sum of squares. If
-    that is suspicious, the values of x decide.
+    One value that is v times as large as the usual ones adds v² outputs / C usual squares to the
+    sum of squares. If that is suspicious, the values of x decide.
     """
     squares = float(np.vdot(sums, sums))
     if not math.isfinite(squares):
@@ -208,7 +227,10 @@ def check_spread(sums: Array, x: Array, outputs: int) -> None:
 
 
 def _usual(values: Array) -> float:
-    """An estimate of the standard deviation, which few large values do not change. Zeros are those of a background."""
+    """An estimate of the standard deviation, which few large values do not change.
+
+    Zeros are those of a background.
+    """
     sample = np.abs(values.reshape(-1)[:: max(values.size // SAMPLE, 1) | 1])
     sample = sample[sample > 0]
     return (
@@ -219,10 +241,11 @@ def _usual(values: Array) -> float:
 
 
 def run_parts(job: Callable[[slice], None], channels: int, group: int, cost: float) -> None:
-    """Call ``job`` for parts of the channels of a product with ``cost`` multiplications, one for each thread.
+    """Call ``job`` for parts of the channels of a product with ``cost`` multiplications, one
+    for each thread.
 
-    A product inside a slice of the batch is one part, because other threads have other slices. A part has whole groups
-    if there are several.
+    A product inside a slice of the batch is one part, because other threads have other slices. A
+    part has whole groups if there are several.
     """
     unit = MIN_PART if group == 1 else channels // group
     if cost < MIN_PARTS_COST or channels <= unit or parallel.is_inside():
@@ -240,9 +263,11 @@ def run_parts(job: Callable[[slice], None], channels: int, group: int, cost: flo
 def run_blocks(
     job: Callable[[slice, slice], None], parts: Iterator[tuple[slice, slice]], cost: float
 ) -> None:
-    """Call ``job`` for independent blocks of images and rows with together ``cost`` multiplications.
+    """Call ``job`` for independent blocks of images and rows with together ``cost``
+    multiplications.
 
-    Several expensive blocks run on several threads; otherwise each may divide its channels between them.
+    Several expensive blocks run on several threads; otherwise each may divide its
+    channels between them.
     """
     jobs = [partial(job, *part) for part in parts]
     parallel.run(jobs, here=cost < len(jobs) * MIN_BLOCK_COST)
@@ -251,7 +276,9 @@ def run_blocks(
 def image_blocks(
     images: int, outputs: Sequence[int], columns: int
 ) -> Iterator[tuple[slice, slice]]:
-    """Divide a batch into blocks of about ``columns`` windows: several images, or some rows of one image."""
+    """Divide a batch into blocks of about ``columns`` windows: several images, or some
+    rows of one image.
+    """
     rows, row = outputs[0], math.prod(outputs[1:])
     each = columns // max(row * rows, 1)
     if each:

@@ -1,9 +1,11 @@
-"""FastInnerProduct: computes each matrix product in nearly equal blocks of features on several threads.
+"""FastInnerProduct: computes each matrix product in nearly equal blocks of features on
+several threads.
 
-The blocks are blocks of outputs for y and dw, and of inputs for dx. They do not depend on the number of threads, so
-rounding does not depend on it either. They are large, because BLAS packs both factors of every product. For a few items
-packing takes longer than the product, so items are computed one at a time: a product with one row reads the weights in
-place, limited by memory bandwidth. These blocks are so small that their weights stay in the cache between items.
+The blocks are blocks of outputs for y and dw, and of inputs for dx. They do not depend on the
+number of threads, so rounding does not depend on it either. They are large, because BLAS packs both
+factors of every product. For a few items packing takes longer than the product, so items are
+computed one at a time: a product with one row reads the weights in place, limited by memory
+bandwidth. These blocks are so small that their weights stay in the cache between items.
 """
 
 from __future__ import annotations
@@ -87,7 +89,9 @@ class FastInnerProduct(FastLayer, InnerProduct):
 
 
 def _few_outputs(items: int, w: Array) -> int:
-    """Number of outputs in a block of the weights w (O, inputs) for a few items; one item reads all weights once."""
+    """Number of outputs in a block of the weights w (O, inputs) for a few items; one item reads
+    all weights once.
+    """
     if items > 1:
         return max(CACHED_BYTES // max(w[:1].nbytes, 1) // ALIGNED, 1) * ALIGNED
     return (
@@ -98,6 +102,8 @@ def _few_outputs(items: int, w: Array) -> int:
 
 
 def _by_blocks(job: Callable[[slice], None], count: int) -> list[Callable[[], None]]:
-    """Return one call of ``job`` per block, for the smallest possible number of nearly equal blocks of features."""
+    """Return one call of ``job`` per block, for the smallest possible number of nearly equal
+    blocks of features.
+    """
     number = -(-count // MAX_BLOCK)
     return [partial(job, features) for features in blocks(count, -(-count // number))]

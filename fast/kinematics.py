@@ -1,14 +1,16 @@
-"""FastKinematics and FastHandModel: forward kinematics and its gradient for many poses at once, and for a few.
+"""FastKinematics and FastHandModel: forward kinematics and its gradient for many poses at once,
+and for a few.
 
-Many poses: all arrays have the batch last, (..., N), so that it is the innermost loop of every operation. Joints of the
-same depth with the same sequence of operations (like fingers) are computed as one array, and fixed rotations are
-multiplied in advance (``parts_of``). The sums over the joints that a motion moves are products with the 0/1 matrix
-``Skeleton.moves``:
+Many poses: all arrays have the batch last, (..., N), so that it is the innermost loop of every
+operation. Joints of the same depth with the same sequence of operations (like fingers) are computed
+as one array, and fixed rotations are multiplied in advance (``parts_of``). The sums over the joints
+that a motion moves are products with the 0/1 matrix ``Skeleton.moves``:
 
     dL/dtheta  =  a . ( sum_k X_k x f_k  -  P x sum_k f_k )
 
-Positions are computed relative to the translated root, and the translation is added last. The gradient of a distant
-hand therefore loses no digits, and float32 (``dtype``) is sufficient and takes half the time.
+Positions are computed relative to the translated root, and the translation is added last. The
+gradient of a distant hand therefore loses no digits, and float32 (``dtype``) is sufficient and
+takes half the time.
 
 A few poses: the time depends on the number of NumPy calls, not on the arithmetic (``FewPoses``).
 """
@@ -55,11 +57,13 @@ class FastPose(Pose):
 class FastKinematics(Kinematics):
     """Kinematics computed by groups of joints, with all poses in one array.
 
-    There are M variable motions: the free ones, and fixed translations. Fixed rotations are precomputed.
+    There are M variable motions: the free ones, and fixed translations. Fixed rotations
+    are precomputed.
 
     dof_of  (M,) the DoF of each motion
     free    (Q,) indices of the free motions, the rows of a Jacobian
-    spare   a pose whose memory the next forward may reuse, because large arrays are slow to allocate
+    spare   a pose whose memory the next forward may reuse, because large arrays are
+            slow to allocate
     """
 
     def __init__(self, skeleton: Skeleton, dtype: DTypeLike = np.float64) -> None:
@@ -145,7 +149,9 @@ class FastKinematics(Kinematics):
         )
 
     def backward(self, pose: Pose, dX: Array) -> Array:
-        """Gradient (N, D) with respect to the inputs; two products give the forces and torques of all motions."""
+        """Gradient (N, D) with respect to the inputs; two products give the forces and torques
+        of all motions.
+        """
         assert isinstance(pose, FastPose)
         K, _, N = pose.X.shape
         f = np.ascontiguousarray(dX.transpose(1, 2, 0), dtype=self.dtype)
@@ -176,7 +182,9 @@ class FastKinematics(Kinematics):
         return np.asarray((self.bone_directions(pose).transpose(1, 2, 0) * force).sum(axis=1).T)
 
     def jacobian(self, pose: Pose, joints: Sequence[int] | None = None) -> Array:
-        """Jacobian (N, Q, 3 k), by components of the cross product; for a few poses by skew-symmetric matrices."""
+        """Jacobian (N, Q, 3 k), by components of the cross product; for a few poses by
+        skew-symmetric matrices.
+        """
         sk = self.skeleton
         chosen = list(range(len(sk.parents))) if joints is None else list(joints)
         if not isinstance(pose, FastPose):
@@ -205,7 +213,9 @@ class FastKinematics(Kinematics):
         return directions.transpose(2, 0, 1)
 
     def axes(self, pose: Pose) -> tuple[Array, Array]:
-        """Axes of the free motions and points on them, both (N, Q, 3); the translations of the roots are added."""
+        """Axes of the free motions and points on them, both (N, Q, 3); the translations of the
+        roots are added.
+        """
         if not isinstance(pose, FastPose):
             return super().axes(pose)
         start = (pose.X - pose.local)[self._joint_of[self.free]]
@@ -223,7 +233,9 @@ class FastKinematics(Kinematics):
 
 
 def _turn_constant(frame: list[Array], matrices: Array) -> list[Array]:
-    """Right-multiply the frames, three columns of (1 or n, 3, N), by constant ``matrices`` (n, 3, 3)."""
+    """Right-multiply the frames, three columns of (1 or n, 3, N), by constant
+    ``matrices`` (n, 3, 3).
+    """
     if len(frame[0]) == 1:  # one parent: one product for all columns of all joints
         N = frame[0].shape[-1]
         columns = matrices.transpose(0, 2, 1).reshape(-1, 3) @ np.concatenate(frame).reshape(
@@ -234,7 +246,9 @@ def _turn_constant(frame: list[Array], matrices: Array) -> list[Array]:
 
 
 def _combine(weights: Array, columns: list[Array]) -> Array:
-    """Sum weights[:, k] columns[k] over k = 0, 1, 2, from (n, 3) and three (n, 3, N) to (n, 3, N)."""
+    """Sum weights[:, k] columns[k] over k = 0, 1, 2, from (n, 3) and three
+    (n, 3, N) to (n, 3, N).
+    """
     a, b, c = (weights[:, m, None, None] * columns[m] for m in range(3))
     return a + b + c
 
@@ -269,7 +283,7 @@ class FastSizedHandModel(FastHandModel, SizedHandModel):
     """SizedHandModel with FastKinematics."""
 
 
-# ---------------------------------------------------------------------------------------------- motions of joints
+# -------------------------------------------------------------------------------- motions of joints
 
 
 class Part(NamedTuple):
@@ -313,7 +327,9 @@ class Operation(NamedTuple):
 
 @dataclass
 class Group:
-    """Joints of one depth whose parts have the same kinds and axes, so that they are computed as one array."""
+    """Joints of one depth whose parts have the same kinds and axes, so that they are
+    computed as one array.
+    """
 
     joints: list[int]
     parent: int  # index of the parents' group; -1 for roots
@@ -326,7 +342,10 @@ class Group:
 def groups_of(
     skeleton: Skeleton, steps: Sequence[Sequence[Part]], dtype: DTypeLike
 ) -> tuple[list[Group], dict[int, tuple[int, int]]]:
-    """Group the joints, parents first. Returns the groups, and for each joint its group and its index in it."""
+    """Group the joints, parents first.
+
+    Returns the groups, and for each joint its group and its index in it.
+    """
     parents, depth = skeleton.parents, skeleton.descendants.sum(axis=0)
     alike: dict[object, list[int]] = {}
     places: dict[int, tuple[int, int]] = {}
@@ -377,10 +396,11 @@ def _as_slice(indices: list[int]) -> slice | list[int]:
 class FewPoses:
     """Computes all rotations of a pose together, then the transforms of all joints together.
 
-    A rotation about a fixed axis is R(t) = P + cos t C + sin t S with constant matrices (Rodrigues), so three
-    operations compute all rotations of a pose. The rotations and the bone of each joint give a 4 x 4 transform. It is
-    multiplied from the left by the transform of the parent, then by the result of the grandparent, then of the fourth
-    ancestor, and so on (pointer doubling): the number of products is the number of bits of the depth.
+    A rotation about a fixed axis is R(t) = P + cos t C + sin t S with constant matrices
+    (Rodrigues), so three operations compute all rotations of a pose. The rotations and the bone of
+    each joint give a 4 x 4 transform. It is multiplied from the left by the transform of the
+    parent, then by the result of the grandparent, then of the fourth ancestor, and so on
+    (pointer doubling): the number of products is the number of bits of the depth.
     """
 
     def __init__(self, skeleton: Skeleton, steps: Sequence[Sequence[Part]]) -> None:
@@ -417,11 +437,15 @@ class FewPoses:
             before = before[before]
 
     def joints(self, value: Array, bones: Array | None) -> Array:
-        """Positions (N, K, 3) for the values (N, M) of the motions; ``bones`` (N, K) are bone lengths per pose."""
+        """Positions (N, K, 3) for the values (N, M) of the motions; ``bones`` (N, K) are bone
+        lengths per pose.
+        """
         return self._world(value, bones)[0][:, :-1, :3, 3]
 
     def pose(self, value: Array, free: Array, bones: Array | None, dtype: DTypeLike) -> Pose:
-        """Joints, frames, and the axes of the motions ``free`` (Q,); ``bones`` (N, K) are bone lengths per pose."""
+        """Joints, frames, and the axes of the motions ``free`` (Q,); ``bones`` (N, K) are bone
+        lengths per pose.
+        """
         world, turns, start = self._world(value, bones)
         joint, slot, axis, sign = self.motions[:, free]
         parent = world[:, self.parents[joint]]
@@ -435,9 +459,11 @@ class FewPoses:
         return pose
 
     def _world(self, value: Array, bones: Array | None) -> tuple[Array, Array, Array]:
-        """World transforms (N, K + 1, 4, 4), the last one the identity, and in the frame of each joint's parent
+        """World transforms (N, K + 1, 4, 4), the last one the identity, and in the frame of each
+        joint's parent
 
-        turns  (F + 1, N, K, 3, 3) rotation of the joint before each of its F factors, and after all of them
+        turns  (F + 1, N, K, 3, 3) rotation of the joint before each of its F factors, and
+               after all of them
         start  (N, K, 3) translation of the joint before its rotations
         """
         N, K = len(value), len(self.bone_axes)

@@ -1,9 +1,11 @@
-"""Maps with the number of the map as last axis, so that the values under an element of a window are long vectors.
+"""Maps with the number of the map as last axis, so that the values under an element of a window
+are long vectors.
 
-    values (sw, H, W, M)    column v of a padded map is at [v % sw, ..., v // sw, :], for a horizontal stride sw
+    values (sw, H, W, M)    column v of a padded map is at [v % sw, ..., v // sw, :], for a
+                            horizontal stride sw
 
-For a row of outputs, the values under an element of all windows of all maps are one vector of Wo M adjacent values, for
-any stride.
+For a row of outputs, the values under an element of all windows of all maps are one vector of Wo M
+adjacent values, for any stride.
 """
 
 from __future__ import annotations
@@ -55,7 +57,9 @@ class Maps:
         map_first(by_place, x)
 
     def vectors(self, rows: slice | None = None) -> Iterator[tuple[tuple[int, ...], Array]]:
-        """For each element of a window, the values under it for these rows of outputs, (rows, Wo M)."""
+        """For each element of a window, the values under it for these rows of
+        outputs, (rows, Wo M).
+        """
         start, stop = (rows.start, rows.stop) if rows else (0, self.outputs[0])
         (step, H, _, M), down = self.values.shape, self.g.stride[0]
         length, last = self.outputs[1] * M, (stop - start - 1) * down + 1
@@ -76,7 +80,9 @@ def map_last(x: Array, out: Array) -> None:
 
 
 def map_first(x: Array, out: Array) -> None:
-    """Copy x (H, W, M) to out (M, H, W), of which each map is contiguous, by blocks that stay in the cache."""
+    """Copy x (H, W, M) to out (M, H, W), of which each map is contiguous, by blocks that
+    stay in the cache.
+    """
     rows = np.lib.stride_tricks.as_strided(
         out, (len(out), out[0].size), (out.strides[0], out.itemsize)
     )
@@ -84,7 +90,9 @@ def map_first(x: Array, out: Array) -> None:
 
 
 def shape_of(g: Geometry, sizes: Pair, outputs: Pair) -> tuple[int, int, int]:
-    """The shape (sw, H, W) of a map with its padding, and all of the windows that extend beyond it."""
+    """The shape (sw, H, W) of a map with its padding, and all of the windows that
+    extend beyond it.
+    """
     high, wide = (
         max(n + 2 * p, (o - 1) * s + d * (k - 1) + 1)
         for n, o, k, s, p, d in zip(sizes, outputs, g.kernel, g.stride, g.pad, g.dilation)

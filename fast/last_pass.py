@@ -1,8 +1,10 @@
-"""What the last pass of some layers read, so that blobs which it did not store can be computed at any time.
+"""What the last pass of some layers read, so that blobs which it did not store can be
+computed at any time.
 
-A run in slices (slices.py) does not store its hidden blobs. ``LastPass`` copies what determines their values: the
-blobs that the run reads, the parameters, and for the gradients also the diffs of its tops. A caller may therefore write
-or reshape any blob, and the solver may update the weights, before the first access to a hidden blob.
+A run in slices (slices.py) does not store its hidden blobs. ``LastPass`` copies what determines
+their values: the blobs that the run reads, the parameters, and for the gradients also the diffs of
+its tops. A caller may therefore write or reshape any blob, and the solver may update the weights,
+before the first access to a hidden blob.
 
 The copies are complete. The values of a few places do not show whether a caller has written others.
 """
@@ -76,7 +78,7 @@ class LastPass:
         self._differentiated = _differentiated(self.run)
         self._buffers: tuple[Copies, Copies] = {}, {}
 
-    # ------------------------------------------------------------------------------------------ recording
+    # ------------------------------------------------------------------------------------ recording
 
     def begin(self) -> None:
         """Prepare the copies of a forward pass, and copy the parameters."""
@@ -97,7 +99,9 @@ class LastPass:
             values[rows] = blob.data[rows]
 
     def begin_backward(self) -> None:
-        """Prepare the copies of a backward pass; the parameters are copied if they have changed since forward."""
+        """Prepare the copies of a backward pass; the parameters are copied if they have changed
+        since forward.
+        """
         tops, seeds = self._buffers
         tops, seeds = self._buffers = _like(self._tops, tops), _like(self.run.written(), seeds)
         weights = [
@@ -128,13 +132,14 @@ class LastPass:
         assert self.back is not None
         self.back.is_done, self.late = True, frozenset()
 
-    # ------------------------------------------------------------------------------------------ computing
+    # ------------------------------------------------------------------------------------ computing
 
     def store(self) -> Missing:
-        """Store the hidden blobs, with the values of the pass, and let the layers keep what their backward reads.
+        """Store the hidden blobs, with the values of the pass, and let the layers keep what their
+        backward reads.
 
-        A blob that has another number of values now keeps none, as after any reshape. Returns what cannot be computed:
-        the blobs of a pass that is not complete, and diffs of a pass before.
+        A blob that has another number of values now keeps none, as after any reshape. Returns what
+        cannot be computed: the blobs of a pass that is not complete, and diffs of a pass before.
         """
         late = self.late if self.back is None or self.back.is_done else self._differentiated
         if self.is_done and not self._is_discarded():
@@ -162,7 +167,9 @@ class LastPass:
             _take_state(at.layer, computed.layer)
 
     def _is_discarded(self) -> bool:
-        """Whether reshapes since the pass have discarded all hidden blobs, and what the layers keep."""
+        """Whether reshapes since the pass have discarded all hidden blobs, and what
+        the layers keep.
+        """
         changed = {blob for blob, shape in self.shapes.items() if blob.shape != shape}
         return bool(changed) and changed.issuperset(self.run.hidden)
 
@@ -205,7 +212,9 @@ def read_again(at: Connection) -> list[Blob]:
 
 
 def is_same(a: Array, b: Array) -> bool:
-    """Whether two contiguous arrays of one shape and type have the same bits: NaN is NaN, 0 is not -0."""
+    """Whether two contiguous arrays of one shape and type have the same bits: NaN is
+    NaN, 0 is not -0.
+    """
     words = np.uint64 if a.nbytes % 8 == 0 else np.uint32
     own, other = a.reshape(-1).view(words), b.reshape(-1).view(words)
     return all(np.array_equal(own[part], other[part]) for part in blocks(len(own), BLOCK))
@@ -225,7 +234,9 @@ def with_params(layer: Layer, params: Blobs) -> Layer:
 
 
 def _copied(at: Connection, blobs: Mapping[Blob, Blob]) -> Connection:
-    """A copy of a layer, which is computed on its own, with copies of its blobs and of its parameters."""
+    """A copy of a layer, which is computed on its own, with copies of its blobs and of
+    its parameters.
+    """
     layer = with_params(at.layer, Blobs(Blob(param.shape, param.dtype) for param in at.layer.blobs))
     if isinstance(layer, FastLayer):
         layer.after, layer.is_fused = (), False

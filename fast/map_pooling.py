@@ -1,10 +1,11 @@
 """Pooling over any windows, for a block of maps at a time.
 
-A map is one channel of one image. For winners of maxima, the maps of a block are copied with their number as last axis
-(last_axis.py), so that each operation works on long vectors, one value for each window. Maxima without winners are
-computed for windows at every place of the padded maps, in vectors as long as the block. For means, the sum over a
-window is the sum along the rows of the sums along the columns. Along the rows, it is computed for all maps of the block
-in one vector, at every column and not only where a window starts, and the windows are copied from it:
+A map is one channel of one image. For winners of maxima, the maps of a block are copied with their
+number as last axis (last_axis.py), so that each operation works on long vectors, one value for each
+window. Maxima without winners are computed for windows at every place of the padded maps, in
+vectors as long as the block. For means, the sum over a window is the sum along the rows of the sums
+along the columns. Along the rows, it is computed for all maps of the block in one vector, at every
+column and not only where a window starts, and the windows are copied from it:
 
     v (n, Ho, Wp)   sum over the kh rows of each window, with padded columns
     r (n Ho Wp)     sum of v over kw neighbours, of which every sw-th column is a window
@@ -34,14 +35,16 @@ PART = 1 << 15  # values; starting a thread takes longer than pooling fewer
 class Windows:
     """What pooling maps (H, W) to maps (Ho, Wo) needs to know of its windows.
 
-    padded           the size of a map with padding, including the parts of windows that extend beyond the padding
+    padded           the size of a map with padding, including the parts of windows that extend
+                     beyond the padding
     inside           the part of a padded map that is not padding
-    rows             for each row of the kernel that is inside the map anywhere, the windows in which it is inside, and
-                     the rows of the map there
+    rows             for each row of the kernel that is inside the map anywhere, the windows in
+                     which it is inside, and the rows of the map there
     columns          the first columns of all windows in a padded map
     overlap          whether a value can be in several windows
     is_whole         whether the only window is the map
-    runs_everywhere  whether maxima at every place of the padded maps take less time than those of the windows
+    runs_everywhere  whether maxima at every place of the padded maps take less time than those
+                     of the windows
     """
 
     def __init__(self, g: Geometry, sizes: tuple[int, int], outputs: tuple[int, int]) -> None:
@@ -82,9 +85,11 @@ class Windows:
 
 
 def running(op: np.ufunc, values: Array, k: int, out: Array) -> None:
-    """Write ``op`` over k neighbours along the first axis: out[i] = values[i] op ... op values[i + k - 1].
+    """Write ``op`` over k neighbours along the first axis: out[i] = values[i] op ... op
+    values[i + k - 1].
 
-    The last k - 1 elements of ``out`` become any values. A maximum takes log2(k) operations, on overlapping parts.
+    The last k - 1 elements of ``out`` become any values. A maximum takes log2(k) operations, on
+    overlapping parts.
     """
     if k == 1:
         out[...] = values
@@ -133,8 +138,9 @@ def _over_rows(w: Windows, op: np.ufunc, v: Array) -> Array:
 def _everywhere(w: Windows, x: Array) -> Array:
     """The maxima (n, Ho, Wo) of maps x (n, H, W), a view of working memory.
 
-    They are computed at every place of the padded maps, because operations on one long vector take less time than those
-    on the rows and columns where windows start. Windows that extend beyond a map or a row are not used.
+    They are computed at every place of the padded maps, because operations on one long vector take
+    less time than those on the rows and columns where windows start. Windows that extend beyond a
+    map or a row are not used.
     """
     (high, wide), (Ho, Wo), (down, right) = w.padded, w.outputs, w.stride
     padded = scratch("padded", (len(x), high, wide), x.dtype)
@@ -176,7 +182,10 @@ def maximum(w: Windows, x: Array, y: Array, winners: Array | None) -> None:
 
 
 def _with_winners(maps: Maps, best: Array, kind: type[np.unsignedinteger]) -> Array:
-    """Write the maxima (Ho, Wo n) to ``best`` and return the winners. A later element wins if it is greater."""
+    """Write the maxima (Ho, Wo n) to ``best`` and return the winners.
+
+    A later element wins if it is greater.
+    """
     winner, mark = scratch("winner", best.shape, kind), scratch("mark", best.shape, kind)
     above = scratch("above", best.shape, np.bool_)
     for k, (_, vector) in enumerate(maps.vectors()):
@@ -219,7 +228,9 @@ def maximum_backward(w: Windows, dy: Array, winners: Array, dx: Array) -> None:
 
 
 def mean(w: Windows, x: Array, y: Array, area: Array) -> None:
-    """Write the means y (n, Ho, Wo) of maps x (n, H, W); ``area`` (Ho, Wo) holds the divisor of each window."""
+    """Write the means y (n, Ho, Wo) of maps x (n, H, W); ``area`` (Ho, Wo) holds the divisor
+    of each window.
+    """
 
     def job(maps: slice) -> None:
         # 0 / 0: empty window

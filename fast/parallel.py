@@ -1,7 +1,8 @@
 """The pool of threads of the process, whose size ``set_threads`` sets, and working memory.
 
-NumPy releases the interpreter lock inside its loops and products, so Python threads run in parallel there.
-``run`` executes jobs; a nested call from one of several jobs executes them in the same thread.
+NumPy releases the interpreter lock inside its loops and products, so Python threads run in
+parallel there. ``run`` executes jobs; a nested call from one of several jobs executes them in
+the same thread.
 
 Threads do not survive a fork, so a forked process starts new ones at its first job (``Workers``).
 """
@@ -25,7 +26,10 @@ T = TypeVar("T")
 
 
 class Workers:
-    """A pool of ``count`` threads. A forked process starts its own. Threads end with the last reference."""
+    """A pool of ``count`` threads.
+
+    A forked process starts its own. Threads end with the last reference.
+    """
 
     def __init__(self, count: int, name: str) -> None:
         self.count, self._name = count, name
@@ -48,7 +52,9 @@ _helpers: Workers | None = None  # one fewer than the threads in use; None: not 
 
 
 def threads() -> int:
-    """Number of threads in use: ``set_threads``, else NETLIB_NUM_THREADS, else one per processor."""
+    """Number of threads in use: ``set_threads``, else NETLIB_NUM_THREADS, else one
+    per processor.
+    """
     return _pool().count + 1
 
 
@@ -61,7 +67,10 @@ def _pool() -> Workers:
 
 
 def set_threads(count: int) -> None:
-    """Use ``count`` threads from now on. Results depend on it at most by rounding, where a product is divided."""
+    """Use ``count`` threads from now on.
+
+    Results depend on it at most by rounding, where a product is divided.
+    """
     global _helpers
     if count < 1:
         raise ValueError(f"the number of threads must be at least 1, not {count}")
@@ -76,7 +85,9 @@ def is_inside() -> bool:
 
 
 def run(jobs: Sequence[Callable[[], None]], *, here: bool = False) -> None:
-    """Run all jobs, in any order, and return when all are done. Raises the first exception of a job.
+    """Run all jobs, in any order, and return when all are done.
+
+    Raises the first exception of a job.
 
     here  in the calling thread, which is faster for jobs of little work
     """
@@ -115,18 +126,20 @@ def run(jobs: Sequence[Callable[[], None]], *, here: bool = False) -> None:
         raise failed[0]
 
 
-# ---------------------------------------------------------------------------------------------- memory
+# ------------------------------------------------------------------------------------------- memory
 
-# Bytes of a cache line and of an AVX-512 register, at multiples of which arrays start. NumPy's start at multiples of 16
-# bytes, where each load and store of a large register touches two lines: operations on arrays in the cache take up to
-# twice as long.
+# Bytes of a cache line and of an AVX-512 register, at multiples of which arrays start. NumPy's
+# start at multiples of 16 bytes, where each load and store of a large register touches two lines:
+# operations on arrays in the cache take up to twice as long.
 LINE = 64
 
 
 def aligned(
     shape: tuple[int, ...], dtype: DTypeLike, make: Callable[[int, DTypeLike], Any] = np.empty
 ) -> NDArray[Any]:
-    """An array that starts at a multiple of LINE bytes, of the values of ``make``, such as np.zeros."""
+    """An array that starts at a multiple of LINE bytes, of the values of ``make``,
+    such as np.zeros.
+    """
     size = math.prod(shape) * np.dtype(dtype).itemsize
     values = make(size + LINE, np.uint8)
     start = -int(values.ctypes.data) % LINE
@@ -146,7 +159,9 @@ MAX_VIEWS = 1000
 
 
 def scratch(key: str, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
-    """Working memory of the calling thread for all layers: any values, valid until the next call with ``key``."""
+    """Working memory of the calling thread for all layers: any values, valid until the next
+    call with ``key``.
+    """
     kept: dict[str, tuple[NDArray[np.uint8], dict[Any, NDArray[Any]]]] = _scratch.__dict__
     values, views = kept.get(key) or (None, {})
     if (found := views.get((shape, dtype))) is not None:
@@ -163,7 +178,9 @@ def scratch(key: str, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
 def buffer_of(
     buffers: threading.local, key: str, shape: tuple[int, ...], dtype: DTypeLike
 ) -> NDArray[Any]:
-    """Memory of the calling thread by name: zeros at first and in a new shape, else the values of its last use."""
+    """Memory of the calling thread by name: zeros at first and in a new shape, else the values
+    of its last use.
+    """
     kept: dict[str, NDArray[Any]] = buffers.__dict__
     found = kept.get(key)
     if found is None or found.shape != shape:

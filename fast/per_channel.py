@@ -1,17 +1,20 @@
 """FastScale and FastBatchNorm: one value per channel, in blocks that stay in the cache.
 
-A blob is viewed as (outer, G, inner): G values of the parameter, each for ``inner`` adjacent values, ``outer`` times. A
-block is some of the outer items, or some of the G values if there are few items. Several operations run on one block
-after the other, on several threads unless the layer already runs in a slice. Sums are stored per outer item and then
-added in float64, so they do not depend on the threads.
+A blob is viewed as (outer, G, inner): G values of the parameter, each for ``inner`` adjacent
+values, ``outer`` times. A block is some of the outer items, or some of the G values if there are
+few items. Several operations run on one block after the other, on several threads unless the layer
+already runs in a slice. Sums are stored per outer item and then added in float64, so they do not
+depend on the threads.
 
-Batch normalization is computed in TRAIN together with a Scale and a ReLU in place behind it. Forward has two passes
-over the blocks. The first computes c = x - k and the sums of c and c². As k is the mean of the first item, (mean of c)²
-is at most N times the variance of the batch of N items, and in practice below it, so the variance is their difference.
-The second pass computes y, and gain y + bias from it:
+Batch normalization is computed in TRAIN together with a Scale and a ReLU in place behind it.
+Forward has two passes over the blocks. The first computes c = x - k and the sums of c and c². As k
+is the mean of the first item, (mean of c)² is at most N times the variance of the batch of N items,
+and in practice below it, so the variance is their difference. The second pass computes y, and gain
+y + bias from it:
 
     y  = (c - mean of c) / s
-    dx = (dy - mean of dy - y mean of (y dy)) gain / s        the Scale has computed the two sums for its own gradients
+    dx = (dy - mean of dy - y mean of (y dy)) gain / s
+         the Scale has computed the two sums for its own gradients
 """
 
 from __future__ import annotations
@@ -44,8 +47,9 @@ def view(array: Array, axis: int, count: int) -> Array:
 
 
 def each_block(shape: tuple[int, ...], job: Callable[[slice, slice], None]) -> None:
-    """Call ``job`` with slices of the first two axes, about ``BLOCK`` values each, on several threads if there are many
-    blocks."""
+    """Call ``job`` with slices of the first two axes, about ``BLOCK`` values each, on several
+    threads if there are many blocks.
+    """
     outer, count, inner = shape
     if outer * count * inner <= BLOCK:
         job(slice(0, outer), slice(0, count))
@@ -111,7 +115,9 @@ class FastScale(FastLayer, Scale):
         affine(view(x, self.axis, gain.size), gain, bias, view(top[0].data, self.axis, gain.size))
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        """Compute the sums for the parameters, and dx = gain dy; a BatchNorm that computes forward needs no dx."""
+        """Compute the sums for the parameters, and dx = gain dy; a BatchNorm that computes
+        forward needs no dx.
+        """
         if not self.learned:
             super().backward(top, propagate_down, bottom)
             return

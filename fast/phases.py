@@ -1,9 +1,12 @@
-r"""Phases: convolutions with dilation d and stride 1, computed as those of d d images without dilation.
+r"""Phases: convolutions with dilation d and stride 1, computed as those of d d images
+without dilation.
 
-The outputs of every d-th row and column read every d-th row and column of the padded x. They are the outputs of one
-image with adjacent windows, for which Winograd's algorithms take half of the multiplications:
+The outputs of every d-th row and column read every d-th row and column of the padded x. They are
+the outputs of one image with adjacent windows, for which Winograd's algorithms take half of the
+multiplications:
 
-    images (n d d, C, Hp, Wp)        y (n d d, O, ceil(Ho / d), ceil(Wo / d)), whose last rows and columns may be unused
+    images (n d d, C, Hp, Wp)        y (n d d, O, ceil(Ho / d), ceil(Wo / d)), whose last rows and
+                                     columns may be unused
 """
 
 from __future__ import annotations
@@ -34,8 +37,11 @@ class Phases(Algorithm):
         self.algorithms = algorithms
 
     def fits(self, s: Sizes, sum_: Sum) -> bool:
-        """Maps with enough outputs for each image, and for one of the algorithms. Up to twice as fast, as measured with
-        12 to 192 channels, maps of 27 to 80 pixels and dilations of 2 to 9."""
+        """Maps with enough outputs for each image, and for one of the algorithms.
+
+        Up to twice as fast, as measured with 12 to 192 channels, maps of 27 to 80 pixels and
+        dilations of 2 to 9.
+        """
         g = s.geometry
         if (
             sum_ == "transpose"

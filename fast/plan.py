@@ -1,11 +1,12 @@
-"""Plans of nets: the layers that run slice by slice together, their order, and the storage of blobs between them.
+"""Plans of nets: the layers that run slice by slice together, their order, and the storage of
+blobs between them.
 
-A *run* is a sequence of batchwise layers. Blobs that only its layers read are *hidden*: they are not stored for the
-whole batch. Two optimisations apply to hidden blobs, both exact:
+A *run* is a sequence of batchwise layers. Blobs that only its layers read are *hidden*: they are
+not stored for the whole batch. Two optimisations apply to hidden blobs, both exact:
 
 - A blob is tiled (tiles.py) if its writer and all its readers prefer the same tile.
-- A monotone layer in place (ReLU) before a max pooling is moved behind it, where it has a sixteenth of the values:
-  max(f(a), f(b)) = f(max(a, b)), and the gradient is the same.
+- A monotone layer in place (ReLU) before a max pooling is moved behind it, where it has a sixteenth
+  of the values: max(f(a), f(b)) = f(max(a, b)), and the gradient is the same.
 """
 
 from __future__ import annotations
@@ -100,7 +101,10 @@ def _fits(row: list[Connection], at: Connection) -> bool:
 
 
 def _runs_for(row: list[Connection], users: Mapping[Blob, int], stored: Set[Blob]) -> list[Run]:
-    """Plan the runs of a row of layers, in slices if this is faster. ``users`` is the number of users of each blob."""
+    """Plan the runs of a row of layers, in slices if this is faster.
+
+    ``users`` is the number of users of each blob.
+    """
     hidden = _hidden_blobs(row, users, stored)
     # slices are not faster; includes the empty row
     if all(traits_of(at.layer).elementwise for at in row):
@@ -123,7 +127,9 @@ def _hidden_blobs(
 
 
 def _pool_first(row: list[Connection], hidden: list[Blob]) -> list[Connection]:
-    """Move a monotone layer, in place on a hidden blob, behind the max pooling that reads it to a hidden blob."""
+    """Move a monotone layer, in place on a hidden blob, behind the max pooling that reads it to
+    a hidden blob.
+    """
     secret, order = set(hidden), list(row)
     for i in range(len(order) - 1):
         at, pool = order[i], order[i + 1]
@@ -154,7 +160,9 @@ def _is_overwritten(blob: Blob, later: list[Connection]) -> bool:
 
 
 def _agree_on_tiles(order: list[Connection], hidden: list[Blob]) -> dict[Blob, int]:
-    """Map hidden blobs to their tiles; a blob is tiled if its writer and all its readers prefer the same tile."""
+    """Map hidden blobs to their tiles; a blob is tiled if its writer and all its readers prefer
+    the same tile.
+    """
     tiles: dict[Blob, int] = {}
     uses = uses_of(order)
     # readers first, because their preference may depend on their tops

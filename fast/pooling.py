@@ -1,7 +1,7 @@
 """FastPooling: pooling by running maxima and sums (map_pooling.py), or on tiles (MaxTiles).
 
-Tiles (tiles.py) are for adjacent square windows of a blob that a convolution writes as tiles, as in the hand network. A
-window over the whole map is one reduction.
+Tiles (tiles.py) are for adjacent square windows of a blob that a convolution writes as tiles, as in
+the hand network. A window over the whole map is one reduction.
 """
 
 from __future__ import annotations
@@ -55,7 +55,10 @@ class FastPooling(FastLayer, Pooling):
         return self.tile is not None
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        """Reshape the tops and select an algorithm. The winners are kept if the layout has not changed."""
+        """Reshape the tops and select an algorithm.
+
+        The winners are kept if the layout has not changed.
+        """
         super().reshape(bottom, top)
         x, y = bottom[0], top[0]
         if _layout(x, y) == self.layout:
@@ -133,25 +136,29 @@ def _layout(*blobs: Blob) -> list[Layout]:
     return [(blob.shape, tile_of(blob), pitch_of(blob)) for blob in blobs]
 
 
-# ---------------------------------------------------------------------------------------------- on tiles
+# ----------------------------------------------------------------------------------------- on tiles
 
 
 class MaxTiles:
-    """Max pooling of one layer with adjacent T x T windows, from one blob to another, of which one is stored as tiles.
-    Keeps the winners between forward and backward.
+    """Max pooling of one layer with adjacent T x T windows, from one blob to another, of which one
+    is stored as tiles. Keeps the winners between forward and backward.
 
-    The T T values of a window are in T T slabs, each contiguous over channels, images and the windows of a row, so the
-    maximum is computed between long vectors, and a winner is a small integer.
+    The T T values of a window are in T T slabs, each contiguous over channels, images and
+    the windows of a row, so the maximum is computed between long vectors, and a winner is a
+    small integer.
 
-    The bottom may be sparse: only some windows are stored. All others have one constant value, which is their maximum,
-    and the winner is their first element.
+    The bottom may be sparse: only some windows are stored. All others have one constant value,
+    which is their maximum, and the winner is their first element.
 
-    winners   (R, L) for R rows of L = C N P windows, or (C A,) for A stored windows: row-major index in the window
+    winners   (R, L) for R rows of L = C N P windows, or (C A,) for A stored windows: row-major
+              index in the window
     """
 
     @staticmethod
     def tile(layer: Pooling, tops: int) -> int | None:
-        """T if the windows are adjacent T x T squares that reach beyond the map's end, without a mask; else None."""
+        """T if the windows are adjacent T x T squares that reach beyond the map's end, without a
+        mask; else None.
+        """
         T = layer.kernel[0]
         if (
             not layer.is_max
@@ -247,7 +254,7 @@ class MaxTiles:
         shape = (self.R, top.shape[1], top.shape[0], self.columns)
         return array.reshape(shape) if self._is_rows(top) else self.layer.buffer("rows", shape)
 
-    # ------------------------------------------------------------------------------------------ sparse
+    # --------------------------------------------------------------------------------------- sparse
 
     def _forward_sparse(self, x: SparseTiles, top: Blob) -> None:
         places, C, A = x.values.shape
@@ -280,7 +287,9 @@ class MaxTiles:
         return array if tile_of(top) else self.layer.buffer("top", (Ho, 1, C, N, Wo))
 
     def _index(self, tiles: Array, x: SparseTiles, top: Blob) -> Array:
-        """Flat index (C A,) of every channel and stored window in the top as tiles (R, T, C, N, P)."""
+        """Flat index (C A,) of every channel and stored window in the top as tiles
+        (R, T, C, N, P).
+        """
         _, T, C, N, P = tiles.shape
         first = _places(N, *top.shape[2:], T, C, P)[x.window]
         return (np.arange(C)[:, None] * (N * P) + first).reshape(-1)

@@ -1,4 +1,6 @@
-"""FastReLU and FastReLU6: without a masked copy, which takes ten times as long as arithmetic with the mask."""
+"""FastReLU and FastReLU6: without a masked copy, which takes ten times as long as arithmetic
+with the mask.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,9 @@ class FastReLU(FastLayer, ReLU):
     """ReLU for large blobs."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        """Compute y = max(x, 0) + slope min(x, 0): the larger one of x and slope x, or the smaller if slope > 1."""
+        """Compute y = max(x, 0) + slope min(x, 0): the larger one of x and slope x, or the
+        smaller if slope > 1.
+        """
         x, y = bottom[0].data.reshape(-1), top[0].data.reshape(-1)
         for part in blocks(x.size, BLOCK):
             if self.slope:
@@ -27,7 +31,10 @@ class FastReLU(FastLayer, ReLU):
                 x[part].clip(0, np.inf, out=y[part])
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        """Compute dx. The sign of y is not used, because a layer in place may have overwritten y."""
+        """Compute dx.
+
+        The sign of y is not used, because a layer in place may have overwritten y.
+        """
         if propagate_down[0]:
             x, dy, dx = (
                 bottom[0].data.reshape(-1),

@@ -1,12 +1,15 @@
-r"""RowWinograd: 3 x 3 and 5 x 5 convolutions of several images with 50 to 40% of the multiplications.
+r"""RowWinograd: 3 x 3 and 5 x 5 convolutions of several images with 50 to 40% of the
+multiplications.
 
-Winograd's minimal filtering along the rows only: m = 4 neighbouring outputs of a row are computed from P = k + 3 inputs
-d with P instead of 4 k products. Compared with tiles of both axes (winograd.py) there are more products, but 1.5 to 2
-instead of 2.25 to 9 transformed values for each value of x, so it is faster with few channels.
+Winograd's minimal filtering along the rows only: m = 4 neighbouring outputs of a row are computed
+from P = k + 3 inputs d with P instead of 4 k products. Compared with tiles of both axes
+(winograd.py) there are more products, but 1.5 to 2 instead of 2.25 to 9 transformed values for each
+value of x, so it is faster with few channels.
 
     y = Aᵀ [sum over rows of the kernel of (G w) * (Bᵀ d)]
 
-The points are 0, the pairs a, -a below, and infinity. With q(z) = product of (z - b²) over the other pairs b:
+The points are 0, the pairs a, -a below, and infinity. With q(z) = product of (z - b²) over the
+other pairs b:
 
     Bᵀ d at 0         sum of q[i] d[2i],  q over all pairs
          at a, -a     e ± a o  with e = sum of q[i] d[2i + 2], o = sum of q[i] d[2i + 1]
@@ -15,11 +18,13 @@ The points are 0, the pairs a, -a below, and infinity. With q(z) = product of (z
        at infinity    0  0  0   1
     G  at a point p   (1  p  p² ...) / product of (p - other points)
 
-The image is the last axis, so that a tile is some whole vectors, and the rows of a window are adjacent:
+The image is the last axis, so that a tile is some whole vectors, and the rows of a
+window are adjacent:
 
     V (P, H, C, T, n)    transformed tiles of the padded rows
     Y[p, h] (O, T n)   =  w[p] (O, k C) @ V[p, h : h + k] (k C, T n)
-    dw[p] (k C, O)     =  sum over h of V[p, h : h + k] (k C, T n) @ Z[p, h] (T n, O)   with Z = A dy
+    dw[p] (k C, O)     =  sum over h of V[p, h : h + k] (k C, T n) @ Z[p, h] (T n, O)
+                          with Z = A dy
 """
 
 from __future__ import annotations
@@ -46,11 +51,13 @@ MAX_ROW_EXCESS = 2.5  # of multiplications for dx
 
 
 class RowWinograd(Algorithm):
-    """The algorithm for 3 x 3 and 5 x 5 kernels, stride 1, without dilation and groups, and several images."""
+    """The algorithm for 3 x 3 and 5 x 5 kernels, stride 1, without dilation and groups, and
+    several images.
+    """
 
     def fits(self, s: Sizes, sum_: Sum) -> bool:
-        """5 x 5, or 3 x 3 with fewer channels and smaller maps than Winograd, and enough channels to make the time of
-        the transforms small. Up to twice as fast as the next.
+        """5 x 5, or 3 x 3 with fewer channels and smaller maps than Winograd, and enough channels
+        to make the time of the transforms small. Up to twice as fast as the next.
 
         For dw with fewer channels, because dy has no values to be added.
         """
@@ -115,7 +122,9 @@ def kernel_matrix(k: int) -> Array:
 
 
 def _factors(k: int, without: float = 0.0) -> Array:
-    """The coefficients, lowest first, of the product of (z - p²) over the pairs p of a kernel except one."""
+    """The coefficients, lowest first, of the product of (z - p²) over the pairs p of a
+    kernel except one.
+    """
     return np.poly([p * p for p in PAIRS[k] if p != without])[::-1]
 
 
@@ -138,19 +147,25 @@ def output_matrix(k: int) -> Array:
 
 
 def transform(matrix: Array, vectors: Array, out: Array) -> None:
-    """Write matrix @ vectors, arrays (vectors, ...), in one call: threads wait for each other between calls."""
+    """Write matrix @ vectors, arrays (vectors, ...), in one call: threads wait for each other
+    between calls.
+    """
     np.matmul(
         matrix.astype(out.dtype), vectors.reshape(len(vectors), -1), out=out.reshape(len(out), -1)
     )
 
 
 def items(values: Array) -> Array:
-    """View each vector along the last axis as one item, because NumPy copies an item faster than its values."""
+    """View each vector along the last axis as one item, because NumPy copies an item faster
+    than its values.
+    """
     return values.view(np.dtype((np.void, values.shape[-1] * values.itemsize)))[..., 0]
 
 
 def _by_column(columns: Array, left: int, out: Array) -> None:
-    """Copy columns (H, W, ...) to out (count, H, T, ...): column TILE t + i - left to [i, :, t], with zeros around."""
+    """Copy columns (H, W, ...) to out (count, H, T, ...): column TILE t + i - left to [i, :, t],
+    with zeros around.
+    """
     tiles, zero = out.shape[2], np.zeros((), out.dtype)
     for phase, target in enumerate(out):
         first = max(-(-(left - phase) // TILE), 0)

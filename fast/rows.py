@@ -1,13 +1,15 @@
-r"""Rows: convolution by one product per row of outputs, or per plane of a volume, with less copying than im2col.
+r"""Rows: convolution by one product per row of outputs, or per plane of a volume, with less
+copying than im2col.
 
-Im2col copies each value of x kh * kw times. Here it is copied only kw times, to X[h, j, c, n, w] = x[n, c, h, w + j].
-The kh rows of X for a row of outputs are contiguous, so all right factors are one strided view of X:
+Im2col copies each value of x kh * kw times. Here it is copied only kw times, to
+X[h, j, c, n, w] = x[n, c, h, w + j]. The kh rows of X for a row of outputs are contiguous, so all
+right factors are one strided view of X:
 
     Y[h] (O, n Wo)  =  w (O, kh kw C) @ X[h : h + kh] (kh kw C, n Wo)
 
-With a stride, X has every second column, for example, and Y[h] starts at every second row. The gradient of x, with
-stride 1, is a convolution of dy with the flipped kernel, the gradient of w the sum of dY[h] Xᵀ over the rows. For
-volumes, h is the first axis, and w and j are all others.
+With a stride, X has every second column, for example, and Y[h] starts at every second row. The
+gradient of x, with stride 1, is a convolution of dy with the flipped kernel, the gradient of w the
+sum of dY[h] Xᵀ over the rows. For volumes, h is the first axis, and w and j are all others.
 """
 
 from __future__ import annotations
@@ -35,12 +37,17 @@ Index = tuple[Any, ...]
 
 
 class Rows(Algorithm):
-    """The algorithm for images and volumes without groups, without dilation of the first axis, and few outputs."""
+    """The algorithm for images and volumes without groups, without dilation of the first axis,
+    and few outputs.
+    """
 
     def fits(self, s: Sizes, sum_: Sum) -> bool:
-        """Few outputs, so that copying takes as long as the product, and long rows. Up to twice as fast.
+        """Few outputs, so that copying takes as long as the product, and long rows.
 
-        For dw also few weights, because there is a product for each row of outputs. Up to 1.4 times as fast.
+        Up to twice as fast.
+
+        For dw also few weights, because there is a product for each row of outputs. Up to 1.4
+        times as fast.
         """
         g = s.geometry
         if (
@@ -107,7 +114,9 @@ def _gradient(X: Array, dy: Array, total: Array) -> None:
 
 
 def stacked(g: Geometry, x: Array, rows: slice, outputs: tuple[int, ...]) -> Array:
-    """X of x (n, C, H, ...) for these rows of outputs, as the view (rows, kernel C, n L) with L ``outputs`` each."""
+    """X of x (n, C, H, ...) for these rows of outputs, as the view (rows, kernel C, n L) with L
+    ``outputs`` each.
+    """
     (n, C, H), across, R = x.shape[:3], g.kernel[1:], rows.stop - rows.start
     down, elements = g.stride[0], math.prod(across)
     X = scratch("columns", ((R - 1) * down + g.kernel[0], elements, C, n, *outputs), x.dtype)
@@ -134,8 +143,9 @@ def stacked(g: Geometry, x: Array, rows: slice, outputs: tuple[int, ...]) -> Arr
 def _plan(
     g: Geometry, sizes: tuple[int, ...], outputs: tuple[int, ...]
 ) -> list[tuple[Index, Index, list[Index]]]:
-    """For each element of the kernel without the first axis, the indices in X of the windows in which it is inside x,
-    those of its values there, and the indices of the other windows."""
+    """For each element of the kernel without the first axis, the indices in X of the windows in
+    which it is inside x, those of its values there, and the indices of the other windows.
+    """
     plan: list[tuple[Index, Index, list[Index]]] = []
     for element, place in enumerate(np.ndindex(g.kernel[1:])):
         own: Index = (slice(None), element, ...)
@@ -157,7 +167,9 @@ def _plan(
 
 
 def _blocks(g: Geometry, x: Array, y_shape: tuple[int, ...]) -> Iterator[tuple[slice, slice]]:
-    """The images and rows of outputs of each block: long products, and as many rows as fit in the cache."""
+    """The images and rows of outputs of each block: long products, and as many rows as
+    fit in the cache.
+    """
     (N, C), Ho, row = x.shape[:2], y_shape[2], math.prod(y_shape[3:])
     count = -(-N // min(-(-LENGTH // row), N)) if N else 0
     for images in blocks(N, -(-N // max(count, 1)) or 1):

@@ -1,20 +1,23 @@
 """Run layers slice by slice: a few images at a time, one slice per thread.
 
-The first convolution of the paper's network writes 252 MB for a batch of 512, and every layer that uses such a blob is
-limited by main memory. A sequence of *batchwise* layers (item n of a top depends only on item n of the bottoms)
-therefore runs on one slice of the batch after the other, so that the blobs of a slice stay in the processor's cache.
+The first convolution of the paper's network writes 252 MB for a batch of 512, and every layer that
+uses such a blob is limited by main memory. A sequence of *batchwise* layers
+(item n of a top depends only on item n of the bottoms) therefore runs on one slice of the batch
+after the other, so that the blobs of a slice stay in the processor's cache.
 
 Each slice has copies of the layers, with the same parameter values and with small blobs:
 
-- a blob that only this run reads and writes is *hidden*: its values are in working memory of the thread, or in memory
-  of the slice if backward needs them again, and it is not stored for the whole batch. At a caller's first access it is
-  computed from copies of what the pass has read (last_pass.py); the net then stores all blobs;
-- a copy of a blob for several readers is the blob itself if no layer overwrites it and there is no backward pass;
+- a blob that only this run reads and writes is *hidden*: its values are in working memory of the
+  thread, or in memory of the slice if backward needs them again, and it is not stored for the whole
+  batch. At a caller's first access it is computed from copies of what the pass has read
+  (last_pass.py); the net then stores all blobs;
+- a copy of a blob for several readers is the blob itself if no layer overwrites it and there is no
+  backward pass;
 - any other blob is a view of the whole one.
 
-Slices are assigned to a fixed number of *lanes* in turn. The slices of a lane share parameter gradients and run one
-after the other. A free thread runs the next lane. The gradients of the lanes are summed in order, so results do not
-depend on the number of threads.
+Slices are assigned to a fixed number of *lanes* in turn. The slices of a lane share parameter
+gradients and run one after the other. A free thread runs the next lane. The gradients of the lanes
+are summed in order, so results do not depend on the number of threads.
 
     batch   0..16 | 17..33 | 34..50 | ...       slices, one piece (copies of the layers) each
     lane    0     | 1      | 2      | ...  15 | 0 | 1 ...
@@ -41,8 +44,8 @@ from netlib.blob import Array, Blob, Blobs
 from netlib.engine import SHAPE, Connection, Missing, Step, shapes_of
 from netlib.errors import NetlibError
 
-# Limit of a slice: the size of its largest blob, so that its blobs stay in the cache. Smaller slices need more calls,
-# in which threads wait for each other, and products of more matrices.
+# Limit of a slice: the size of its largest blob, so that its blobs stay in the cache. Smaller
+# slices need more calls, in which threads wait for each other, and products of more matrices.
 SLICE_BYTES = 16 << 20
 # Number of slices for several threads, each with this many multiplications and images.
 SPLITS = ((2, 16_000_000, 1), (4, 90_000_000, 8))
@@ -84,7 +87,10 @@ class Window(Blob):
 
 
 class Hidden(FastBlob):
-    """A blob of one slice. Its diff, and its data unless kept, are valid only until the thread's next slice."""
+    """A blob of one slice.
+
+    Its diff, and its data unless kept, are valid only until the thread's next slice.
+    """
 
     def __init__(
         self,
@@ -100,7 +106,9 @@ class Hidden(FastBlob):
 
     @property
     def data(self) -> Array:
-        """The values: memory of the slice if backward reads them again, else working memory of the thread."""
+        """The values: memory of the slice if backward reads them again, else working memory
+        of the thread.
+        """
         if self._keep:
             if self._kept is None:
                 self._kept = parallel.aligned(self.storage_shape, self.dtype, np.zeros)
@@ -130,7 +138,10 @@ class ParamOfLane(Blob):
 
 
 class WholeStep(Step):
-    """One layer, run on the whole batch. Layers of this project are reshaped only after a shape has changed."""
+    """One layer, run on the whole batch.
+
+    Layers of this project are reshaped only after a shape has changed.
+    """
 
     def __init__(self, at: Connection) -> None:
         super().__init__(at)
@@ -158,8 +169,8 @@ class WholeStep(Step):
 class SlicedStep(Step):
     """Several consecutive layers, run slice by slice.
 
-    If some blobs have other numbers of items than the others, because a layer before them, such as a Filter, has
-    dropped items, the layers run on the whole batch from then on.
+    If some blobs have other numbers of items than the others, because a layer before them, such as
+    a Filter, has dropped items, the layers run on the whole batch from then on.
     """
 
     def __init__(self, run: Run) -> None:
@@ -185,7 +196,9 @@ class SlicedStep(Step):
         self._user = {b: at for at in reversed(run.connections) for b in at.blobs}
 
     def _is_recorded(self) -> bool:
-        """Whether values of a pass may be needed that the pass does not store: blobs, or what layers keep."""
+        """Whether values of a pass may be needed that the pass does not store: blobs, or
+        what layers keep.
+        """
         keeps = any(traits_of(at.layer).keeps for at in self.connections)
         return bool(self.unstored) or (self._needs_backward and keeps)
 
@@ -264,7 +277,9 @@ class SlicedStep(Step):
                         at.layer.backward(at.top, at.propagate_down, at.bottom)
 
     def store(self) -> Missing:
-        """Store the hidden blobs of the last pass, and let the layers keep what they need for backward."""
+        """Store the hidden blobs of the last pass, and let the layers keep what they
+        need for backward.
+        """
         return {} if self.last is None else self.last.store()
 
     def _written(self, blob: Blob) -> NetlibError:
@@ -348,7 +363,9 @@ class SlicedStep(Step):
         return Piece(rows, connections)
 
     def _copied(self) -> dict[Blob, Blob]:
-        """Hidden tops of Split layers that no layer overwrites, and the bottoms whose memory they can share."""
+        """Hidden tops of Split layers that no layer overwrites, and the bottoms whose memory
+        they can share.
+        """
         sources: dict[Blob, Blob] = {}
         for at in self.run.order:
             if at.layer.type == "Split" and self._users[at.bottom[0]][-1].at is at:
@@ -400,7 +417,9 @@ def _even(count: int) -> int:
 
 
 def _nearly_equal(items: int, count: int) -> list[slice]:
-    """Divide the items into slices, the larger ones first, so that two threads end at the same time."""
+    """Divide the items into slices, the larger ones first, so that two threads end at
+    the same time.
+    """
     ends = np.cumsum(
         [items // count + (i < items % count) for i in range(min(count, items))]
     ).tolist()

@@ -1,14 +1,16 @@
 """Blobs in tiles, of which only some may be stored.
 
 A blob inside a slice of the batch (slices.py) may be *tiled*: its arrays then have the shape
-``(R, T, C, N, P)`` instead of ``(N, C, H, W)``, and the value of row h, column w, channel c, image n is at
-``[h, w % T, c, n, w // T]``. R is H rounded up to a multiple of T; P columns are stored per phase, at least
-W / T. This is the order in which a convolution by matrix products writes and a T x T max pooling reads, both
-in long contiguous blocks (convolution_tiles.py). The padding in ``data`` is any finite number, in ``diff`` it is zero.
-Only layers that declare support for tiles get such a blob.
+``(R, T, C, N, P)`` instead of ``(N, C, H, W)``, and the value of row h, column w, channel c, image
+n is at ``[h, w % T, c, n, w // T]``. R is H rounded up to a multiple of T; P columns are stored
+per phase, at least W / T. This is the order in which a convolution by matrix products writes and a
+T x T max pooling reads, both in long contiguous blocks (convolution_tiles.py). The padding in
+``data`` is any finite number, in ``diff`` it is zero. Only layers that declare support for tiles
+get such a blob.
 
-A tiled blob that one layer writes and one layer reads may be *sparse*: only some of its T x T windows are stored. In
-all others, such as those over the background of a depth image, each channel has one constant value.
+A tiled blob that one layer writes and one layer reads may be *sparse*: only some of its T x T
+windows are stored. In all others, such as those over the background of a depth image, each channel
+has one constant value.
 """
 
 from __future__ import annotations
@@ -22,11 +24,14 @@ from netlib.blob import Array, Blob
 class SparseTiles:
     """The A stored windows of a sparse blob.
 
-    window               (A,) their indices among all windows, row by row, images one after the other
-    values               (T T, C, A) data without the bias, for each element of the windows; valid until the next slice
+    window               (A,) their indices among all windows, row by row, images one
+                         after the other
+    values               (T T, C, A) data without the bias, for each element of the windows; valid
+                         until the next slice
     bias                 (C,) to be added to values; a max pooling adds it only to the maximum
     rest                 (C,) data of all other windows, including the bias
-    diff, winner         (C, A) diff of the only element of a window that has one, and its index in the window
+    diff, winner         (C, A) diff of the only element of a window that has one, and its
+                         index in the window
     rest_diff            (C,) sum of the diffs of all other windows
     """
 
@@ -78,7 +83,8 @@ def sparse_of(blob: Blob) -> SparseTiles | None:
 
 
 def tiles_of(blob: Blob, array: Array, tile: int, pitch: int, out: Array) -> Array:
-    """Return ``array``, the data or diff of ``blob``, as tiles of ``tile``: itself, or copied into ``out``.
+    """Return ``array``, the data or diff of ``blob``, as tiles of ``tile``: itself, or
+    copied into ``out``.
 
     ``out`` has the storage shape of such tiles; its padding becomes zero.
     """
@@ -93,7 +99,9 @@ def plain_of(blob: Blob, array: Array) -> Array:
 
 
 def store_plain(blob: Blob, plain: Array, out: Array) -> None:
-    """Write ``plain`` (N, C, H, W) to ``out``, the data or diff of ``blob``, as tiles if it is tiled."""
+    """Write ``plain`` (N, C, H, W) to ``out``, the data or diff of ``blob``, as tiles
+    if it is tiled.
+    """
     tile = tile_of(blob)
     if tile is None:
         out[...] = plain
@@ -104,7 +112,8 @@ def store_plain(blob: Blob, plain: Array, out: Array) -> None:
 def tile_into(plain: Array, tile: int, out: Array) -> Array:
     """Convert (N, C, H, W) to tiles, written to ``out``; its padding is set to zero.
 
-    Without that, the padding could have values of an image of another size whose tiles have the same shape.
+    Without that, the padding could have values of an image of another size whose tiles have
+    the same shape.
     """
     H = plain.shape[2]
     for phase in range(tile):

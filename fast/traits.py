@@ -1,7 +1,8 @@
 """Properties of layer types that the fast engine may use.
 
-The defaults are safe for all layers. A type that is not in the table, such as a user's own, runs on the whole batch.
-So does an InnerProduct: one product for the whole batch is faster than many small ones.
+The defaults are safe for all layers. A type that is not in the table, such as a user's own,
+runs on the whole batch. So does an InnerProduct: one product for the whole batch is faster than
+many small ones.
 """
 
 from __future__ import annotations
@@ -20,14 +21,18 @@ from netlib.proto.options import PACKAGE, class_at, place_of
 class LayerTraits:
     """Properties of one layer.
 
-    batchwise      item n of a top depends only on item n of the bottoms, so the layer may run on a slice of the batch;
-                   it must access its parameters by self.blobs or by name, because these differ in every slice
-    elementwise    each top value depends only on one bottom value, and f(0) is finite, so blobs may be tiled
-    monotone       elementwise, non-decreasing and f(f(x)) = f(x), so it may be moved behind a max pooling
+    batchwise      item n of a top depends only on item n of the bottoms, so the layer may run on a
+                   slice of the batch; it must access its parameters by self.blobs or by name,
+                   because these differ in every slice
+    elementwise    each top value depends only on one bottom value, and f(0) is finite, so
+                   blobs may be tiled
+    monotone       elementwise, non-decreasing and f(f(x)) = f(x), so it may be moved
+                   behind a max pooling
     takes_maximum  max pooling in which every top value is one of the bottom values
     reads_bottom   backward reads bottom data
     reads_top      backward reads top data
-    keeps          backward may need what forward kept in the layer, such as the winners of a pooling
+    keeps          backward may need what forward kept in the layer, such as the
+                   winners of a pooling
     """
 
     batchwise: bool = False
@@ -124,7 +129,8 @@ def _dropout(layer: Any) -> LayerTraits:
     return LayerTraits(batchwise=not layer.active, reads_bottom=False, reads_top=False)
 
 
-# Traits of the class at a place in layers/, or a function of the layer if they depend on its options.
+# Traits of the class at a place in layers/, or a function of the layer if they depend
+# on its options.
 TABLE: dict[str, LayerTraits | Callable[..., LayerTraits]] = {
     "activation.absval.AbsVal": LayerTraits(batchwise=True, reads_top=False),
     "activation.bias.Bias": _bias,

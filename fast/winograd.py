@@ -1,16 +1,17 @@
 r"""Winograd: 3 x 3 convolutions with a quarter of the multiplications.
 
-Winograd's F(4 x 4, 3 x 3) (Lavin and Gray, "Fast algorithms for convolutional neural networks", 2016) computes a tile
-of 4 x 4 outputs from 6 x 6 inputs d with 36 products:
+Winograd's F(4 x 4, 3 x 3) (Lavin and Gray, "Fast algorithms for convolutional neural networks",
+2016) computes a tile of 4 x 4 outputs from 6 x 6 inputs d with 36 products:
 
     y = Aᵀ [(G w Gᵀ) * (Bᵀ d B)] A
 
-The matrices are those of row_winograd.py. Summed over channels, each of the 36 positions is one matrix product over the
-tiles of a block. The gradient of x is a convolution of dy with the flipped kernel; that of w is
-Gᵀ [sum over tiles of (A dy Aᵀ) * (Bᵀ d B)] G.
+The matrices are those of row_winograd.py. Summed over channels, each of the 36 positions is one
+matrix product over the tiles of a block. The gradient of x is a convolution of dy with the flipped
+kernel; that of w is Gᵀ [sum over tiles of (A dy Aᵀ) * (Bᵀ d B)] G.
 
-The rows and columns of tiles are transformed by one product of all tiles with the matrix, because two threads wait for
-each other between calls. Only the rows of d, which overlap, are combined by sums of long vectors.
+The rows and columns of tiles are transformed by one product of all tiles with the matrix, because
+two threads wait for each other between calls. Only the rows of d, which overlap, are combined by
+sums of long vectors.
 
 The limits were measured with 16 to 512 channels and 7 to 224 pixels, on two cores with AVX-512.
 """
@@ -59,11 +60,12 @@ class Winograd(Algorithm):
     """The algorithm for 3 x 3 kernels, stride 1, without dilation and groups, and many channels."""
 
     def fits(self, s: Sizes, sum_: Sum) -> bool:
-        """3 x 3, with enough channels to make the time of the transforms small, more if the last tiles extend far
-        beyond the map, and enough tiles to make that of the weights small. Up to twice as fast.
+        """3 x 3, with enough channels to make the time of the transforms small, more if the last
+        tiles extend far beyond the map, and enough tiles to make that of the weights small. Up to
+        twice as fast.
 
-        For dw with fewer channels, and with more tiles, because each block adds four times as many values as the
-        weights have.
+        For dw with fewer channels, and with more tiles, because each block adds four times as many
+        values as the weights have.
         """
         if sum_ == "transpose" or s.geometry.kernel != (KERNEL, KERNEL) or not s.geometry.is_dense:
             return False
@@ -160,8 +162,8 @@ def _inputs(
 ) -> Array:
     """Bᵀ d B of the tiles of these rows, V (6, 6 C n, tiles of an image), from x (n, C, H, W).
 
-    The rows of d are transformed by one product with all tiles, for which each tile is copied with the one to the right
-    of it.
+    The rows of d are transformed by one product with all tiles, for which each tile is copied with
+    the one to the right of it.
     """
     n, C = x.shape[:2]
     R, T, L = rows.stop - rows.start, -(-outputs[1] // TILE), C * n
@@ -183,7 +185,9 @@ def _inputs(
 
 
 def _combine(rows: Sequence[Array], out: Array) -> None:
-    """Write Bᵀ rows to out (SIDE, ...), from SIDE arrays that are not adjacent, by sums of long vectors."""
+    """Write Bᵀ rows to out (SIDE, ...), from SIDE arrays that are not adjacent, by sums
+    of long vectors.
+    """
     even, odd = scratch("temporary", (2, *out[0].shape), out.dtype)
     first, *pairs, last = input_matrix(KERNEL).tolist()
     _add(first[0::2], rows[0::2], out[0])
@@ -257,7 +261,9 @@ def _tiles(y: Array) -> tuple[int, int]:
 
 
 def _blocks(x: Array, y: Array) -> Iterator[Part]:
-    """The images and rows of tiles of each block; at least one for each thread outside of slices."""
+    """The images and rows of tiles of each block; at least one for each thread
+    outside of slices.
+    """
     tiles = _tiles(y)
     each = max(BLOCK_BYTES // (SIDE * SIDE * (x.shape[1] + y.shape[1]) * x.itemsize), MIN_TILES)
     if not parallel.is_inside():

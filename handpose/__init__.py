@@ -1,4 +1,5 @@
-"""Hand pose from depth images: data sets, synthetic frames, predictors, fits, trackers and their scores.
+"""Hand pose from depth images: data sets, synthetic frames, predictors, fits, trackers
+and their scores.
 
 hand = handpose.load_predictor(handpose.KINECT2).in_frame(depth)
 hand.xyz, hand.confidence
@@ -7,8 +8,9 @@ with handpose.open_recording("takes/wave") as recording:
     for frame in handpose.load_tracker(recording.camera).follow(recording):
         frame.hands
 
-In the order in which a frame passes them: frames, body, datasets, fit, estimate, tracking, output. Besides these,
-synthetic renders single frames, sequences renders recordings, and scoring compares results with labels.
+In the order in which a frame passes them: frames, body, datasets, fit, estimate, tracking, output.
+Besides these, synthetic renders single frames, sequences renders recordings, and scoring compares
+results with labels.
 """
 
 import importlib.util
@@ -46,7 +48,8 @@ if any(spec and spec.origin and Path(spec.origin).resolve() not in _OURS for spe
 
     own_modules.guard("handpose")
 
-# Each name is imported when it is first used: one who reads the parameters of a camera loads NumPy only.
+# Each name is imported when it is first used: one who reads the parameters of a camera
+# loads NumPy only.
 _MODULES = {
     "frames.cameras": ("CAMERAS", "ICVL", "KINECT2", "MSRA15", "NYU", "SR305", "Camera"),
     "frames.recording": ("CameraInfo", "DepthFrame", "Recording"),

@@ -1,10 +1,14 @@
-"""The commands ``handpose`` and ``netlib``: the tools of tools/ as sub-commands with the same options.
+"""The commands ``handpose`` and ``netlib``: the tools of tools/ as sub-commands with
+the same options.
 
-handpose train prototxt/nyu_solver.prototxt --max-iter 2000    # in a clone: python tools/train.py ...
-netlib run deploy.prototxt net.caffemodel cat.jpg              # in a clone: python tools/run_net.py ...
+handpose train prototxt/nyu_solver.prototxt --max-iter 2000    # in a clone: python
+                                                               tools/train.py ...
+netlib run deploy.prototxt net.caffemodel cat.jpg              # in a clone: python
+                                                               tools/run_net.py ...
 
-``handpose`` lists every tool in groups, ``netlib`` those for any Caffe net, under short names. Both are in this file
-because the package netlib, which is large, is imported by a tool when it has prepared its process (tools/__init__.py).
+``handpose`` lists every tool in groups, ``netlib`` those for any Caffe net, under short names. Both
+are in this file because the package netlib, which is large, is imported by a tool when it has
+prepared its process (tools/__init__.py).
 """
 
 from __future__ import annotations
@@ -52,7 +56,8 @@ GROUPS = {
     "Learning": ("docs", "exercise"),
 }
 
-# Commands for nets of any kind, in the order in which a user needs them: short name -> file in tools/.
+# Commands for nets of any kind, in the order in which a user needs them: short
+# name -> file in tools/.
 NET_TOOLS = {
     "run": "run_net",
     "deploy": "deploy",
@@ -98,7 +103,10 @@ def main() -> None:
 
 
 def netlib() -> None:
-    """Like ``main``, for the command ``netlib``. The names that ``handpose`` lists are accepted, too."""
+    """Like ``main``, for the command ``netlib``.
+
+    The names that ``handpose`` lists are accepted, too.
+    """
     listed = {name: TOOLS / f"{stem}.py" for name, stem in NET_TOOLS.items()}
     _run_command("netlib", {"Commands": listed}, {**commands(), **listed})
 
@@ -162,7 +170,10 @@ def summary_of(path: Path) -> str:
 
 
 def _run(path: Path) -> None:
-    """Run a file as the main module. ``runpy`` would put the file's name in the place of the command's."""
+    """Run a file as the main module.
+
+    ``runpy`` would put the file's name in the place of the command's.
+    """
     # tools/, exercises/ and export/ are not installed as packages
     sys.path.insert(0, str(path.parent.parent))
     module = ModuleType("__main__")

@@ -1,8 +1,8 @@
 """The layers, and the table of their types.
 
-Sub-packages follow Caffe's layer catalogue: data, vision, activation, normalization, recurrent, common, loss.
-``detection`` holds layers of the SSD branch, ``hand`` the layers of this project. The file of a layer is imported when
-a net has one.
+Sub-packages follow Caffe's layer catalogue: data, vision, activation, normalization, recurrent,
+common, loss. ``detection`` holds layers of the SSD branch, ``hand`` the layers of this project. The
+file of a layer is imported when a net has one.
 """
 
 from netlib.proto.options import LayerTable

@@ -1,4 +1,6 @@
-"""A Caffe-style layer graph on NumPy: prototxt in, layers, a solver, snapshots. The interface is pycaffe's.
+"""A Caffe-style layer graph on NumPy: prototxt in, layers, a solver, snapshots.
+
+The interface is pycaffe's.
 
 net = netlib.Net("prototxt/nyu_deploy.prototxt", "weights.caffemodel.h5", netlib.TEST)
 joints = net.forward(depth=crop)["pred"]
@@ -12,7 +14,8 @@ from typing import TYPE_CHECKING
 
 from netlib.files.paths import ROOT, load_module
 
-# A line for the log. BLAS is configured before NumPy is imported; it affects the rounding of both engines.
+# A line for the log. BLAS is configured before NumPy is imported; it affects the rounding
+# of both engines.
 BLAS_NOTE: str = (
     load_module("netlib.blas", ROOT / "fast" / "blas.py").configure()
     if (ROOT / "fast").is_dir()
@@ -70,7 +73,10 @@ __all__ = [
 
 
 def __getattr__(name: str) -> object:
-    """Import what only trainings and tests need when it is first used. Raises AttributeError for unknown names."""
+    """Import what only trainings and tests need when it is first used.
+
+    Raises AttributeError for unknown names.
+    """
     if name == "gradcheck":
         import netlib.gradcheck as checks
 
@@ -90,7 +96,8 @@ def layer_type_list() -> list[str]:
 def install_as_caffe() -> None:
     """Make ``import caffe`` return netlib.caffe in this process, even if Caffe is installed.
 
-    From then on, a script's own modules named ``layers`` or ``fast`` are found before those of this project.
+    From then on, a script's own modules named ``layers`` or ``fast`` are found before those
+    of this project.
     """
     own_modules.take_caffe()
     layer_types()
@@ -99,12 +106,17 @@ def install_as_caffe() -> None:
 
 
 def threads() -> int:
-    """Number of threads in use: ``set_threads``, else NETLIB_NUM_THREADS, else one per processor."""
+    """Number of threads in use: ``set_threads``, else NETLIB_NUM_THREADS, else one
+    per processor.
+    """
     return engine.get().threads()
 
 
 def set_threads(count: int) -> None:
-    """Set the number of threads. It may change the rounding of what does not run in slices, as of a single image."""
+    """Set the number of threads.
+
+    It may change the rounding of what does not run in slices, as of a single image.
+    """
     engine.get().set_threads(count)
 
 

@@ -1,7 +1,7 @@
 """Blob: an array (``data``) and its gradient (``diff``), both of one shape.
 
-Layers exchange blobs and keep their parameters in blobs. Memory is allocated at the first access, so an unused gradient
-takes no memory.
+Layers exchange blobs and keep their parameters in blobs. Memory is allocated at the first access,
+so an unused gradient takes no memory.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ MAX_AXES = 32  # same limit as Caffe
 class Memory:
     """The arrays of a blob ("data", "diff"), all of one shape.
 
-    A reshape replaces the whole object, and an array is added at most once, so several threads may read a blob.
+    A reshape replaces the whole object, and an array is added at most once, so several threads
+    may read a blob.
     """
 
     shape: tuple[int, ...]
@@ -40,10 +41,12 @@ class Blob:
     shape          shape of both arrays
     data           values
     diff           dL/d(data)
-    on_access      while a net does not store the blob: called with the blob and "data" or "diff" before each access
+    on_access      while a net does not store the blob: called with the blob and "data" or "diff"
+                   before each access
 
-    Engines have no subclass for the blobs of a net: scripts of pycaffe compare ``type(blob)`` with this class.
-    Another thread may read a blob while a net reshapes it; it gets an array of the old or of the new shape.
+    Engines have no subclass for the blobs of a net: scripts of pycaffe compare ``type(blob)`` with
+    this class. Another thread may read a blob while a net reshapes it; it gets an array of the old
+    or of the new shape.
     """
 
     on_access: Callable[[Blob, str], None] | None = None
@@ -83,7 +86,9 @@ class Blob:
 
     @property
     def data(self) -> Array:
-        """The values: at each access another array of this memory, whose own shape and flags may be changed."""
+        """The values: at each access another array of this memory, whose own shape and flags
+        may be changed.
+        """
         if self.on_access is not None:
             self.on_access(self, "data")
         if self._owner is not None:
@@ -100,7 +105,10 @@ class Blob:
         return self._array("diff").view()
 
     def _shared(self, array: Array) -> Array:
-        """An array of another blob in this shape. Raises NetlibError if that blob has another count now."""
+        """An array of another blob in this shape.
+
+        Raises NetlibError if that blob has another count now.
+        """
         if array.size != self.count:
             raise NetlibError(
                 f"a blob of shape {self.shape} shares the memory of another, which was reshaped to {array.shape}: "
@@ -117,7 +125,10 @@ class Blob:
         return array
 
     def reshape(self, *shape: Any) -> None:
-        """Change the shape: ``reshape(2, 3)`` or ``reshape((2, 3))``. A new count discards the values."""
+        """Change the shape: ``reshape(2, 3)`` or ``reshape((2, 3))``.
+
+        A new count discards the values.
+        """
         if len(shape) == 1 and not np.isscalar(shape[0]):
             shape = tuple(shape[0])
         shape = tuple(int(n) for n in shape)
@@ -142,7 +153,10 @@ class Blob:
         return shape
 
     def share(self, owner: Blob) -> None:
-        """Share the data and diff of ``owner``, viewed in this blob's shape. The counts must be equal."""
+        """Share the data and diff of ``owner``, viewed in this blob's shape.
+
+        The counts must be equal.
+        """
         self.share_data(owner)
         while owner._diff_owner is not None:
             owner = owner._diff_owner
@@ -164,7 +178,9 @@ class Blob:
         return True
 
     def unshare_data(self) -> None:
-        """Keep the data in memory of this blob, with the same values; unless those of the owner have been discarded."""
+        """Keep the data in memory of this blob, with the same values; unless those of the owner
+        have been discarded.
+        """
         if self._owner is not None and self._owner.count == self.count:
             own = self._zeros(self.shape, self.dtype)
             own[...] = self.data
@@ -172,8 +188,8 @@ class Blob:
             self._owner = None
 
     def keep(self, **arrays: Array) -> None:
-        """Use arrays as own memory, ``keep(data=..., diff=...)``, as if they had been written before the last reshape:
-        they are discarded if their count is another one.
+        """Use arrays as own memory, ``keep(data=..., diff=...)``, as if they had been written
+        before the last reshape: they are discarded if their count is another one.
         """
         if all(array.size == self.count for array in arrays.values()):
             own = {half: array.reshape(self.shape) for half, array in arrays.items()}
@@ -219,7 +235,10 @@ class Blobs(list[Blob]):
         self.bytes_before = 0
 
     def add_blob(self, *shape: int) -> Blob:
-        """Append a blob of zeros and return it. Raises OutOfMemoryError if it does not fit in memory."""
+        """Append a blob of zeros and return it.
+
+        Raises OutOfMemoryError if it does not fit in memory.
+        """
         blob = Blob(shape, self.dtype)
         memory.check(
             blob.bytes + sum(other.bytes for other in self) + self.bytes_before, "of parameters"
@@ -229,7 +248,9 @@ class Blobs(list[Blob]):
 
 
 class BlobVec(Blobs):
-    """The parameters of a layer: ``net.params["fc"][0] = blob`` lets the parameter share the memory of the blob."""
+    """The parameters of a layer: ``net.params["fc"][0] = blob`` lets the parameter share the
+    memory of the blob.
+    """
 
     def __setitem__(self, index: Any, blob: Any) -> None:
         own = self[index]  # layers keep it

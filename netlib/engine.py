@@ -1,10 +1,14 @@
-"""Engines: how a net is computed. An engine makes the list of steps that the net's loop runs (net.py).
+"""Engines: how a net is computed.
 
-    plain   a step for each layer of layers/, on the whole batch, in the order of the file; this file
-    fast    the same results, up to rounding, faster: some steps run several layers in slices of the batch; folder fast/
+An engine makes the list of steps that the net's loop runs (net.py).
 
-``netlib.Net(..., engine="plain")`` selects it for one net, NETLIB_ENGINE for a process; the default is ``fast`` if the
-folder fast/ exists.
+    plain   a step for each layer of layers/, on the whole batch, in the order of the
+            file; this file
+    fast    the same results, up to rounding, faster: some steps run several layers in slices of the
+            batch; folder fast/
+
+``netlib.Net(..., engine="plain")`` selects it for one net, NETLIB_ENGINE for a process; the default
+is ``fast`` if the folder fast/ exists.
 """
 
 from __future__ import annotations
@@ -41,9 +45,10 @@ class Connection:
     """A layer of a net with its bottom and top blobs.
 
     propagate_down, needs_backward  the gradients that backward computes
-    blobs, errors                   all of its blobs; the context that names the layer in errors of its methods
-    ran_with                        shapes of the blobs in the last forward pass of which they and the layer have the
-                                    values; None: of none
+    blobs, errors                   all of its blobs; the context that names the layer in errors
+                                    of its methods
+    ran_with                        shapes of the blobs in the last forward pass of which they and
+                                    the layer have the values; None: of none
     has_run_back                    whether backward has run before
     """
 
@@ -93,7 +98,9 @@ class Step:
         at.ran_with = tuple(map(SHAPE, at.blobs))
 
     def backward(self, at_once: bool = False) -> None:
-        """Compute the diffs, if needed. The first time, report what a Python layer leaves unwritten.
+        """Compute the diffs, if needed.
+
+        The first time, report what a Python layer leaves unwritten.
 
         at_once  nothing can have been written since forward
         """
@@ -106,7 +113,9 @@ class Step:
         at.has_run_back = True
 
     def pieces(self) -> list[list[Connection]]:
-        """The layers in execution order, for a timer: one list per slice of the batch; here there is one."""
+        """The layers in execution order, for a timer: one list per slice of the batch;
+        here there is one.
+        """
         return [[self.at]]
 
     def has_run(self) -> bool:
@@ -114,17 +123,19 @@ class Step:
         return all(at.has_run() for at in self.connections)
 
     def store(self) -> Missing:
-        """Store the unstored blobs with their values in the last pass, and let the layers keep what backward reads.
+        """Store the unstored blobs with their values in the last pass, and let the layers keep what
+        backward reads.
 
-        Returns what cannot be computed: blobs with "data", "diff" or both. Here nothing is unstored.
+        Returns what cannot be computed: blobs with "data", "diff" or both. Here
+        nothing is unstored.
         """
         return {}
 
 
 @contextmanager
 def _all_written(at: Connection) -> Iterator[None]:
-    """Context manager around a layer's backward: set what it leaves unwritten of the diffs of its bottoms to 0, as in
-    Caffe, with a warning.
+    """Context manager around a layer's backward: set what it leaves unwritten of the diffs of its
+    bottoms to 0, as in Caffe, with a warning.
     """
     bottoms = [
         (name, blob)
@@ -151,7 +162,10 @@ def _all_written(at: Connection) -> Iterator[None]:
 
 
 class Engine:
-    """The interface of an engine, and the plain engine. The fast one (fast/engine.py) overrides its methods."""
+    """The interface of an engine, and the plain engine.
+
+    The fast one (fast/engine.py) overrides its methods.
+    """
 
     name = "plain"
 
@@ -160,12 +174,15 @@ class Engine:
     ) -> Sequence[Step]:
         """The steps of a net, forwards; those of ``old`` that still fit are used again.
 
-        ``outside`` are the blobs that a caller reads or writes: inputs, outputs, losses. They are always stored.
+        ``outside`` are the blobs that a caller reads or writes: inputs, outputs, losses. They are
+        always stored.
         """
         return old or self.steps_by_layer(connections)
 
     def steps_by_layer(self, connections: Sequence[Connection]) -> Sequence[Step]:
-        """The steps of a net of which parts are run, or all blobs read: one for each layer; all blobs are stored."""
+        """The steps of a net of which parts are run, or all blobs read: one for each layer; all
+        blobs are stored.
+        """
         return [Step(at) for at in connections]
 
     def implementation(self, cls: type[T]) -> type[T]:
@@ -177,7 +194,9 @@ class Engine:
         return Blob((), dtype)
 
     def run(self, jobs: Sequence[Callable[[], None]], values: float = float("inf")) -> None:
-        """Run independent jobs, which process this total number of values, and return when all are done."""
+        """Run independent jobs, which process this total number of values, and return
+        when all are done.
+        """
         for job in jobs:
             job()
 
@@ -195,7 +214,7 @@ class Engine:
             raise ValueError(f"the number of threads must be at least 1, got {count}")
 
 
-# ---------------------------------------------------------------------------------------------- choice
+# ------------------------------------------------------------------------------------------- choice
 
 
 def available_cpus() -> int:
@@ -210,7 +229,8 @@ def has_fast() -> bool:
 
 
 def get(name: str | None = None, default: str | None = None) -> Engine:
-    """Return an engine by name; by default that of NETLIB_ENGINE, else ``default``, else "fast" if available.
+    """Return an engine by name; by default that of NETLIB_ENGINE, else ``default``, else
+    "fast" if available.
 
     Raises NetlibError.
     """
@@ -220,7 +240,9 @@ def get(name: str | None = None, default: str | None = None) -> Engine:
 
 
 def for_each(items: Iterable[T], job: Callable[[T], None]) -> None:
-    """Call ``job`` with every item, in any order, on the threads of the default engine; the plain engine has one."""
+    """Call ``job`` with every item, in any order, on the threads of the default engine; the plain
+    engine has one.
+    """
     get().run([functools.partial(job, item) for item in items])
 
 
@@ -241,11 +263,13 @@ def _engine(name: str) -> Engine:
     return fast
 
 
-# ---------------------------------------------------------------------------------------------- memory
+# ------------------------------------------------------------------------------------------- memory
 
 
 def check_memory(steps: Sequence[Step]) -> None:
-    """Raise OutOfMemoryError if the parameters and the stored tops of all layers together do not fit in memory."""
+    """Raise OutOfMemoryError if the parameters and the stored tops of all layers together do not
+    fit in memory.
+    """
     connections = [at for step in steps for at in step.connections]
     unstored = {blob for step in steps for blob in step.unstored}
     writers = {top: at.layer for at in connections for top in at.top if top not in unstored}

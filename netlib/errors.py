@@ -1,4 +1,6 @@
-"""The error classes of the project, and warnings. Each message is one line that the user can act on.
+"""The error classes of the project, and warnings.
+
+Each message is one line that the user can act on.
 
 A message says what was found, where (``file:line:column``, layer, blob, field), what was expected
 and, if it helps, what to do. Tools print it to stderr and exit with status 1.
@@ -33,7 +35,9 @@ class WireError(NetlibError):
 
 
 class LayerError(NetlibError):
-    """A layer that cannot be built or run because its options, shapes or counts are inconsistent."""
+    """A layer that cannot be built or run because its options, shapes or counts
+    are inconsistent.
+    """
 
 
 class WeightsError(NetlibError):
@@ -51,8 +55,8 @@ class DivergenceError(NetlibError):
 def printable(text: object) -> str:
     """Escape all characters of ``text`` that are not printable, as Python's repr does.
 
-    Names in files can contain line breaks, terminal escape sequences, marks that change the writing direction, and
-    invalid bytes.
+    Names in files can contain line breaks, terminal escape sequences, marks that change the writing
+    direction, and invalid bytes.
     """
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in str(text))
 
@@ -73,7 +77,8 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     return ""
 
 
-# Reasons why a name leads to no readable file; every other error of a system call concerns the system.
+# Reasons why a name leads to no readable file; every other error of a system call
+# concerns the system.
 _OF_THE_FILE = (
     errno.ENOENT,
     errno.ENOTDIR,
@@ -86,15 +91,17 @@ _HDF5_ERRNO = re.compile(r"\berrno = (\d+)")
 
 
 def system_error_of(error: BaseException | None) -> BaseException | None:
-    """Return the error of the system that is this error or its cause; None if the content of a file is the cause.
+    """Return the error of the system that is this error or its cause; None if the content of a
+    file is the cause.
 
-    Examples are too many open files, no memory, no permission, and a device that fails. A reader that leaves out
-    damaged files must not leave out files for such a reason.
+    Examples are too many open files, no memory, no permission, and a device that fails. A reader
+    that leaves out damaged files must not leave out files for such a reason.
     """
     while error is not None:
         if isinstance(error, MemoryError):
             return error
-        # FFmpeg reports damaged files as I/O errors; those of the file itself are passed on as Python's.
+        # FFmpeg reports damaged files as I/O errors; those of the file itself are passed
+        # on as Python's.
         if isinstance(error, OSError) and not type(error).__module__.startswith("av."):
             found = _HDF5_ERRNO.search(str(error))
             number = int(found[1]) if found else error.errno
@@ -105,7 +112,9 @@ def system_error_of(error: BaseException | None) -> BaseException | None:
 
 
 def reason_of(error: BaseException | None) -> str:
-    """Return the reason of a read or write error on one line: ``No space left on device``, ``not a text file``."""
+    """Return the reason of a read or write error on one line: ``No space left on device``,
+    ``not a text file``.
+    """
     if isinstance(error, UnicodeDecodeError):
         return "not a text file"
     text = (error.strerror if isinstance(error, OSError) else None) or str(error)

@@ -4,8 +4,8 @@
     gaussian   N(mean, std²)                  xavier     U(-a, a), a = sqrt(3 / n)
     msra       N(0, 2 / n)                    positive_unitball, bilinear: as in Caffe
 
-with n the fan-in, the fan-out or their mean (``variance_norm``). As in Caffe, fan-in is count / shape[0]
-and fan-out is count / shape[1], regardless of how the layer uses the axes.
+with n the fan-in, the fan-out or their mean (``variance_norm``). As in Caffe, fan-in is
+count / shape[0] and fan-out is count / shape[1], regardless of how the layer uses the axes.
 """
 
 from __future__ import annotations
@@ -27,7 +27,9 @@ TYPES = ("constant", "uniform", "gaussian", "xavier", "msra", "positive_unitball
 
 
 def check(shape: tuple[int, ...], filler: Filler) -> None:
-    """Raise PrototxtError for an unknown type, or for options that cannot fill an array of this shape."""
+    """Raise PrototxtError for an unknown type, or for options that cannot fill an array
+    of this shape.
+    """
     if filler.type not in TYPES:
         advice = did_you_mean(filler.type, TYPES) or f"; known types: {', '.join(TYPES)}"
         raise PrototxtError(

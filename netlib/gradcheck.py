@@ -4,14 +4,16 @@
     layer = gradcheck.make_layer('type: "ReLU"', [x])
     gradcheck.check(layer, [x])                         what was checked, or a GradientError
 
-A layer maps bottoms and parameters to tops. With random weights dy on the tops, the number L = sum of dy · y is a
-function of every bottom and parameter value; backward must give its gradient. Each value v is moved by ±step:
+A layer maps bottoms and parameters to tops. With random weights dy on the tops, the number L = sum
+of dy · y is a function of every bottom and parameter value; backward must give its gradient. Each
+value v is moved by ±step:
 
     dL/dv  ≈  (L(v + step) - L(v - step)) / (2 step)
 
-Everything runs in float64. The layer's random generator is reset before each forward, so that dropout draws the same
-mask. Inputs should be farther than the step from kinks (of ReLU, of a maximum). Bottom diffs start as NaN and parameter
-diffs as ones, so a backward that skips an element, or overwrites where it must add, fails.
+Everything runs in float64. The layer's random generator is reset before each forward, so that
+dropout draws the same mask. Inputs should be farther than the step from kinks
+(of ReLU, of a maximum). Bottom diffs start as NaN and parameter diffs as ones, so a backward that
+skips an element, or overwrites where it must add, fails.
 """
 
 from __future__ import annotations
@@ -55,7 +57,8 @@ class Gradient(NamedTuple):
 class Checked(NamedTuple):
     """What ``check`` compared: its repr names the bottoms and parameters with their shapes.
 
-    differences  largest difference of each, relative to its largest gradient (or to 1, if that is larger)
+    differences  largest difference of each, relative to its largest gradient
+                 (or to 1, if that is larger)
     """
 
     differences: dict[str, float]
@@ -76,9 +79,11 @@ def make_layer(
     engine: str | None = None,
     dtype: DTypeLike = np.float64,
 ) -> Layer:
-    """Build a layer from the text inside ``layer { ... }`` and set it up for bottoms of these shapes.
+    """Build a layer from the text inside ``layer { ... }`` and set it up for bottoms
+    of these shapes.
 
-    The default ``engine``, unless NETLIB_ENGINE is set, is "plain": the class in layers/. "fast" is its class in fast/.
+    The default ``engine``, unless NETLIB_ENGINE is set, is "plain": the class in layers/. "fast" is
+    its class in fast/.
     """
     spec = schema.read(prototxt.parse(text, "<gradcheck>"), LayerParameter)
     names = [f"bottom{i}" for i in range(len(bottoms))]
@@ -102,11 +107,14 @@ def check(
     tolerance: float = 1e-6,
     in_place: bool = False,
 ) -> Checked:
-    """Raise GradientError unless backward agrees with central differences; returns what was compared.
+    """Raise GradientError unless backward agrees with central differences; returns
+    what was compared.
 
     wanted      the bottoms to check; default all
-    tolerance   maximum difference, relative to the largest gradient of the same array (or to 1, if that is larger)
-    in_place    make the first top the same blob as the first bottom, as in a net where they have the same name
+    tolerance   maximum difference, relative to the largest gradient of the same array
+                (or to 1, if that is larger)
+    in_place    make the first top the same blob as the first bottom, as in a net where they
+                have the same name
     """
     found: dict[str, float] = {}
     for gradient in gradients(layer, bottoms, tops, wanted, in_place):
@@ -123,7 +131,9 @@ def gradients(
     wanted: Sequence[bool] | None = None,
     in_place: bool = False,
 ) -> Iterator[Gradient]:
-    """Yield the gradients that ``check`` compares: those of the wanted bottoms, then those of the parameters."""
+    """Yield the gradients that ``check`` compares: those of the wanted bottoms, then those of
+    the parameters.
+    """
     wanted = [True] * len(bottoms) if wanted is None else list(wanted)
     rng = np.random.default_rng(0)
     start = layer.state()
@@ -186,11 +196,12 @@ def _doubt(
     value: Callable[[], float],
     tops: Callable[[], list[Array]],
 ) -> str:
-    """Why the difference at a place may be wrong: tops rounded to float32, or a kink within the step.
+    """Why the difference at a place may be wrong: tops rounded to float32, or a kink
+    within the step.
 
-    At a kink the differences to the left and to the right disagree. With a tenth of the step, their disagreement is
-    unchanged if the kink is at the value itself, and vanishes if it is farther away; for a smooth function it is a
-    tenth.
+    At a kink the differences to the left and to the right disagree. With a tenth of the step, their
+    disagreement is unchanged if the kink is at the value itself, and vanishes if it is farther
+    away; for a smooth function it is a tenth.
     """
     original = array[place]
     middle = value()
@@ -224,7 +235,10 @@ def _doubt(
 
 
 def _compare(what: str, gradient: Gradient, tolerance: float) -> float:
-    """The largest difference of a gradient, relative to its scale. Raises GradientError if it is too large."""
+    """The largest difference of a gradient, relative to its scale.
+
+    Raises GradientError if it is too large.
+    """
     analytic, numeric = gradient.analytic, gradient.differences()
     if analytic.size == 0:
         return 0.0

@@ -1,7 +1,7 @@
 """Graph: layers connected by blobs, in the order of the file.
 
-Determines which layer writes and reads each blob, which parameters are shared, which tops are losses, and which layers
-run backwards.
+Determines which layer writes and reads each blob, which parameters are shared, which tops are
+losses, and which layers run backwards.
 """
 
 from __future__ import annotations
@@ -33,15 +33,17 @@ class LayerHook:
         """Called when the layer exists but has not read its options."""
 
     def after_setup(self, layer: Layer, seed: np.random.SeedSequence) -> None:
-        """Called when the layer has its parameters and tops; ``seed`` is the seed of its random generator."""
+        """Called when the layer has its parameters and tops; ``seed`` is the seed of its
+        random generator.
+        """
 
 
 class Graph:
     """The connected layers of a net.
 
-    ``param`` holds the layers of one phase only. ``seed`` seeds their random generators; None means a new seed each
-    run. The attributes blobs, params, inputs, outputs, layer_dict, connections, losses and learnable are documented in
-    net.py. Raises LayerError.
+    ``param`` holds the layers of one phase only. ``seed`` seeds their random generators; None means
+    a new seed each run. The attributes blobs, params, inputs, outputs, layer_dict, connections,
+    losses and learnable are documented in net.py. Raises LayerError.
     """
 
     def __init__(
@@ -80,7 +82,7 @@ class Graph:
                     check_backward(at.layer, at.propagate_down)
         self._note_overwritten_tops()
 
-    # ------------------------------------------------------------------------------------------ layer by layer
+    # ------------------------------------------------------------------------------- layer by layer
 
     def _add(self, spec: LayerParameter, name: str, seed: np.random.SeedSequence) -> None:
         """Create a layer and its tops; its bottoms exist already."""
@@ -115,7 +117,10 @@ class Graph:
         self.layer_hook.after_setup(layer, seed)
 
     def _connect(self, layer: Layer, bottom: Blobs, top: Blobs) -> None:
-        """Register the layer and its parameters. It runs backwards if it, or a layer before it, is trained."""
+        """Register the layer and its parameters.
+
+        It runs backwards if it, or a layer before it, is trained.
+        """
         trains = any(p.spec.lr_mult != 0 for p in self._parameters.enter(layer))
         down = _propagate_down(layer, [self._needs.get(blob, False) for blob in bottom])
         at = Connection(layer, bottom, top, down, any(down) or trains)
@@ -137,7 +142,9 @@ class Graph:
         return Blobs(self.blobs[name] for name in layer.spec.bottom)
 
     def _tops(self, layer: Layer) -> Blobs:
-        """The top blobs of the layer: new blobs, or the bottom of the same index for a layer in place."""
+        """The top blobs of the layer: new blobs, or the bottom of the same index for a
+        layer in place.
+        """
         tops = Blobs(self._top(layer, index) for index in range(len(layer.spec.top)))
         tops += [self.engine.blob(self.dtype) for _ in range(_automatic_tops(layer))]
         self._unread.update(dict.fromkeys(layer.spec.top))
@@ -169,12 +176,13 @@ class Graph:
                     (blob, weight, layer.spec.top[i] if i < len(layer.spec.top) else AUTOMATIC)
                 )
 
-    # ------------------------------------------------------------------------------------------ gradients
+    # ------------------------------------------------------------------------------------ gradients
 
     def _decide_backward(self, force: bool) -> None:
         """Apply Caffe's rules: a gradient is computed only between a trained parameter and a loss.
 
-        Each blob has one reader at this point (``insert_splits``); layers in place count as a chain.
+        Each blob has one reader at this point (``insert_splits``); layers in place
+        count as a chain.
         """
         under_loss, skipped = {blob for blob, _, _ in self.losses}, set()
         for at in reversed(self.connections):
@@ -196,7 +204,9 @@ class Graph:
                 ]
 
     def _note_overwritten_tops(self) -> None:
-        """Warn where a gradient will be wrong because its top is overwritten; Caffe computes it without a warning."""
+        """Warn where a gradient will be wrong because its top is overwritten; Caffe computes it
+        without a warning.
+        """
         writers: dict[Blob, Connection] = {}
         for at in self.connections:
             for blob, name in zip(at.top, at.layer.spec.top):
@@ -227,7 +237,10 @@ def _automatic_tops(layer: Layer) -> int:
 
 
 def _propagate_down(layer: Layer, wanted: list[bool]) -> list[bool]:
-    """Bottoms that receive a gradient: as the prototxt says, by default those that need one. Raises LayerError."""
+    """Bottoms that receive a gradient: as the prototxt says, by default those that need one.
+
+    Raises LayerError.
+    """
     given = list(layer.spec.propagate_down)
     if given and len(given) != len(wanted):
         raise layer.fail(f"has {len(wanted)} bottoms, but {len(given)} propagate_down")

@@ -5,11 +5,11 @@ A layer has four methods, Caffe's Python-layer protocol:
     setup(bottom, top)                      once: read the options, make the parameters
     reshape(bottom, top)                    before each forward: shape the tops
     forward(bottom, top)                    write every top's data
-    backward(top, propagate_down, bottom)   write every element of bottom[i].diff where propagate_down[i];
-                                            add to the diff of the parameters
+    backward(top, propagate_down, bottom)   write every element of bottom[i].diff where
+                                            propagate_down[i]; add to the diff of the parameters
 
-``bottom`` and ``top`` are lists of blobs. The class attributes declare which options and blobs a prototxt may give a
-layer type; a layer of your own needs none of them.
+``bottom`` and ``top`` are lists of blobs. The class attributes declare which options and blobs a
+prototxt may give a layer type; a layer of your own needs none of them.
 """
 
 from __future__ import annotations
@@ -76,7 +76,9 @@ class Layer:
         rng: np.random.Generator | None = None,
         dtype: DTypeLike = np.float32,
     ) -> None:
-        """A Python layer's own ``__init__`` passes on the first argument alone, when all is set (create.py)."""
+        """A Python layer's own ``__init__`` passes on the first argument alone, when all is
+        set (create.py).
+        """
         if phase is None or rng is None:
             return
         self.spec, self.source = spec, schema.position_of(spec).source
@@ -88,7 +90,7 @@ class Layer:
         self.param_str: str = self.param.param_str if spec.type == "Python" else ""
         self.param_str_ = self.param_str  # its name in Caffe until 2015, as in layers of Fast R-CNN
 
-    # ------------------------------------------------------------------------------------------ the contract
+    # --------------------------------------------------------------------------------- the contract
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         """Read the options and create the parameters."""
@@ -114,7 +116,9 @@ class Layer:
         return self.has_gradient
 
     def state(self) -> dict[str, Any]:
-        """State that an exact resume needs in addition to the parameters, as plain numbers and strings."""
+        """State that an exact resume needs in addition to the parameters, as plain
+        numbers and strings.
+        """
         return {"rng": self.rng.bit_generator.state}
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -122,22 +126,29 @@ class Layer:
         if "rng" in state:
             self.rng.bit_generator.state = state["rng"]
 
-    # ------------------------------------------------------------------------------------------ for layer authors
+    # ---------------------------------------------------------------------------- for layer authors
 
     def new_param(self, name: str, shape: Sequence[int], filler: Filler) -> Blob:
-        """Create the next parameter and fill it: ``self.gain = self.new_param("gain", shape, filler)``."""
+        """Create the next parameter and fill it: ``self.gain =
+        self.new_param("gain", shape, filler)``.
+        """
         blob = self.blobs.add_blob(*shape)
         fill(blob.data, filler, self.rng)
         return blob
 
     def read_block(self, name: str, kind: type) -> Any:
-        """Read an options block into its dataclass; if absent, all defaults. Raises PrototxtError."""
+        """Read an options block into its dataclass; if absent, all defaults.
+
+        Raises PrototxtError.
+        """
         # a missing required option is reported at the layer
         nothing = Message([], schema.position_of(self.spec))
         return schema.read(self.spec.blocks.get(name, nothing), kind, name)
 
     def fail(self, message: str, field: str | None = None, at: Place | None = None) -> LayerError:
-        """Return a LayerError with the name of this layer and its place in the prototxt, or that of an option."""
+        """Return a LayerError with the name of this layer and its place in the prototxt, or
+        that of an option.
+        """
         block = self.spec.blocks.get(block_name(type(self), self.spec.type))
         where = schema.position_of(self.spec)
         if field is not None and block is not None:
@@ -145,7 +156,10 @@ class Layer:
         return LayerError(f"{at or where}: error: layer {self.name!r}: {message}")
 
     def canonical_axis(self, axis: int, blob: Blob, what: str = "axis") -> int:
-        """Return ``axis`` as a non-negative index; negative axes count from the end. Raises LayerError."""
+        """Return ``axis`` as a non-negative index; negative axes count from the end.
+
+        Raises LayerError.
+        """
         n = len(blob.shape)
         if not -n <= axis < n:
             raise self.fail(
@@ -165,7 +179,9 @@ class ZeroGradient(Layer):
 
 
 def check_backward(layer: Layer, propagate_down: Sequence[bool]) -> None:
-    """Raise LayerError if the layer has to compute a gradient and its class defines no ``backward``."""
+    """Raise LayerError if the layer has to compute a gradient and its class defines
+    no ``backward``.
+    """
     is_defined = getattr(layer.backward, "__func__", None) is not Layer.backward
     if is_defined or not layer.has_gradient or not (any(propagate_down) or layer.blobs):
         return
@@ -185,12 +201,16 @@ def check_backward(layer: Layer, propagate_down: Sequence[bool]) -> None:
 
 
 def warn(layer: Layer, message: str, at: Place | None = None) -> None:
-    """Log a warning with the name of the layer and its place in the prototxt, or the place ``at``."""
+    """Log a warning with the name of the layer and its place in the prototxt, or
+    the place ``at``.
+    """
     log.warning("%s: layer %r: %s", at or schema.position_of(layer.spec), layer.name, message)
 
 
 def warn_of_ignored(layer: Layer, *names: str, block: str = "", advice: str = "") -> None:
-    """Warn of options in the layer's own or another block that its type does not read, as in Caffe."""
+    """Warn of options in the layer's own or another block that its type does not
+    read, as in Caffe.
+    """
     block = block or block_name(type(layer), layer.spec.type)
     tree = layer.spec.blocks.get(block)
     for item in tree.fields if tree else []:

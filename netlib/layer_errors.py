@@ -1,4 +1,6 @@
-"""Errors of layers: what a method of a layer raises becomes one line that names the layer and the place."""
+"""Errors of layers: what a method of a layer raises becomes one line that names the layer
+and the place.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +21,8 @@ LIBRARIES = ("<", *(sysconfig.get_path(name) for name in ("stdlib", "purelib", "
 
 
 class LayerErrors(AbstractContextManager[None]):
-    """Context manager around methods of a layer: errors of Python become LayerErrors that name the layer, the method
-    and the innermost line that is not of a library.
+    """Context manager around methods of a layer: errors of Python become LayerErrors that name the
+    layer, the method and the innermost line that is not of a library.
     """
 
     def __init__(self, layer: Layer, bottom: Blobs) -> None:

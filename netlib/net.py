@@ -1,6 +1,7 @@
 """Net: a graph of layers (graph.py) that runs forwards and backwards, loads weights and saves them.
 
-The interface is pycaffe's: ``net.blobs``, ``net.params``, ``net.forward()``, ``net.backward()``, ``net.save()``.
+The interface is pycaffe's: ``net.blobs``, ``net.params``, ``net.forward()``, ``net.backward()``,
+``net.save()``.
 """
 
 from __future__ import annotations
@@ -51,9 +52,10 @@ def next_seed() -> int | None:
 class Net:
     """A net of layers.
 
-    ``Net(model, phase)`` or ``Net(model, weights, phase)``; ``model`` is a file or a parsed NetParameter. ``engine``
-    is "plain" or "fast" (netlib/engine.py). ``python_layers=False`` rejects nets with layers of type Python.
-    ``layer_hook`` is called with each layer before and after its setup.
+    ``Net(model, phase)`` or ``Net(model, weights, phase)``; ``model`` is a file or a parsed
+    NetParameter. ``engine`` is "plain" or "fast" (netlib/engine.py). ``python_layers=False``
+    rejects nets with layers of type Python. ``layer_hook`` is called with each layer before and
+    after its setup.
 
     blobs           name -> Blob, in the order of creation
     params          layer name -> its parameters, for layers that have any
@@ -141,7 +143,7 @@ class Net:
                     ", ".join(missing),
                 )
 
-    # ------------------------------------------------------------------------------------------ running
+    # -------------------------------------------------------------------------------------- running
 
     def forward(
         self,
@@ -150,10 +152,11 @@ class Net:
         end: str | None = None,
         **inputs: Any,
     ) -> dict[str, NDArray[Any]]:
-        """Run the layers from ``start`` to ``end`` (inclusive; default all) and return the tops of the last one.
+        """Run the layers from ``start`` to ``end`` (inclusive; default all) and return the tops
+        of the last one.
 
-        For the whole net these are its outputs. ``inputs`` are arrays for the input blobs; a new shape reshapes the
-        net. ``blobs`` names more blobs to return.
+        For the whole net these are its outputs. ``inputs`` are arrays for the input blobs; a new
+        shape reshapes the net. ``blobs`` names more blobs to return.
         """
         part = self._part(start, end)
         with self.one_thread:  # inputs are shared: a second thread would overwrite them
@@ -165,7 +168,9 @@ class Net:
         return {name: self._blob(name).data for name in [*names, *(blobs or [])]}
 
     def run_forward(self, first: int = 0, last: int | None = None) -> float:
-        """Run the layers numbered ``first`` up to but not including ``last``, by default all, and return their loss."""
+        """Run the layers numbered ``first`` up to but not including ``last``, by default all, and
+        return their loss.
+        """
         self._forward_steps(first, last)
         return self.loss(slice(first, last))
 
@@ -185,7 +190,9 @@ class Net:
 
     @contextmanager
     def _pass(self) -> Iterator[None]:
-        """Context manager of a pass: in one thread; a blob that is not stored cannot be read meanwhile."""
+        """Context manager of a pass: in one thread; a blob that is not stored cannot be
+        read meanwhile.
+        """
         # the solver reports values that are not finite
         with self.one_thread, np.errstate(all="ignore"):
             before, self._is_running = self._is_running, True
@@ -195,7 +202,9 @@ class Net:
                 self._is_running = before
 
     def loss(self, layers: slice = slice(None)) -> float:
-        """The loss of the last forward pass, or the part of it from some layers: the sum of loss_weight x top."""
+        """The loss of the last forward pass, or the part of it from some layers: the sum of
+        loss_weight x top.
+        """
         tops = {blob for at in self.connections[layers] for blob in at.top}
         losses = [(blob, weight) for blob, weight, _ in self.losses if blob in tops]
         return float(
@@ -209,10 +218,11 @@ class Net:
         end: str | None = None,
         **tops: Any,
     ) -> dict[str, NDArray[Any]]:
-        """Run the layers backwards from ``start`` to ``end`` and return the diffs of the last one's bottoms.
+        """Run the layers backwards from ``start`` to ``end`` and return the diffs of the last
+        one's bottoms.
 
-        For the whole net these are its inputs. ``tops`` are arrays for the diffs of output blobs; ``diffs`` names more
-        blobs whose diffs to return.
+        For the whole net these are its inputs. ``tops`` are arrays for the diffs of output blobs;
+        ``diffs`` names more blobs whose diffs to return.
         """
         part = self._part(end, start)
         with self.one_thread:
@@ -230,13 +240,16 @@ class Net:
         return {name: self._blob(name).diff for name in [*names, *(diffs or [])]}
 
     def run_backward(self, first: int = 0, last: int | None = None) -> None:
-        """Run the layers numbered ``first`` up to but not including ``last`` backwards, adding to parameter diffs."""
+        """Run the layers numbered ``first`` up to but not including ``last`` backwards, adding to
+        parameter diffs.
+        """
         with self.one_thread:
             self._seed_losses()
             self._backward_steps(first, last)
 
     def run_forward_backward(self) -> float:
-        """Run all layers forwards, then backwards, as an iteration of a solver does; returns the loss.
+        """Run all layers forwards, then backwards, as an iteration of a solver does;
+        returns the loss.
 
         No other code than that of the layers runs between the two, so nothing can be written there.
         """
@@ -264,10 +277,11 @@ class Net:
                 step.backward(self._is_at_once)
 
     def _run_missing(self, first: int, last: int | None) -> None:
-        """Run forwards, once, the layers whose backward will run and that have not run with the current shapes. Blobs
-        that another layer has read keep their data.
+        """Run forwards, once, the layers whose backward will run and that have not run with the
+        current shapes. Blobs that another layer has read keep their data.
 
-        Raises NetlibError if such a layer reads data or draws random numbers: this would change the next pass.
+        Raises NetlibError if such a layer reads data or draws random numbers: this would change
+        the next pass.
         """
         self.reshape()
         self._run_by_layer()
@@ -292,10 +306,11 @@ class Net:
                 )
 
     def _seed_losses(self) -> None:
-        """Set the diff of each loss to its weight: the loss is the sum of loss_weight x top, so dL/dtop = loss_weight.
+        """Set the diff of each loss to its weight: the loss is the sum of loss_weight x top, so
+        dL/dtop = loss_weight.
 
-        As in Caffe, the weight is written once per array, so a value that the user writes over it is kept. If a layer
-        in place overwrites it, it is written before each pass.
+        As in Caffe, the weight is written once per array, so a value that the user writes over it
+        is kept. If a layer in place overwrites it, it is written before each pass.
         """
         for i, (blob, weight, _) in enumerate(self.losses):
             diff, seeded = blob.diff, self._seeded.get(i)
@@ -359,7 +374,7 @@ class Net:
             self._make_steps()
             self._seed_losses()
 
-    # ------------------------------------------------------------------------------------------ steps
+    # ---------------------------------------------------------------------------------------- steps
 
     def _make_steps(self) -> None:
         """Make the steps for the current shapes, unless there is one for each layer already."""
@@ -374,7 +389,9 @@ class Net:
         self._is_reshaped = True
 
     def _run_by_layer(self) -> None:
-        """From now on run a step for each layer, which stores all blobs, with the values of the last pass."""
+        """From now on run a step for each layer, which stores all blobs, with the values of
+        the last pass.
+        """
         if self._by_layer:
             return
         self._is_reshaped = False  # until all is done
@@ -386,7 +403,10 @@ class Net:
         self._by_layer = self._is_reshaped = True
 
     def _use(self, steps: Sequence[Step]) -> None:
-        """Run these steps from now on. At any time the blobs that the old or the new ones do not store are watched."""
+        """Run these steps from now on.
+
+        At any time the blobs that the old or the new ones do not store are watched.
+        """
         access = partial(_store, weakref.ref(self))
         unstored = {blob for step in steps for blob in step.unstored}
         for blob in unstored:
@@ -397,7 +417,8 @@ class Net:
                 blob.on_access = self._unknown.get(blob)
 
     def store_all(self, wanted: bool = True) -> None:
-        """Store every blob from now on, as after the first access to one that is not stored; or only the needed ones.
+        """Store every blob from now on, as after the first access to one that is not stored; or
+        only the needed ones.
 
         Results differ in rounding. A solver state has which it was, so that a resume is exact.
         """
@@ -410,7 +431,9 @@ class Net:
 
     @property
     def stores_all(self) -> bool:
-        """Whether every blob is stored, because a caller has accessed one that was not, or has run a part."""
+        """Whether every blob is stored, because a caller has accessed one that was not, or
+        has run a part.
+        """
         return self._by_layer
 
     def _note(self, missing: Missing) -> None:
@@ -434,7 +457,9 @@ class Net:
         )
 
     def first_not_finite(self) -> str | None:
-        """Describe where in the net NaN or infinity first appears; None if all values are finite."""
+        """Describe where in the net NaN or infinity first appears; None if all
+        values are finite.
+        """
         for at in self.connections:
             for i, param in enumerate(at.layer.blobs):
                 if not np.isfinite(param.data).all():
@@ -450,28 +475,31 @@ class Net:
             "weights with copy_from, or save them"
         )
 
-    # ------------------------------------------------------------------------------------------ weights and states
+    # --------------------------------------------------------------------------- weights and states
 
     def copy_from(
         self, source: str | Path | Content | Net, strict: bool = False
     ) -> tuple[list[str], list[str]]:
         """Copy weights by layer name from a snapshot, from its content, or from another net.
 
-        Returns the names of the layers that only the source has, and of those that only this net has, which keep their
-        values. Raises WeightsError if a shape differs, if no layer matches, or, with ``strict``, if the source lacks a
-        layer of this net.
+        Returns the names of the layers that only the source has, and of those that only this net
+        has, which keep their values. Raises WeightsError if a shape differs, if no layer matches,
+        or, with ``strict``, if the source lacks a layer of this net.
         """
         return weights_of.copy(self, source, strict)
 
     def share_params(self, other: Net) -> None:
-        """Share the other net's parameters, by layer name, as a test net shares those of the training net.
+        """Share the other net's parameters, by layer name, as a test net shares those of
+        the training net.
 
         As in Caffe, each net keeps its own gradients. Raises LayerError if shapes or dtypes differ.
         """
         weights_of.share(self, other)
 
     def save(self, path: str | Path) -> None:
-        """Write the weights atomically, in Caffe's HDF5 format if the name ends in ``.h5``, else in binary format."""
+        """Write the weights atomically, in Caffe's HDF5 format if the name ends in ``.h5``, else in
+        binary format.
+        """
         snapshot.write_weights(weights_of.image(self, path), path)
 
     def layer_states(self) -> dict[str, Any]:
@@ -486,8 +514,8 @@ class Net:
 
 
 class OneThread:
-    """Context manager for one thread at a time, which may enter again; another gets a NetlibError, because two threads
-    that run one net would mix up their batches. ``name`` is that of the net.
+    """Context manager for one thread at a time, which may enter again; another gets a NetlibError,
+    because two threads that run one net would mix up their batches. ``name`` is that of the net.
     """
 
     def __init__(self, name: str) -> None:
@@ -506,7 +534,8 @@ class OneThread:
 
 
 class Unknown:
-    """Called at each access to a blob of which neither memory nor a step has the values: raises NetlibError.
+    """Called at each access to a blob of which neither memory nor a step has the values:
+    raises NetlibError.
 
     halves  "data" and "diff", those of them that are unknown
     """
@@ -530,7 +559,10 @@ class Unknown:
 
 
 def _store(net: weakref.ref[Net], blob: Blob, half: str) -> None:
-    """Store all blobs of a net before the first access to one that it did not store. Raises NetlibError."""
+    """Store all blobs of a net before the first access to one that it did not store.
+
+    Raises NetlibError.
+    """
     owner = net()
     if owner is None:
         raise NetlibError(
@@ -549,7 +581,10 @@ def _store(net: weakref.ref[Net], blob: Blob, half: str) -> None:
 
 
 def _numbers(array: Any, what: str) -> NDArray[Any]:
-    """Convert to an array of numbers. Raises LayerError for other types, ragged lists and masked arrays."""
+    """Convert to an array of numbers.
+
+    Raises LayerError for other types, ragged lists and masked arrays.
+    """
     if isinstance(array, np.ma.MaskedArray):
         raise LayerError(
             f"{what} got a masked array; expected a plain one, for example array.filled(VALUE)"

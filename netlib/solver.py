@@ -4,8 +4,9 @@
     solver.solve()                 train to the end
     solver.step(100)               or make some iterations
 
-``iter`` always equals the number of updates made. Training logs the same lines as Caffe, to the logger "netlib";
-tools/train.py adds Caffe's time stamps. Further work is attached as functions: ``solver.on_update.append(function)``.
+``iter`` always equals the number of updates made. Training logs the same lines as Caffe, to the
+logger "netlib"; tools/train.py adds Caffe's time stamps. Further work is attached as functions:
+``solver.on_update.append(function)``.
 """
 
 from __future__ import annotations
@@ -42,11 +43,13 @@ class Solver:
     net           the training net
     test_nets     nets for testing; they share the parameters of ``net``
     iter          number of updates made
-    update        applies gradients to the weights (updates.py); its history has, per parameter, the arrays of the rule
+    update        applies gradients to the weights (updates.py); its history has, per parameter, the
+                  arrays of the rule
     smoothed      the losses of the last average_loss iterations
     ranks         the processes that train together (distributed/ranks.py)
-    requested     may be set to "stop" or "snapshot" at any time, by a signal handler or another thread; it takes effect
-                  after the current iteration, or after the current batch of a test
+    requested     may be set to "stop" or "snapshot" at any time, by a signal handler or another
+                  thread; it takes effect after the current iteration, or after the current
+                  batch of a test
 
     Functions without arguments, called in the order of their lists:
 
@@ -94,7 +97,7 @@ class Solver:
         self._lap: tuple[int, float] = (0, time.perf_counter())
         self.snapshots = Snapshots(self)
 
-    # ------------------------------------------------------------------------------------------ nets
+    # ----------------------------------------------------------------------------------------- nets
 
     def _make_net(
         self, name: str, param: NetParameter, state: NetState, phase: schema.Phase, number: int
@@ -129,10 +132,13 @@ class Solver:
         log.info("Finetuning from %s", path)
         report.copied(path, *self.net.copy_from(path))
 
-    # ------------------------------------------------------------------------------------------ training
+    # ------------------------------------------------------------------------------------- training
 
     def solve(self, resume: str | Path | None = None) -> bool:
-        """Train until max_iter, then take the last snapshot and test. Returns False if a request stopped it early."""
+        """Train until max_iter, then take the last snapshot and test.
+
+        Returns False if a request stopped it early.
+        """
         p = self.param
         log.info("Solving %s", self.net.name)
         log.info("Learning Rate Policy: %s", p.lr_policy)
@@ -172,7 +178,10 @@ class Solver:
             raise
 
     def step(self, iterations: int) -> bool:
-        """Make some updates. Returns True when all are made, False if a request stopped it early."""
+        """Make some updates.
+
+        Returns True when all are made, False if a request stopped it early.
+        """
         self._lap = (self.iter, time.perf_counter())
         with self.ranks.together():
             self._call(self.on_step)
@@ -199,7 +208,9 @@ class Solver:
             function()
 
     def add_callback(self, on_start: Function, on_gradients_ready: Function) -> None:
-        """Call the first function before each iteration, the second when its gradients are ready."""
+        """Call the first function before each iteration, the second when its
+        gradients are ready.
+        """
         self.on_start.append(on_start)
         self.on_gradients_ready.append(on_gradients_ready)
 
@@ -209,7 +220,7 @@ class Solver:
             self.ranks.introduce(facts_of(self.param, self.net, self.iter))
         self.on_step.remove(self._introduce)
 
-    # ------------------------------------------------------------------------------------------ requests
+    # ------------------------------------------------------------------------------------- requests
 
     def _meet_requests(self) -> bool:
         """Write a snapshot that is due or was requested. False if a stop was requested."""
@@ -229,10 +240,12 @@ class Solver:
         self.snapshot()
         return False
 
-    # ------------------------------------------------------------------------------------------ one iteration
+    # -------------------------------------------------------------------------------- one iteration
 
     def _forward_backward(self) -> float:
-        """Sum the gradients of iter_size batches and return the mean loss, both averaged over the ranks."""
+        """Sum the gradients of iter_size batches and return the mean loss, both averaged
+        over the ranks.
+        """
         total = 0.0
         is_shown = self.param.debug_info and self._display_is_due()
         for _ in range(self.param.iter_size):
@@ -258,7 +271,9 @@ class Solver:
         return float(np.mean(self.smoothed)) if self.smoothed else float("nan")
 
     def apply_update(self) -> None:
-        """Update the weights from their gradients, at the learning rate of this iteration, and count it."""
+        """Update the weights from their gradients, at the learning rate of this
+        iteration, and count it.
+        """
         rate = learning_rate(self.param, self.iter)
         if self.param.lr_policy == "multistep":
             before, now = (steps_taken(self.param, i) for i in (self.iter - 1, self.iter))
@@ -269,7 +284,7 @@ class Solver:
         self.update.apply(rate, self.iter + 1)
         self.iter += 1
 
-    # ------------------------------------------------------------------------------------------ display and test
+    # ----------------------------------------------------------------------------- display and test
 
     def _display_is_due(self) -> bool:
         return bool(self.param.display) and self.iter % self.param.display == 0
@@ -317,7 +332,8 @@ class Solver:
     def test(self, number: int) -> dict[str, Any]:
         """Run one test net over test_iter batches; returns and logs the mean of each output.
 
-        Returns {} if stopped, and for a test_iter of 0, with which scripts keep a test net for their own use.
+        Returns {} if stopped, and for a test_iter of 0, with which scripts keep a test net for
+        their own use.
         """
         net, batches = self.test_nets[number], self.param.test_iter[number]
         begun = time.perf_counter()
@@ -336,10 +352,13 @@ class Solver:
         self._lap = (self._lap[0], self._lap[1] + time.perf_counter() - begun)
         return means
 
-    # ------------------------------------------------------------------------------------------ snapshots
+    # ------------------------------------------------------------------------------------ snapshots
 
     def snapshot(self) -> Path:
-        """Write weights and solver state; returns the path of the state. Raises WeightsError, DivergenceError."""
+        """Write weights and solver state; returns the path of the state.
+
+        Raises WeightsError, DivergenceError.
+        """
         return self.snapshots.write()
 
     def restore(self, path: str | Path) -> None:
@@ -357,10 +376,12 @@ def get_solver(
     ranks: Ranks = ALONE,
     **changes: Any,
 ) -> Solver:
-    """Create the solver of a prototxt file; ``changes`` replace its fields (``max_iter=10``). Raises NetlibError.
+    """Create the solver of a prototxt file; ``changes`` replace its fields (``max_iter=10``).
 
-    ``python_layers=False`` rejects nets with layers of type Python. ``ranks`` are processes that train together, such
-    as ``MPIRanks(MPI.COMM_WORLD)`` (distributed/mpi.py).
+    Raises NetlibError.
+
+    ``python_layers=False`` rejects nets with layers of type Python. ``ranks`` are processes that
+    train together, such as ``MPIRanks(MPI.COMM_WORLD)`` (distributed/mpi.py).
     """
     return Solver(
         solver_parameter.read(path, **changes), str(path), seed, engine, python_layers, ranks

@@ -1,7 +1,8 @@
 """Update rules and learning-rate policies: how gradients change the weights.
 
-A rule processes one parameter at a time: its value w, gradient g (clipped, averaged, decayed), learning rate r (the
-policy's rate times lr_mult), history h, and t, the number of this update counted from 1.
+A rule processes one parameter at a time: its value w, gradient g (clipped, averaged, decayed),
+learning rate r (the policy's rate times lr_mult), history h, and t, the number of this update
+counted from 1.
 
     SGD       h <- m h + r g                                  w <- w - h
     Nesterov  h' = m h + r g                                  w <- w - ((1 + m) h' - m h)
@@ -12,8 +13,9 @@ policy's rate times lr_mult), history h, and t, the number of this update counte
     Adam      h <- m h + (1 - m) g,  q <- n q + (1 - n) g²    w <- w - r c h / (sqrt(q) + d)
               c = sqrt(1 - n^t) / (1 - m^t)
 
-m: momentum, n: momentum2, k: rms_decay, d: delta, q: the second history. As in Caffe, the history of SGD includes the
-learning rate. Sources: Caffe's sgd_solvers.hpp; Kingma and Ba 2015 (Adam); Zeiler 2012 (AdaDelta).
+m: momentum, n: momentum2, k: rms_decay, d: delta, q: the second history. As in Caffe, the history
+of SGD includes the learning rate. Sources: Caffe's sgd_solvers.hpp; Kingma and Ba 2015 (Adam);
+Zeiler 2012 (AdaDelta).
 
 A rule modifies w and the histories in place; it does not change g.
 """
@@ -107,13 +109,15 @@ RULES: dict[str, tuple[Rule, int]] = {  # the rule, and its number of history ar
 
 
 class Update:
-    """Updates parameters from their gradients, in Caffe's order: clip, divide by iter_size, decay, apply the rule.
+    """Updates parameters from their gradients, in Caffe's order: clip, divide by iter_size, decay,
+    apply the rule.
 
     learnable  parameters of a net; those with lr_mult 0 are not changed
     rule       rule of the solver type, given with its number of history arrays per parameter
     history    per parameter, the arrays of the rule
 
-    ``run`` executes jobs, given their number of values. Raises OutOfMemoryError if the training does not fit in memory.
+    ``run`` executes jobs, given their number of values. Raises OutOfMemoryError if the training
+    does not fit in memory.
     """
 
     def __init__(
@@ -134,7 +138,9 @@ class Update:
         ]
 
     def apply(self, rate: float, t: int) -> None:
-        """Apply update number ``t`` (from 1) at this learning rate; modifies weights, gradients and histories."""
+        """Apply update number ``t`` (from 1) at this learning rate; modifies weights, gradients
+        and histories.
+        """
         trained = [
             (param, h) for param, h in zip(self.learnable, self.history) if param.spec.lr_mult != 0
         ]
@@ -169,7 +175,9 @@ class Update:
             self.rule(p, w, g, rate * spec.lr_mult, history, t)
 
     def _clip(self, params: Sequence[Param]) -> float:
-        """Factor that reduces the joint norm of all gradients to clip_gradients; 1 if it is smaller."""
+        """Factor that reduces the joint norm of all gradients to clip_gradients; 1 if
+        it is smaller.
+        """
         bound = self.param.clip_gradients
         if bound < 0:
             return 1.0
@@ -185,12 +193,14 @@ class Update:
         return bound / norm
 
 
-# ---------------------------------------------------------------------------------------------- learning rate
+# ------------------------------------------------------------------------------------ learning rate
 # Each policy is a pure function of the number of updates already made.
 
 
 def steps_taken(p: SolverParameter, iteration: int) -> int:
-    """How many times the policies step and multistep have lowered the rate (Caffe's current_step)."""
+    """How many times the policies step and multistep have lowered the rate
+    (Caffe's current_step).
+    """
     if p.lr_policy == "step":
         return iteration // p.stepsize
     if p.lr_policy != "multistep":

@@ -1,4 +1,6 @@
-"""Fixtures of all tests: the recorded data, nets and solvers from text, and a deterministic hypothesis."""
+"""Fixtures of all tests: the recorded data, nets and solvers from text, and a
+deterministic hypothesis.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +42,9 @@ settings.load_profile("deterministic")
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """Run tests of layers, and those with the marker ``both_engines``, under every engine that makes a difference."""
+    """Run tests of layers, and those with the marker ``both_engines``, under every engine that
+    makes a difference.
+    """
     path = Path(metafunc.module.__file__).relative_to(ROOT / "tests")
     if path.parts[0] == "layers" or metafunc.definition.get_closest_marker("both_engines"):
         engines = ENGINES if has_fast_class(path) else ENGINES[-1:]
@@ -48,7 +52,9 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 
 
 def has_fast_class(path: Path) -> bool:
-    """Return whether the fast engine affects this test file: false for a layer without a class in fast/."""
+    """Return whether the fast engine affects this test file: false for a layer without a
+    class in fast/.
+    """
     source = ROOT / path.with_name(path.name.removeprefix("test_"))
     if path.parts[0] != "layers" or len(ENGINES) == 1 or not source.exists():
         return True
@@ -58,7 +64,9 @@ def has_fast_class(path: Path) -> bool:
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """--order SEED: files, and the tests of each, in a random order; --order random prints its seed."""
+    """--order SEED: files, and the tests of each, in a random order; --order random
+    prints its seed.
+    """
     parser.addoption(
         "--order",
         metavar="SEED|random",
@@ -79,7 +87,9 @@ def pytest_report_header(config: pytest.Config) -> str | None:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Generator[None, object, object]:
-    """Collect without garbage collections: they would search the growing list of tests, all of which stays in use."""
+    """Collect without garbage collections: they would search the growing list of tests, all of
+    which stays in use.
+    """
     gc.disable()
     try:
         return (yield)
@@ -90,7 +100,9 @@ def pytest_collection() -> Generator[None, object, object]:
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Run test_without_fast first: it takes minutes, during which other processes run the other tests."""
+    """Run test_without_fast first: it takes minutes, during which other processes run
+    the other tests.
+    """
     if config.option.order is not None:
         shuffle = random.Random(config.option.order)
         files = {path: shuffle.random() for path in dict.fromkeys(item.path for item in items)}
@@ -151,7 +163,9 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def write_rows(tmp_path: Path) -> Callable[..., Path]:
-    """``write_rows("list.txt", [4, 3], data=(2, 5, 5), label=(3,))``: HDF5 files of 4 and 3 rows, and their list."""
+    """``write_rows("list.txt", [4, 3], data=(2, 5, 5), label=(3,))``: HDF5 files of 4 and 3 rows,
+    and their list.
+    """
 
     def write(name: str, rows: list[int], seed: int = 0, **shapes: tuple[int, ...]) -> Path:
         rng = np.random.default_rng(seed)

@@ -45,7 +45,9 @@ def calls(work: Callable[[], object]) -> int:
 
 
 def assert_linear(work_on: Callable[[int], Callable[[], object]]) -> None:
-    """Assert that four times the input costs at most 4.4 times the calls, not counting work of the first run only."""
+    """Assert that four times the input costs at most 4.4 times the calls, not counting work of the
+    first run only.
+    """
     work_on(2)()
     small, large = calls(work_on(SIZE)), calls(work_on(4 * SIZE))
     assert large <= 4.4 * small, (small, large)
@@ -92,7 +94,9 @@ NETS: dict[str, Callable[[int], str]] = {
 @pytest.mark.parametrize("name", engine.NAMES if engine.has_fast() else ["plain"])
 @pytest.mark.parametrize("kind", NETS)
 def test_building_a_net(kind: str, name: str) -> None:
-    """Building nets with many layers, or a layer with many blobs, and running them forward is linear."""
+    """Building nets with many layers, or a layer with many blobs, and running them
+    forward is linear.
+    """
 
     def work_on(n: int) -> Callable[[], object]:
         tree = prototxt.parse(INPUT + NETS[kind](n))

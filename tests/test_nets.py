@@ -70,7 +70,9 @@ limit_loss PhysLimit norm: L1
 
 
 def test_the_papers_network_has_the_sizes_that_were_released() -> None:
-    """The layers have the released sizes, with a ReLU after each layer with weights except the last."""
+    """The layers have the released sizes, with a ReLU after each layer with weights
+    except the last.
+    """
     layers = select_layers(load_parameter(PROTOTXT / "nyu_train_test.prototxt"), NetState("TRAIN"))[
         1:
     ]
@@ -84,7 +86,9 @@ def test_the_papers_network_has_the_sizes_that_were_released() -> None:
 
 
 def test_the_papers_losses() -> None:
-    """The losses are the distance of all 31 joints and the limits of HandModel's input, with lambda 1."""
+    """The losses are the distance of all 31 joints and the limits of HandModel's input,
+    with lambda 1.
+    """
     layers = {x.name: x for x in load_parameter(PROTOTXT / "nyu_train_test.prototxt").layer}
     hand, joints, limits = (layers[name] for name in ("HandModel", "joint_loss", "limit_loss"))
     assert (
@@ -96,7 +100,9 @@ def test_the_papers_losses() -> None:
 
 @pytest.mark.parametrize("name", ["nyu", "icvl"])
 def test_the_papers_training(name: str) -> None:
-    """SGD, learning rate 0.003, lowered at most at the end, momentum 0.9, no weight decay, batches of 512."""
+    """SGD, learning rate 0.003, lowered at most at the end, momentum 0.9, no weight decay,
+    batches of 512.
+    """
     solver = solver_parameter.read(PROTOTXT / f"{name}_solver.prototxt")
     assert (solver_parameter.type_of(solver), solver.base_lr, solver.momentum) == (
         "SGD",

@@ -1,4 +1,6 @@
-"""Without the folder fast/, everything else works: the project imports, trains, and passes its tests."""
+"""Without the folder fast/, everything else works: the project imports, trains, and
+passes its tests.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,10 @@ sys.path[:] = [folder for folder in sys.path if folder != {str(ROOT)!r}]
 
 @pytest.fixture(scope="module")
 def bare(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A copy of the project without fast/ and its tests. Compiled files are copied as well to save time."""
+    """A copy of the project without fast/ and its tests.
+
+    Compiled files are copied as well to save time.
+    """
     copy = tmp_path_factory.mktemp("bare") / "project"
 
     def ignored(folder: str, names: list[str]) -> set[str]:
@@ -90,8 +95,9 @@ def test_a_solver_trains(bare: Path) -> None:
     shutil.rmtree(bare / "data")
 
 
-# Tests that query or use the default engine. The others do not depend on it, or run on the plain engine in the
-# whole suite as well; a contract of `make lint` ensures that nothing imports fast/ by name.
+# Tests that query or use the default engine. The others do not depend on it, or run on the
+# plain engine in the whole suite as well; a contract of `make lint` ensures that nothing
+# imports fast/ by name.
 WHERE_IT_COUNTS = (
     "test_nets.py",
     "netlib/test_engine.py",

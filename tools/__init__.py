@@ -1,4 +1,6 @@
-"""The command-line tools, one file per command; tools/common has what they share. No command imports another.
+"""The command-line tools, one file per command; tools/common has what they share.
+
+No command imports another.
 
 A command calls ``begin`` before it imports large packages, and runs in console.guarded.
 """
@@ -19,7 +21,10 @@ _is_program = False  # true if a command was started as a program, not imported
 
 
 def begin(name: str) -> None:
-    """Start a command with this ``__name__``. If it runs as a program, prepare the process first."""
+    """Start a command with this ``__name__``.
+
+    If it runs as a program, prepare the process first.
+    """
     global _is_program
     if name == "__main__":
         _is_program = True
@@ -38,7 +43,9 @@ def begin(name: str) -> None:
 def _say_what_cannot_be_loaded(
     kind: type[BaseException], error: BaseException, trace: TracebackType | None
 ) -> None:
-    """Print one line for an import that fails before console.guarded: a missing package, or too little memory."""
+    """Print one line for an import that fails before console.guarded: a missing package, or too
+    little memory.
+    """
     if not isinstance(error, (ImportError, MemoryError)):
         sys.__excepthook__(kind, error, trace)
         return
@@ -57,7 +64,9 @@ def _say_what_cannot_be_loaded(
 
 @contextlib.contextmanager
 def interruptible() -> Iterator[None]:
-    """Context manager: Ctrl-C raises KeyboardInterrupt within it; outside, it ends the process of a command."""
+    """Context manager: Ctrl-C raises KeyboardInterrupt within it; outside, it ends the
+    process of a command.
+    """
     if not _is_program or signal.getsignal(signal.SIGINT) is not signal.SIG_DFL:
         yield
         return
@@ -69,7 +78,9 @@ def interruptible() -> Iterator[None]:
 
 
 def _prepare_streams() -> None:
-    """Open closed standard streams on the null device, and escape characters that the others cannot encode."""
+    """Open closed standard streams on the null device, and escape characters that the others
+    cannot encode.
+    """
     # otherwise the next file opened would get the number
     while (null := os.open(os.devnull, os.O_RDWR)) <= 2:
         pass

@@ -1,5 +1,7 @@
 #!/usr/bin/env python3
-"""Train, test or time a net: Caffe's command. Flags have one dash or two; the log goes to standard error.
+"""Train, test or time a net: Caffe's command.
+
+Flags have one dash or two; the log goes to standard error.
 
     python tools/caffe.py train -solver prototxt/nyu_solver.prototxt
     python tools/caffe.py train -solver=prototxt/nyu_solver.prototxt \\
@@ -8,9 +10,9 @@
         -weights snapshots/nyu_iter_2000.caffemodel.h5
     python tools/caffe.py time -model prototxt/nyu_train_test.prototxt -iterations 10
 
-Instead of Caffe's -gpu 0,1, use mpiexec -n 2 python -m mpi4py tools/caffe.py train ...: each process runs the batch on
-its own rows. Environment variables set what Caffe's flags cannot: NETLIB_ENGINE=plain. docs/caffe_tools.md lists the
-differences from Caffe.
+Instead of Caffe's -gpu 0,1, use mpiexec -n 2 python -m mpi4py tools/caffe.py train ...: each
+process runs the batch on its own rows. Environment variables set what Caffe's flags cannot:
+NETLIB_ENGINE=plain. docs/caffe_tools.md lists the differences from Caffe.
 """
 
 from __future__ import annotations
@@ -118,7 +120,9 @@ def run(args: argparse.Namespace) -> int:
 
 
 def train(args: argparse.Namespace, console: training.BarHandler, ranks: Ranks) -> int:
-    """Train; returns the exit status, which is 0 for every end that the user requests, as in Caffe."""
+    """Train; returns the exit status, which is 0 for every end that the user
+    requests, as in Caffe.
+    """
     state = solver_parameter.read(args.solver).train_state
     state = schema.changed(state, level=args.level, stage=(*state.stage, *args.stage))
     weights = [args.weights] if args.weights else []

@@ -1,14 +1,15 @@
 #!/usr/bin/env python3
-"""Compute the mean image of a database or a list of images, for transform_param { mean_file }: Caffe's command.
+"""Compute the mean image of a database or a list of images, for transform_param { mean_file }:
+Caffe's command.
 
     python tools/compute_image_mean.py train_lmdb mean.binaryproto
     python tools/compute_image_mean.py -resize_height=256 -resize_width=256 \\
         list.txt mean.binaryproto
 
-INPUT is the folder of an LMDB database, as for a Data layer, or a list, as for an ImageData layer: in each line the
-path of an image, to which -root_folder is prepended, a space, and its label. All images must have the same size, unless
-the list's are resized. Prints the mean of each channel, for mean_value. OUTPUT_FILE is optional. Flags have one dash or
-two.
+INPUT is the folder of an LMDB database, as for a Data layer, or a list, as for an ImageData layer:
+in each line the path of an image, to which -root_folder is prepended, a space, and its label. All
+images must have the same size, unless the list's are resized. Prints the mean of each channel, for
+mean_value. OUTPUT_FILE is optional. Flags have one dash or two.
 """
 
 from __future__ import annotations
@@ -113,7 +114,10 @@ def is_database(path: str) -> bool:
 
 
 def from_database(path: str) -> tuple[int, Iterator[tuple[str, Array]]]:
-    """Number of entries, and their descriptions and images (C, H, W) in the order of keys. Raises DataError."""
+    """Number of entries, and their descriptions and images (C, H, W) in the order of keys.
+
+    Raises DataError.
+    """
     database = Database(Path(path))
     if not database.entries:
         raise DataError(f"{path}: the database has no entries")

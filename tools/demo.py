@@ -1,13 +1,15 @@
 #!/usr/bin/env python3
-"""Demonstrate prediction: detect, predict and fit hands in rendered depth frames with the packaged weights.
+"""Demonstrate prediction: detect, predict and fit hands in rendered depth frames with the
+packaged weights.
 
     python tools/demo.py --out demo
 
-writes six depth frames as a Kinect would record them (frame_*.png, 16-bit grey, mm), of six people, with right and left
-hands in turn. It runs the same prediction on them as tools/predict.py, and draws demo/hands.png: the crop of each frame
-with the skeleton, the fitted surface, and the hand in space; above them the confidence of the fit, its expected error
-and its true error. Of a hand that is less than 30% sure there are no joints, and only the crop is drawn.
-demo/hands.json has the numbers in the format of a track, and for each hand its true error in mm (``true_error_mm``).
+writes six depth frames as a Kinect would record them (frame_*.png, 16-bit grey, mm), of six people,
+with right and left hands in turn. It runs the same prediction on them as tools/predict.py, and
+draws demo/hands.png: the crop of each frame with the skeleton, the fitted surface, and the hand in
+space; above them the confidence of the fit, its expected error and its true error. Of a hand that
+is less than 30% sure there are no joints, and only the crop is drawn. demo/hands.json has the
+numbers in the format of a track, and for each hand its true error in mm (``true_error_mm``).
 """
 
 from __future__ import annotations
@@ -96,7 +98,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def scene(number: int) -> tuple[NDArray[np.uint16], Array]:
-    """A depth frame (mm) of a person, another one for each number, and the true joints (31, 3) of the hand.
+    """A depth frame (mm) of a person, another one for each number, and the true joints
+    (31, 3) of the hand.
 
     Even numbers have a right hand that shows a gesture, odd ones a left hand on its way.
     """

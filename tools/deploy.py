@@ -1,12 +1,14 @@
 #!/usr/bin/env python3
-"""Write the deploy net of a training net: what classifies images, without the layers for data, losses and scores.
+"""Write the deploy net of a training net: what classifies images, without the layers for data,
+losses and scores.
 
     python tools/deploy.py train_val.prototxt deploy.prototxt
     python tools/deploy.py lenet_train_test.prototxt lenet.prototxt --shape data=1,1,28,28
 
-The layers are those of phase TEST. A layer that reads data becomes an input, a SoftmaxWithLoss a Softmax, other losses
-and Accuracy are removed, and so are auxiliary losses, such as those of GoogLeNet, with the layers before them. The
-names are those of the training net, so its weights fit. How the training transformed its images is in comments.
+The layers are those of phase TEST. A layer that reads data becomes an input, a SoftmaxWithLoss a
+Softmax, other losses and Accuracy are removed, and so are auxiliary losses, such as those of
+GoogLeNet, with the layers before them. The names are those of the training net, so its weights fit.
+How the training transformed its images is in comments.
 """
 
 from __future__ import annotations

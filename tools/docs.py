@@ -5,7 +5,8 @@
     python tools/docs.py camera
     python tools/docs.py confidence
 
-A page is named as its file in docs/ without .md; hands.schema.json is the JSON Schema of tracks and predictions.
+A page is named as its file in docs/ without .md; hands.schema.json is the JSON Schema of tracks
+and predictions.
 """
 
 from __future__ import annotations

@@ -1,12 +1,14 @@
 #!/usr/bin/env python3
-"""Draw the graph of a net: its layers, blobs and their shapes. The command line is that of Caffe's draw_net.py.
+"""Draw the graph of a net: its layers, blobs and their shapes.
+
+The command line is that of Caffe's draw_net.py.
 
     python tools/draw_net.py prototxt/nyu_train_test.prototxt net.png --phase TRAIN --rankdir TB
     python tools/draw_net.py deploy.prototxt --out net.svg
 
-A layer in place stands in the box of the layer before it. The shapes are those of phase TEST, if the net can be built.
-Requires the packages pydot and protobuf (pip install pydot protobuf) and, except for .dot files, Graphviz. The program
-Netron (netron.app) shows prototxts interactively.
+A layer in place stands in the box of the layer before it. The shapes are those of phase TEST, if
+the net can be built. Requires the packages pydot and protobuf (pip install pydot protobuf) and,
+except for .dot files, Graphviz. The program Netron (netron.app) shows prototxts interactively.
 """
 
 from __future__ import annotations
@@ -86,7 +88,9 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _shapes(model: str) -> dict[str, tuple[int, ...]]:
-    """The shapes of the blobs in phase TEST; without any, and with a line, if the net cannot be built."""
+    """The shapes of the blobs in phase TEST; without any, and with a line, if the net
+    cannot be built.
+    """
     try:
         return {name: blob.shape for name, blob in Net(model, TEST).blobs.items()}
     except NetlibError as error:

@@ -1,23 +1,25 @@
 #!/usr/bin/env python3
-r"""Score published predictions: errors in mm, success rates, errors per joint, the curves of the paper.
+r"""Score published predictions: errors in mm, success rates, errors per joint, the
+curves of the paper.
 
     python tools/evaluate.py nyu --groundtruth test_groundtruth_uvd.txt --plot nyu.png \
         --predictions DeepModel=IJCAI16_NYU_DeepModel.txt Feedback=ICCV15_NYU_Feedback.txt
 
-Files are text with one frame per line and three numbers per joint: u v d (px, px, mm) or x y z (mm, camera axes: x
-right, y up, z away). NYU has 14 joints: annotated 0, 3, 6, 9, 12, 15, 18, 21, 24, 25, 27, 30, 31, 32. ICVL has its 16.
-HANDS 2017 (also BigHand2.2M) has 21, as x y z with y down after the name of the image, by which frames are matched:
+Files are text with one frame per line and three numbers per joint: u v d (px, px, mm) or x y z
+(mm, camera axes: x right, y up, z away). NYU has 14 joints: annotated 0, 3, 6, 9, 12, 15, 18, 21,
+24, 25, 27, 30, 31, 32. ICVL has its 16. HANDS 2017 (also BigHand2.2M) has 21, as x y z with y down
+after the name of the image, by which frames are matched:
 
     python tools/evaluate.py hands2017 --groundtruth labels.txt --predictions Mine=result.txt
 
-Several NAME=FILE are compared in one table and one figure. Errors are distances between absolute positions, independent
-of crop centres and cubes.
+Several NAME=FILE are compared in one table and one figure. Errors are distances between absolute
+positions, independent of crop centres and cubes.
 
---angles (NYU) also fits the hand model to all joints, which takes one or two minutes per method, and compares its
-angles: the mean over the 23 rotations, in canonical form. The annotation is fitted within the limits with a ridge of
-0.003, which keeps angles that 14 joints do not determine near the initial pose; predictions are fitted within the
-limits without a ridge. If most frames fit the model to 0.05 mm, a fit without limits counts the frames that violate
-them.
+--angles (NYU) also fits the hand model to all joints, which takes one or two minutes per method,
+and compares its angles: the mean over the 23 rotations, in canonical form. The annotation is fitted
+within the limits with a ridge of 0.003, which keeps angles that 14 joints do not determine near the
+initial pose; predictions are fitted within the limits without a ridge. If most frames fit the model
+to 0.05 mm, a fit without limits counts the frames that violate them.
 """
 
 from __future__ import annotations
@@ -193,7 +195,10 @@ def _angle_table(fitted: dict[str, FittedAngles]) -> str:
 
 
 def plot(scores: Mapping[str, Score], benchmark: Benchmark, frames: int, out: str | Path) -> None:
-    """Plot success rates by maximum and by mean error, and mean errors per joint. Raises NetlibError."""
+    """Plot success rates by maximum and by mean error, and mean errors per joint.
+
+    Raises NetlibError.
+    """
     figure = outputs.new_figure(12, 8.5)
     axes = figure.subplot_mosaic([["max", "mean"], ["joints", "joints"]])
     _draw_curves(axes["max"], [s.success_max for s in scores.values()], "all joints")

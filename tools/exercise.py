@@ -6,11 +6,11 @@
     python tools/exercise.py relu --bug 1
     python tools/exercise.py relu
 
-The first command lists the exercises and marks those started. --start writes relu.py into the working folder: the
-project's file without the bodies to implement. --bug writes relu_bug1.py, the project's file with a mistake to find.
-The last command checks relu.py: shapes, values against Caffe's, the gradient against central differences, the options
-one after the other, and the paper's network with it. The first difference is explained. The file is executed, in a
-separate process.
+The first command lists the exercises and marks those started. --start writes relu.py into the
+working folder: the project's file without the bodies to implement. --bug writes relu_bug1.py, the
+project's file with a mistake to find. The last command checks relu.py: shapes, values against
+Caffe's, the gradient against central differences, the options one after the other, and the paper's
+network with it. The first difference is explained. The file is executed, in a separate process.
 """
 
 from __future__ import annotations

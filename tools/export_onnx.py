@@ -7,14 +7,15 @@
     python tools/export_onnx.py models/synthetic_hand/deploy.prototxt \\
         models/synthetic_hand/synthetic_hand.caffemodel.h5 hand.onnx --blob DoF --check
 
-The file uses only standard operators, including for the hand model, and accepts batches of any size, but images of one
-size: that of the prototxt, or --size. Inputs and outputs have the names of the prototxt; their meaning is in the file's
-metadata (docs/onnx.md). --opset 13 is for older runtimes and converters; the numbers are the same.
+The file uses only standard operators, including for the hand model, and accepts batches of any
+size, but images of one size: that of the prototxt, or --size. Inputs and outputs have the names of
+the prototxt; their meaning is in the file's metadata (docs/onnx.md). --opset 13 is for older
+runtimes and converters; the numbers are the same.
 
---check runs it in onnxruntime on random inputs and compares outputs and layers with netlib in float64. It fails if a
-difference is larger than rounding to float32 explains: 1e-5 of the largest value plus 10 times the measured effect of
-rounding. Of a detector it compares locations, confidences, and what is selected from the same ones. Requires
-pip install onnx onnxruntime.
+--check runs it in onnxruntime on random inputs and compares outputs and layers with netlib in
+float64. It fails if a difference is larger than rounding to float32 explains: 1e-5 of the largest
+value plus 10 times the measured effect of rounding. Of a detector it compares locations,
+confidences, and what is selected from the same ones. Requires pip install onnx onnxruntime.
 """
 
 from __future__ import annotations

@@ -7,11 +7,12 @@
     python tools/finetune.py deploy.prototxt net.caffemodel pictures/ \\
         --mean-file mean.binaryproto --scale 1 --mirror
 
-pictures/ has a folder for each class, called as the class. The last layer is replaced by one for these classes and
-trained; the other layers keep their weights, unless --freeze says otherwise. A part of each folder is held out, and
-tested at the end. The folder --out receives all that is needed to train again, and to run the result: train.prototxt,
-solver.prototxt, deploy.prototxt, labels.txt, the lists train.txt and test.txt, the weights, and the log. The mean and
-the scale are those with which the net was trained; its author knows them (docs/caffe_nets.md has many).
+pictures/ has a folder for each class, called as the class. The last layer is replaced by one for
+these classes and trained; the other layers keep their weights, unless --freeze says otherwise. A
+part of each folder is held out, and tested at the end. The folder --out receives all that is needed
+to train again, and to run the result: train.prototxt, solver.prototxt, deploy.prototxt, labels.txt,
+the lists train.txt and test.txt, the weights, and the log. The mean and the scale are those with
+which the net was trained; its author knows them (docs/caffe_nets.md has many).
 """
 
 from __future__ import annotations
@@ -194,7 +195,10 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _train(args: argparse.Namespace, old: Net, how: Preprocessing) -> int:
-    """Train with one line of progress, and the log in its file; returns the exit status. Raises NetlibError."""
+    """Train with one line of progress, and the log in its file; returns the exit status.
+
+    Raises NetlibError.
+    """
     with training.logged(ALONE, args.out / "train.log") as console:
         console.setLevel(logging.WARNING)
         log.info("Use CPU, %s", training.set_up_engine(args.engine, ALONE))
@@ -224,7 +228,9 @@ def _train(args: argparse.Namespace, old: Net, how: Preprocessing) -> int:
 
 
 def _report(solver: HeadSolver, line: StatusLine) -> None:
-    """Show the step, the accuracy on the held-out pictures and the time left while a solver trains."""
+    """Show the step, the accuracy on the held-out pictures and the time left while a
+    solver trains.
+    """
     begun, accuracy = time.monotonic(), [""]
 
     def update() -> None:
@@ -241,7 +247,10 @@ def _report(solver: HeadSolver, line: StatusLine) -> None:
 
 
 def pictures_of(folder: Path, color: bool) -> dict[str, list[str]]:
-    """The paths of the pictures of each class, sorted. Raises DataError, also for one that cannot be read."""
+    """The paths of the pictures of each class, sorted.
+
+    Raises DataError, also for one that cannot be read.
+    """
     classes: dict[str, list[str]] = {}
     for name in sorted(list_folder(folder)):
         if (folder / name).is_dir() and not name.startswith("."):
@@ -269,7 +278,9 @@ def pictures_of(folder: Path, color: bool) -> dict[str, list[str]]:
 def split(
     classes: Mapping[str, Sequence[str]], share: float, seed: int
 ) -> tuple[list[tuple[str, int]], list[tuple[str, int]]]:
-    """Paths and classes to train on, and those to test on: of each class the ``share``, at least one, by the seed."""
+    """Paths and classes to train on, and those to test on: of each class the ``share``, at least
+    one, by the seed.
+    """
     rng = np.random.default_rng(seed)
     parts: tuple[list[tuple[str, int]], list[tuple[str, int]]] = ([], [])
     for number, paths in enumerate(classes.values()):
@@ -285,7 +296,10 @@ def _listed(items: Sequence[tuple[str, int]]) -> str:
 
 
 def _data(args: argparse.Namespace, name: str, how: Preprocessing, train: int, test: int) -> str:
-    """The text of the layers that read the pictures; writes the file of a mean image. Raises NetlibError."""
+    """The text of the layers that read the pictures; writes the file of a mean image.
+
+    Raises NetlibError.
+    """
     mean = how.mean[::-1] if args.rgb else how.mean
     transform = " ".join(f"mean_value: {value!r}" for value in mean.ravel().tolist())
     if how.mean.shape[1:] != (1, 1):
@@ -326,7 +340,9 @@ def _data(args: argparse.Namespace, name: str, how: Preprocessing, train: int, t
 
 
 def _divisor(number: int, most: int) -> int:
-    """The largest divisor of a number up to ``most``: the batch with which each picture is tested once."""
+    """The largest divisor of a number up to ``most``: the batch with which each picture
+    is tested once.
+    """
     return max(i for i in range(1, min(number, most) + 1) if number % i == 0)
 
 

@@ -4,13 +4,14 @@ r"""Fit the hand model to annotated or predicted joints, to obtain its angles.
     python tools/fit_pose.py test_groundtruth_uvd.txt --out truth.h5
     python tools/fit_pose.py data/nyu/train.txt --out data/nyu_angles
 
-The first command reads a text file with one frame per line, NYU's 14 joints (u v d in px, px, mm; with --format xyz in
-mm), and writes dof (N, 47) and residual_mm (N, 14). The second reads a list of HDF5 files. For each it writes a small
-file with the angles and links to the data, and finally a list of these files: a training set with angles as labels.
-Files that exist are kept; other files are never replaced.
+The first command reads a text file with one frame per line, NYU's 14 joints (u v d in px, px, mm;
+with --format xyz in mm), and writes dof (N, 47) and residual_mm (N, 14). The second reads a list of
+HDF5 files. For each it writes a small file with the angles and links to the data, and finally a
+list of these files: a training set with angles as labels. Files that exist are kept; other files
+are never replaced.
 
-The fit uses Levenberg-Marquardt from several starts; --swarm uses the paper's particle swarm, which is slower and less
-accurate.
+The fit uses Levenberg-Marquardt from several starts; --swarm uses the paper's particle swarm, which
+is slower and less accurate.
 """
 
 from __future__ import annotations
@@ -108,7 +109,9 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _fit_text(args: argparse.Namespace, skeleton: Skeleton) -> tuple[Any, Any]:
-    """Inputs (N, D) and residuals (N, K) in mm for the frames of a text file; written if --out is given."""
+    """Inputs (N, D) and residuals (N, K) in mm for the frames of a text file; written if
+    --out is given.
+    """
     chosen = nyu.EVALUATION_JOINTS
     if max(chosen) >= len(skeleton.parents):
         raise DataError(
@@ -142,7 +145,9 @@ def _fit_text(args: argparse.Namespace, skeleton: Skeleton) -> tuple[Any, Any]:
 
 
 def _fit_list(args: argparse.Namespace, skeleton: Skeleton) -> tuple[Any, Any]:
-    """Inputs (N, D) and residuals (N, K) in mm for the frames of a list, written to files with links to the data."""
+    """Inputs (N, D) and residuals (N, K) in mm for the frames of a list, written to files with
+    links to the data.
+    """
     if args.swarm or args.frames or args.format != "uvd":
         raise NetlibError(
             f"{args.joints}: a list of HDF5 files; --swarm, --frames and --format need a text file "

@@ -15,9 +15,10 @@ SCRIPT is one of
     body       a person is visible behind the hand
     minute     all of these
 
---out is a folder of 16-bit PNG or FILE.npz, as written by tools/record.py. The ground truth is a track in
-OUT.truth.json, as written by tools/track.py. Frames where it reports a hand as lost because it is "partly in sight"
-have no correct answer for a tracker. The seed determines everything; noise is that of the camera.
+--out is a folder of 16-bit PNG or FILE.npz, as written by tools/record.py. The ground truth is a
+track in OUT.truth.json, as written by tools/track.py. Frames where it reports a hand as lost
+because it is "partly in sight" have no correct answer for a tracker. The seed determines
+everything; noise is that of the camera.
 """
 
 from __future__ import annotations

@@ -3,22 +3,25 @@
 
     python tools/make_synthetic.py --out data/nyu --train 20000 --test 2000
 
-writes train_000.h5, train_001.h5, ... of 2,500 frames each, test_000.h5, and the lists train.txt and test.txt that
-HDF5Data layers read. Existing files with the same content are kept: a second run returns at once, and an interrupted
-run continues. Data of another origin or of another body are replaced only with --force.
+writes train_000.h5, train_001.h5, ... of 2,500 frames each, test_000.h5, and the lists train.txt
+and test.txt that HDF5Data layers read. Existing files with the same content are kept: a second run
+returns at once, and an interrupted run continues. Data of another origin or of another body are
+replaced only with --force.
 
 --recipe nyu          NYU's camera, distances and poses: the default
          any_roll     hands rotated by any angle, 250 to 1200 mm away
-         cameras      as any_roll, with hands of many people, sleeves, and Kinect, RealSense and time-of-flight cameras:
-                      for training with your own camera
-         people       as cameras, with adults and children, any viewpoint and any direction of the arm
-         one_hand     one hand, with NYU's orientations, and in the test split a second, smaller one: the setting of the
-                      paper
+         cameras      as any_roll, with hands of many people, sleeves, and Kinect, RealSense and
+                      time-of-flight cameras: for training with your own camera
+         people       as cameras, with adults and children, any viewpoint and any
+                      direction of the arm
+         one_hand     one hand, with NYU's orientations, and in the test split a second, smaller
+                      one: the setting of the paper
          many_hands   the same poses, with hands of many people
 
     python tools/make_synthetic.py --body prototxt/body/person_prior.prototxt --train 40000
 
-draws another body, as described by its prior file, into the folder of its name in data/ (docs/bodies.md).
+draws another body, as described by its prior file, into the folder of its name in data/
+(docs/bodies.md).
 """
 
 from __future__ import annotations

@@ -3,8 +3,9 @@
 
     python tools/plot_log.py snapshots/train.log --out snapshots/train.png
 
-Several logs share one figure. The log of a training run resumed with --snapshot can follow the first log in one file.
-Of more than eight test outputs, the first in the order of their names are drawn.
+Several logs share one figure. The log of a training run resumed with --snapshot can follow
+the first log in one file. Of more than eight test outputs, the first in the order of their
+names are drawn.
 """
 
 from __future__ import annotations
@@ -64,7 +65,10 @@ def run(args: argparse.Namespace) -> int:
 
 
 def read_log(path: str | Path) -> dict[str, Curve]:
-    """The curves of a log: LOSS, and those of the test outputs by their names. Raises DataError if there is none."""
+    """The curves of a log: LOSS, and those of the test outputs by their names.
+
+    Raises DataError if there is none.
+    """
     text = files.read_text(path, "the log", errors="replace")
     curves, iteration = dict[str, Curve](), 0
     for line in text.splitlines():
@@ -82,7 +86,10 @@ def read_log(path: str | Path) -> dict[str, Curve]:
 
 
 def plot(logs: dict[str, dict[str, Curve]], out: str | Path) -> None:
-    """Plot one panel for the loss and one per test output. Raises NetlibError if the figure cannot be written."""
+    """Plot one panel for the loss and one per test output.
+
+    Raises NetlibError if the figure cannot be written.
+    """
     names = sorted({name for log in logs.values() for name in log} - {LOSS})
     if len(names) > MAX_PANELS:
         say(f"drew the first {MAX_PANELS} of {len(names)} test outputs", file=sys.stderr)

@@ -5,25 +5,30 @@
     python tools/predict.py crop.png --out pictures
     python tools/predict.py frame.png --camera kinect2 --html frame.html --csv frame.csv
 
-The network of models/synthetic_hand predicts a pose, and a fit refines it to match the depth (--fit fast takes a third
-of the time, --fit no uses the network alone). --weights selects your own network.
+The network of models/synthetic_hand predicts a pose, and a fit refines it to match the depth
+(--fit fast takes a third of the time, --fit no uses the network alone). --weights selects
+your own network.
 
-With --camera, the images are full depth frames: 16-bit grey PNG, 0 where there is no measurement; with --camera nyu,
-also NYU's colour encoding. A camera.json (docs/camera.md) may also give their unit and distortion. --center gives the
-position of the hand; by default it is detected. The crop is then moved to the palm that the network predicts, --refine
-times; use 0 for networks whose training crops are not centred like NYU's, such as ICVL's.
+With --camera, the images are full depth frames: 16-bit grey PNG, 0 where there is no measurement;
+with --camera nyu, also NYU's colour encoding. A camera.json (docs/camera.md) may also give their
+unit and distortion. --center gives the position of the hand; by default it is detected. The crop is
+then moved to the palm that the network predicts, --refine times; use 0 for networks whose training
+crops are not centred like NYU's, such as ICVL's.
 
-Without --camera, the images are crops: square 8-bit images of normalised depth, resized to 128 x 128. A value v means
-the depth of the centre + (v / 127.5 - 1) * cube / 2: the hand's centre is mid-grey, the background white.
+Without --camera, the images are crops: square 8-bit images of normalised depth, resized to 128 x
+128. A value v means the depth of the centre + (v / 127.5 - 1) * cube / 2: the hand's centre is
+mid-grey, the background white.
 
-Networks are trained on right hands, in images that are not mirrored. --hand either, the default with a fit, tries both
-and selects the one that matches the depth better; use --hand left or right if it is known. Another body
-(docs/bodies.md) needs --weights and --model of its net, --cube, and for full frames --center.
+Networks are trained on right hands, in images that are not mirrored. --hand either, the default
+with a fit, tries both and selects the one that matches the depth better; use --hand left or right
+if it is known. Another body (docs/bodies.md) needs --weights and --model of its net, --cube, and
+for full frames --center.
 
-Joints are in mm, x right, y up, z away, from the camera, and without --camera from the crop's centre. The percentage is
-the probability that their mean error is below 30 mm; below --min-confidence no joints are given. --json has the format
-of a track, with one frame per image.
---html also writes a page for the browser that shows the hands with the depth points; they can be rotated and bent.
+Joints are in mm, x right, y up, z away, from the camera, and without --camera from the crop's
+centre. The percentage is the probability that their mean error is below 30 mm; below
+--min-confidence no joints are given. --json has the format of a track, with one frame per image.
+--html also writes a page for the browser that shows the hands with the depth points; they can be
+rotated and bent.
 """
 
 from __future__ import annotations

@@ -5,10 +5,9 @@
     python tools/record.py take.bag --out take.npz
     python tools/record.py "frames/left_*.png" --camera sr305 --rate 60 --out left.npz
 
-SOURCE is a folder with a 16-bit PNG, .npy, .npz or .raw for each frame or a quoted pattern of their names, an array
-file (.npy, .npz), a ROS bag, or realsense, a connected camera. --out is a folder of 16-bit PNG, named by their times,
-with a camera.json, or FILE.npz.
-The output is undistorted.
+SOURCE is a folder with a 16-bit PNG, .npy, .npz or .raw for each frame or a quoted pattern of their
+names, an array file (.npy, .npz), a ROS bag, or realsense, a connected camera. --out is a folder of
+16-bit PNG, named by their times, with a camera.json, or FILE.npz. The output is undistorted.
 
 Ctrl-C ends a recording and keeps it. Nothing is overwritten.
 """
@@ -76,7 +75,10 @@ def run(args: argparse.Namespace) -> int:
 def _write(
     seen: Inspection, writer: RecordingWriter, stopper: Stopper, seconds: float | None
 ) -> float:
-    """Write frames up to the limit; returns the time in s from the first to the last. Raises StoppedError."""
+    """Write frames up to the limit; returns the time in s from the first to the last.
+
+    Raises StoppedError.
+    """
     first = last = None
     with writer, ProgressBar(seen.recording.count or 0, what="recording") as progress:
         for frame in seen.all_frames():

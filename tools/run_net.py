@@ -13,12 +13,13 @@
     python tools/run_net.py ssd.prototxt ssd.caffemodel street.jpg \\
         --labels map.prototxt --threshold 0.5 --draw out.jpg
 
-An IMAGE with the suffix .txt is a list of images, as for an ImageData layer: in each line a path, a space and a label.
-A folder stands for the pictures in it, in the order of the numbers in their names.
-Each image is read in 8 bits, blue first, and resized to the net's input; then the mean is subtracted, and the result
-multiplied by the scale. These are the steps and the numbers of OpenCV's blobFromImage; with a mean image, those of
-Caffe's data layers: the image is resized to the mean's size, and the input is cut from its centre. Boxes of detections
-are xmin ymin xmax ymax in px of the image. --confusion compares the classes with the labels of a list.
+An IMAGE with the suffix .txt is a list of images, as for an ImageData layer: in each line a path, a
+space and a label. A folder stands for the pictures in it, in the order of the numbers in their
+names. Each image is read in 8 bits, blue first, and resized to the net's input; then the mean is
+subtracted, and the result multiplied by the scale. These are the steps and the numbers of OpenCV's
+blobFromImage; with a mean image, those of Caffe's data layers: the image is resized to the mean's
+size, and the input is cut from its centre. Boxes of detections are xmin ymin xmax ymax in px of the
+image. --confusion compares the classes with the labels of a list.
 """
 
 from __future__ import annotations
@@ -199,7 +200,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _paths(images: Sequence[str], root: str) -> tuple[list[str], list[int]]:
-    """The paths of images, with folders and lists replaced by what they name, and the labels if all are in lists.
+    """The paths of images, with folders and lists replaced by what they name, and the labels if
+    all are in lists.
 
     Raises DataError.
     """

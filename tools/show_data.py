@@ -1,14 +1,16 @@
 #!/usr/bin/env python3
-"""Show data: one figure with frames of one or more data sets and their annotated hands or other bodies.
+"""Show data: one figure with frames of one or more data sets and their annotated hands
+or other bodies.
 
     python tools/show_data.py data/nyu/test.txt --out synthetic.png
     python tools/show_data.py data/nyu/test.txt real_crops/ --out both.png --plain
     python tools/show_data.py data/person/test.txt --out people.png \\
         --skeleton prototxt/body/person.prototxt
 
-Each argument becomes a block of rows: a list of HDF5 files, an HDF5 file with depth and optionally joint, or a folder
-of crops (square 8-bit images of normalised depth). Frames are evenly spaced over each set. Hands are drawn if a data
-set has the 31 joints of the model, or the joints of the --skeleton; --plain draws none.
+Each argument becomes a block of rows: a list of HDF5 files, an HDF5 file with depth and optionally
+joint, or a folder of crops (square 8-bit images of normalised depth). Frames are evenly spaced over
+each set. Hands are drawn if a data set has the 31 joints of the model, or the joints of the
+--skeleton; --plain draws none.
 """
 
 from __future__ import annotations

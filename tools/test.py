@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""Score snapshots on the test set of a net: its outputs, joint errors in mm, success rates, violated limits.
+"""Score snapshots on the test set of a net: its outputs, joint errors in mm, success rates,
+violated limits.
 
     python tools/test.py snapshots/nyu_iter_*.caffemodel.h5
 
@@ -8,12 +9,13 @@
 
     python tools/test.py --joints ...           # also the error per joint of the last snapshot
 
-    python tools/test.py --fit accurate ...     # also the same after a fit of the hand model to the depth
+    python tools/test.py --fit accurate ...     # also the same after a fit of the hand
+                                                model to the depth
 
-Errors are distances between predicted and annotated joints, relative to the centre of the crop (joint 34 of the NYU
-annotation; the same point in synthetic data) and scaled by the cube of each frame. The success rate is the fraction of
-frames in which all joints (for NYU's hand: the 14 evaluation joints) are within 20 or 40 mm; thresholds of larger
-bodies are scaled by their cube.
+Errors are distances between predicted and annotated joints, relative to the centre of the crop
+(joint 34 of the NYU annotation; the same point in synthetic data) and scaled by the cube of each
+frame. The success rate is the fraction of frames in which all joints (for NYU's hand: the 14
+evaluation joints) are within 20 or 40 mm; thresholds of larger bodies are scaled by their cube.
 """
 
 from __future__ import annotations
@@ -161,7 +163,9 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _draw(path: Path, net: Net, found: held_out.Predictions) -> None:
-    """Draw evenly spaced test frames, on the crop and in 3-D: predictions in colour, annotations as thin lines."""
+    """Draw evenly spaced test frames, on the crop and in 3-D: predictions in colour, annotations
+    as thin lines.
+    """
     hand = hand_layer(net)
     chosen = spread(len(found.joints), DRAWN)
     sheet = hands.two_views(

@@ -1,10 +1,12 @@
 #!/usr/bin/env python3
-"""Test a net on its own test data: the mean of each output, such as accuracy and loss, over a number of batches.
+"""Test a net on its own test data: the mean of each output, such as accuracy and loss, over a
+number of batches.
 
     python tools/test_net.py train_val.prototxt net_iter_1000.caffemodel --iterations 100
 
-The net is built for phase TEST and reads the data of its data layer. For several weights, one block is printed for
-each. tools/caffe.py test is Caffe's command, which also logs the values of each batch.
+The net is built for phase TEST and reads the data of its data layer. For several weights, one
+block is printed for each. tools/caffe.py test is Caffe's command, which also logs the values
+of each batch.
 """
 
 from __future__ import annotations

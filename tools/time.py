@@ -4,9 +4,9 @@
     python tools/time.py prototxt/nyu_train_test.prototxt --iterations 20
     python tools/time.py prototxt/nyu_train_test.prototxt --engine plain
 
-Layers are timed on one thread, as the engine runs them (fast: shard by shard, summed over a batch); full passes run on
-all threads, as in training. A deploy net, with inputs and without a loss, is timed in phase TEST. --memory lists what
-the net stores after one pass.
+Layers are timed on one thread, as the engine runs them (fast: shard by shard, summed over a batch);
+full passes run on all threads, as in training. A deploy net, with inputs and without a loss, is
+timed in phase TEST. --memory lists what the net stores after one pass.
 """
 
 from __future__ import annotations

@@ -8,20 +8,24 @@
     python tools/track.py realsense --serve
     python tools/track.py takes/wave --look first.png
 
-SOURCE is a folder with a 16-bit PNG, .npy, .npz or .raw for each frame or a quoted pattern of their names, an array
-file (.npy, .npz), a ROS bag, or realsense, a connected camera. Camera, unit and distortion come from it, from a
-camera.json next to it, or from options; a report on the first frames shows them and warns about likely mistakes. --look
-stops after it, with a figure of the first hand.
+SOURCE is a folder with a 16-bit PNG, .npy, .npz or .raw for each frame or a quoted pattern of
+their names, an array file (.npy, .npz), a ROS bag, or realsense, a connected camera. Camera,
+unit and distortion come from it, from a camera.json next to it, or from options; a report on the
+first frames shows them and warns about likely mistakes. --look stops after it, with a figure of
+the first hand.
 
-Each hand is tracked from its last pose; while there are fewer than --hands, the image is searched for more. Handedness
-is decided in the first frames and size in the first seconds of a track, and both are kept. Angles and palm poses are
-smoothed, so bones keep their length; those of recordings also with the frames after them, up to two seconds later.
---raw turns this off. A place below --min-presence is no hand; beside a hand with joints, nor is one below 75% that
-never had a pose. A hand below --min-confidence is reported with its place, but without joints. --fit accurate takes
-about a third longer than fast. --serve shows the track in a browser as it is computed (docs/live.md).
+Each hand is tracked from its last pose; while there are fewer than --hands, the image is searched
+for more. Handedness is decided in the first frames and size in the first seconds of a track, and
+both are kept. Angles and palm poses are smoothed, so bones keep their length; those of recordings
+also with the frames after them, up to two seconds later. --raw turns this off. A place below
+--min-presence is no hand; beside a hand with joints, nor is one below 75% that never had a pose. A
+hand below --min-confidence is reported with its place, but without joints. --fit accurate takes
+about a third longer than fast. --serve shows the track in a browser as it is computed
+(docs/live.md).
 
-Without an output option, FILE.json and a contact sheet FILE.png are written to the working folder, named after the
-source, unless they exist. Ctrl-C or a truncated recording leaves complete files of the frames so far.
+Without an output option, FILE.json and a contact sheet FILE.png are written to the working folder,
+named after the source, unless they exist. Ctrl-C or a truncated recording leaves complete files of
+the frames so far.
 """
 
 from __future__ import annotations
@@ -180,7 +184,10 @@ def _track(
     stopper: Stopper,
     frames: int | None,
 ) -> None:
-    """Track and write up to the end of the recording, or ``frames``. Raises StoppedError, NetlibError."""
+    """Track and write up to the end of the recording, or ``frames``.
+
+    Raises StoppedError, NetlibError.
+    """
 
     def write(ready: list[tuple[Floats, TrackedFrame]]) -> None:
         for depth, found in ready:
@@ -208,7 +215,9 @@ def _track(
 def _say_summary(
     summary: Summary, seconds: float, note: str, outputs: Outputs, talk: TextIO, doubt: str
 ) -> None:
-    """Print a summary, one line per hand, and the names of the outputs; ``doubt`` may explain why no hand was found."""
+    """Print a summary, one line per hand, and the names of the outputs; ``doubt`` may explain why
+    no hand was found.
+    """
     say(
         f"{summary.frames} frames of {summary.seconds:.1f} s, {summary.frames / seconds:.0f} frames/s",
         file=talk,

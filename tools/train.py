@@ -3,13 +3,13 @@
 
     python tools/train.py prototxt/nyu_solver.prototxt --max-iter 2000
 
-Ctrl-C (or SIGTERM) writes a snapshot and stops; SIGHUP only writes a snapshot. To resume exactly where the training
-stopped, add --snapshot snapshots/nyu_iter_2000.solverstate.h5
+Ctrl-C (or SIGTERM) writes a snapshot and stops; SIGHUP only writes a snapshot. To resume exactly
+where the training stopped, add --snapshot snapshots/nyu_iter_2000.solverstate.h5
 
     mpiexec -n 4 python -m mpi4py tools/train.py prototxt/nyu_solver.prototxt
 
-Four processes train together, on one machine or several (docs/distributed.md). Each runs the net's batch on its own
-rows, so a step processes four times as many.
+Four processes train together, on one machine or several (docs/distributed.md). Each runs the net's
+batch on its own rows, so a step processes four times as many.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
-"""Upgrade a net of Caffe's older formats, or a solver, to the current format. Replaces Caffe's upgrade_net_proto_text,
-upgrade_net_proto_binary and upgrade_solver_proto_text.
+"""Upgrade a net of Caffe's older formats, or a solver, to the current format.
+
+Replaces Caffe's upgrade_net_proto_text, upgrade_net_proto_binary and upgrade_solver_proto_text.
 
     python tools/upgrade_net.py lenet_v1.prototxt lenet.prototxt
     python tools/upgrade_net.py old.caffemodel new.caffemodel
@@ -67,12 +68,17 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _is_text(content: bytes) -> bool:
-    """Whether the content is text; binary messages contain control characters, in keys or lengths."""
+    """Whether the content is text; binary messages contain control characters, in
+    keys or lengths.
+    """
     return not any(byte < 32 and byte not in b"\t\n\v\f\r" for byte in content)
 
 
 def current_net(tree: Message) -> Message:
-    """Convert a net to the current format, with inputs as a layer. Raises PrototxtError if it is not a net."""
+    """Convert a net to the current format, with inputs as a layer.
+
+    Raises PrototxtError if it is not a net.
+    """
     if tree.values("lr_policy") or tree.values("base_lr"):
         raise NetlibError(f"{tree.position}: error: this is a solver; add --solver")
     new = upgraded(tree)

@@ -44,7 +44,9 @@ def solver() -> netlib.Solver:
 
 
 def largest_difference(frames: Mapping[str, Any], hand: nano.Skeleton, updates: int = 20) -> float:
-    """The largest relative difference between the losses of nano.py and netlib's: same weights, batches and updates."""
+    """The largest relative difference between the losses of nano.py and netlib's: same weights,
+    batches and updates.
+    """
     network, theirs = nano.new_network(np.random.default_rng(1), p=0), solver()
     learned = [
         parameters

@@ -1,4 +1,5 @@
-"""What several chapters of the book need: one layer run on arrays, and the numbers that Caffe computed.
+"""What several chapters of the book need: one layer run on arrays, and the numbers that
+Caffe computed.
 
 from docs.book.helpers import run, against_caffe
 [bottom], [top] = run(layer, x, dy=dy)
@@ -20,7 +21,9 @@ relative = recordings.relative
 
 
 class Followed(NamedTuple):
-    """A training run next to Caffe's: the updates compared, the largest relative differences of weights and losses."""
+    """A training run next to Caffe's: the updates compared, the largest relative differences of
+    weights and losses.
+    """
 
     updates: int
     weights: float
@@ -28,7 +31,8 @@ class Followed(NamedTuple):
 
 
 def run(layer: netlib.Layer, *inputs: Any, dy: Any = None) -> tuple[list[Blob], list[Blob]]:
-    """Run a layer once on arrays, in float64: forward, and backward if ``dy``, the gradient of its top, is given.
+    """Run a layer once on arrays, in float64: forward, and backward if ``dy``, the gradient of its
+    top, is given.
 
     Returns its bottoms and its top, as lists of blobs.
     """
@@ -50,15 +54,17 @@ def caffe_cases(prefix: str = "") -> list[str]:
 
 
 def against_caffe(name: str) -> dict[str, float]:
-    """Run one of these nets here, in float64: for each array the largest difference from Caffe's, relative to the
-    largest number. Raises KeyError for an unknown name.
+    """Run one of these nets here, in float64: for each array the largest difference from Caffe's,
+    relative to the largest number. Raises KeyError for an unknown name.
     """
     cases = {case.name: case for case in recordings.layer_cases()}
     return recordings.differences(cases[name], np.float64)
 
 
 def caffe_arrays(name: str) -> dict[str, np.ndarray]:
-    """The inputs and results of a layer of the paper, as the released C++ computed them in Caffe."""
+    """The inputs and results of a layer of the paper, as the released C++ computed
+    them in Caffe.
+    """
     with np.load(recordings.FOLDER / f"{name}.npz") as file:
         return dict(file)
 

@@ -1,10 +1,14 @@
-"""Model-based Deep Hand Pose Estimation (Zhou, Wan, Zhang, Xue, Wei; IJCAI 2016): the whole paper, on NumPy alone.
+"""Model-based Deep Hand Pose Estimation (Zhou, Wan, Zhang, Xue, Wei; IJCAI 2016): the whole paper,
+on NumPy alone.
 
-python docs/book/nano.py            train on 32 rendered frames, print losses and errors, draw a hand before and after
-python docs/book/nano.py --check    compare the losses of 20 updates with netlib's: float64, no dropout
+python docs/book/nano.py            train on 32 rendered frames, print losses and errors, draw a
+                                    hand before and after
+python docs/book/nano.py --check    compare the losses of 20 updates with netlib's:
+                                    float64, no dropout
 
-A layer is a function that reads x and writes y. It returns y and a second function, ``backward``, which turns dy into
-dx and a list of the gradients of the layer's parameters. dv is dL/dv, the gradient of the loss L with respect to v.
+A layer is a function that reads x and writes y. It returns y and a second function, ``backward``,
+which turns dy into dx and a list of the gradients of the layer's parameters. dv is dL/dv, the
+gradient of the loss L with respect to v.
 """
 
 import re
@@ -17,7 +21,7 @@ HAND = Path(__file__).resolve().parents[2] / "prototxt" / "hand" / "nyu.prototxt
 # 64 rendered crops of 128 x 128 pixels, and their joints
 FRAMES = Path(__file__).with_name("frames.npz")
 
-# ------------------------------------------------------------------------------------ the layers: chapters 1 to 4 and 7
+# ---------------------------------------------------------------- the layers: chapters 1 to 4 and 7
 
 
 def relu(x):
@@ -71,11 +75,13 @@ def dropout(x, p, rng):
     return x * mask, lambda dy: (dy * mask, [])
 
 
-# ------------------------------------------------------------------------------------------- the hand: chapters 8 and 9
+# ----------------------------------------------------------------------- the hand: chapters 8 and 9
 
 
 class Skeleton:
-    """A hand's file as arrays: the degrees of freedom (DoFs), and the parent, motions and bone of each joint."""
+    """A hand's file as arrays: the degrees of freedom (DoFs), and the parent, motions and bone
+    of each joint.
+    """
 
     def __init__(self, path):
         text = re.sub(r'#.*|"', "", path.read_text(encoding="utf-8"))
@@ -114,7 +120,9 @@ def rotation(axis, angle):
 
 
 def hand_model(x, hand):
-    """Forward kinematics: from the DoFs x (N, 47) to the positions of the joints (N, 31, 3); backward by torques."""
+    """Forward kinematics: from the DoFs x (N, 47) to the positions of the joints (N, 31, 3);
+    backward by torques.
+    """
     theta, N, K = np.where(hand.free, x, 0) + hand.initial, len(x), len(hand.parent)
     X = np.zeros((N, K + 1, 3))  # the last is the world
     frames = np.zeros((N, K + 1, 3, 3)) + np.eye(3)
@@ -146,7 +154,7 @@ def hand_model(x, hand):
     return X[:, :K], backward
 
 
-# ---------------------------------------------------------------------- the network and its training: chapters 5, 6, 10
+# -------------------------------------------------- the network and its training: chapters 5, 6, 10
 
 
 def new_network(rng, p):
@@ -204,7 +212,7 @@ def train(network, hand, depth, joints, updates, batch=8, rate=0.003, momentum=0
                 w -= h[i]
 
 
-# ------------------------------------------------------------------------------------------------ what it has learned
+# ------------------------------------------------------------------------------ what it has learned
 
 
 def predict(network, hand, depth):
@@ -222,7 +230,9 @@ def error_mm(X, joints):
 
 
 def drawing(X, true, hand, rows=26):
-    """Lines of text: the bones of a hand (31, 3), seen from the front, as o over the true ones as dots."""
+    """Lines of text: the bones of a hand (31, 3), seen from the front, as o over the
+    true ones as dots.
+    """
     canvas = np.full((rows, 2 * rows), " ")
     parents = [p if p >= 0 else j for j, p in enumerate(hand.parent)]
     for joints, mark in ((true, "."), (X, "o")):

@@ -1,4 +1,6 @@
-"""A tape: operations on values note how they pass gradients back; ``backward`` reads the notes from the end."""
+"""A tape: operations on values note how they pass gradients back; ``backward`` reads the
+notes from the end.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +8,9 @@ import numpy as np
 
 
 class Value:
-    """An array, its gradient, and the tape that its operations write to: a list that values share."""
+    """An array, its gradient, and the tape that its operations write to: a list
+    that values share.
+    """
 
     def __init__(self, data, tape):
         self.data = np.array(data, dtype=float)
@@ -14,7 +18,10 @@ class Value:
         self.tape = tape
 
     def note(self, data, *inputs):
-        """The result of an operation. Each of its inputs comes with a function from dy to its gradient."""
+        """The result of an operation.
+
+        Each of its inputs comes with a function from dy to its gradient.
+        """
         y = Value(data, self.tape)
         self.tape.append((y, inputs))
         return y

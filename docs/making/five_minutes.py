@@ -1,4 +1,5 @@
-"""Chapter 0's second training: the paper's network on frames that are rendered first, in about five minutes.
+"""Chapter 0's second training: the paper's network on frames that are rendered first, in
+about five minutes.
 
 python -m docs.making.five_minutes            4,096 frames; the picture is five_minutes.svg
 python -m docs.making.five_minutes --frames 64 --out by_heart.svg
@@ -35,7 +36,9 @@ SOLVER = 'type: "Adam" base_lr: 0.0005 momentum: 0.9 momentum2: 0.999 lr_policy:
 
 
 def rendered(split: Split, count: int) -> tuple[Array, Array, Array]:
-    """Crops (N, 1, 128, 128), joints (N, 31, 3) in half-cubes, centres (N, 3) of the first frames of a split."""
+    """Crops (N, 1, 128, 128), joints (N, 31, 3) in half-cubes, centres (N, 3) of the first
+    frames of a split.
+    """
     generator = Generator(seed=0, split=split)
     blocks = [generator.block(number) for number in range(-(-count // 64))]  # of 64 frames
     depth, joints, center = (
@@ -46,7 +49,9 @@ def rendered(split: Split, count: int) -> tuple[Array, Array, Array]:
 
 
 def paper_net(batch: int) -> str:
-    """The prototxt of the paper's training net, with an Input of the same shapes in place of its data layers."""
+    """The prototxt of the paper's training net, with an Input of the same shapes in place of
+    its data layers.
+    """
     text = (ROOT / "prototxt" / "nyu_train_test.prototxt").read_text(encoding="utf-8")
     text = re.sub(r'^layer {\n  name: "data".*?^}\n', "", text, flags=re.MULTILINE | re.DOTALL)
     shapes = f"shape {{ dim: {batch} dim: 1 dim: 128 dim: 128 }} shape {{ dim: {batch} dim: 93 }}"
@@ -69,7 +74,9 @@ def error_mm(joints: Array, truth: Array) -> float:
 
 
 def train(count: int, iterations: int) -> list[Point]:
-    """Render and train; prints the errors at the beginning, after a hundredth of the iterations and each tenth."""
+    """Render and train; prints the errors at the beginning, after a hundredth of the iterations
+    and each tenth.
+    """
     print(f"rendering {count} + {HELD_OUT} frames")
     (depth, joints, _), (held_out, truth, _) = rendered("train", count), rendered("test", HELD_OUT)
     tree = prototxt.parse(

@@ -1,4 +1,6 @@
-"""What documents take from the code. ``make docs`` has cog call these functions, which print Markdown.
+"""What documents take from the code.
+
+``make docs`` has cog call these functions, which print Markdown.
 
 In a document, the result stands between two comments:
 
@@ -21,9 +23,11 @@ FORMAT_TITLES: dict[FormatName, str] = {"mediapipe": "MediaPipe", "mano": "MANO"
 
 
 def code(name: str, *names: str) -> None:
-    """A file as a block of code, or some functions, classes, methods and constants of it, without indentation.
+    """A file as a block of code, or some functions, classes, methods and constants of it,
+    without indentation.
 
-    The name ``docstring`` is the module's. Raises ValueError for a name that the file does not define.
+    The name ``docstring`` is the module's. Raises ValueError for a name that the file
+    does not define.
     """
     path = ROOT / name
     text = path.read_text(encoding="utf-8")
@@ -85,7 +89,9 @@ def failed_exercise() -> None:
 
 
 def joint_formats() -> None:
-    """A table of the points of wrist, thumb and index finger: how each is computed, and the joints of other formats."""
+    """A table of the points of wrist, thumb and index finger: how each is computed, and the joints
+    of other formats.
+    """
     rows = [["computed as", *FORMAT_TITLES.values(), "against the anatomical point"]]
     rows.append(["---"] * len(rows[0]))
     for part, point in POINTS.items():

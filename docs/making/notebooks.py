@@ -1,8 +1,9 @@
-"""The chapters of the book as notebooks, docs/book/*.ipynb, where their links and pictures are those of the chapters.
+"""The chapters of the book as notebooks, docs/book/*.ipynb, where their links and pictures are
+those of the chapters.
 
-``python`` and ``pycon`` blocks become code cells, without prompts and output. Blocks of other kinds, code that is shown
-from a file and blocks that are not run stay text. A statement that raises an error has its own cell, with Jupyter's tag
-``raises-exception``, so that the cells after it run.
+``python`` and ``pycon`` blocks become code cells, without prompts and output. Blocks of other
+kinds, code that is shown from a file and blocks that are not run stay text. A statement that raises
+an error has its own cell, with Jupyter's tag ``raises-exception``, so that the cells after it run.
 """
 
 from __future__ import annotations
@@ -44,7 +45,9 @@ def notebook(chapter: Path) -> str:
 
 
 def _cells(session: re.Match[str]) -> str:
-    """The statements of a session; each that prints something ends a cell, each that raises an error is one."""
+    """The statements of a session; each that prints something ends a cell, each that raises
+    an error is one.
+    """
     cells, source = "", ""
     for example in doctest.DocTestParser().get_examples(session[1]):
         if example.exc_msg is not None:

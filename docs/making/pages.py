@@ -1,4 +1,6 @@
-"""Pages for the browser, one self-contained file each. ``make docs`` writes them: docs/hand.html and those of the book.
+"""Pages for the browser, one self-contained file each.
+
+``make docs`` writes them: docs/hand.html and those of the book.
 
 The numbers that a page shows are computed here, by the code that the book is about.
 """
@@ -101,11 +103,13 @@ def windows() -> dict[str, Any]:
 
 
 def _entry(title: str, kind: str, options: str) -> dict[str, Any]:
-    """The padded picture, kernel and bias of a layer, dy, and ``windows``: per output [input, element, share].
+    """The padded picture, kernel and bias of a layer, dy, and ``windows``: per output
+    [input, element, share].
 
-    All arrays are lists, row by row. Inputs are counted in the padded picture; ``element`` is that of the kernel, -1 in
-    pooling; ``share`` is that of an input in a mean, else 0. They are the gradients of one output: with a kernel of
-    different numbers, the gradient identifies the element.
+    All arrays are lists, row by row. Inputs are counted in the padded picture; ``element`` is
+    that of the kernel, -1 in pooling; ``share`` is that of an input in a mean, else 0. They
+    are the gradients of one output: with a kernel of different numbers, the gradient
+    identifies the element.
     """
     pad = int(options.partition("pad: ")[2][:1] or 0)
     padded, layer = np.pad(PICTURE, pad), SmallLayer(kind, options, PICTURE)
@@ -196,7 +200,9 @@ def new_small_net() -> netlib.Net:
 
 
 def small_net() -> dict[str, Any]:
-    """Layers in order, each with the blobs that it reads and writes, whether it runs backwards, and its parameters."""
+    """Layers in order, each with the blobs that it reads and writes, whether it runs backwards, and
+    its parameters.
+    """
     net = new_small_net()
     name_of = {id(blob): name for name, blob in net.blobs.items()}
     return {

@@ -1,12 +1,17 @@
-"""Pictures of pages in docs/images, and the frames of docs/book/nano.py. Run by hand; the pages need a Chromium.
+"""Pictures of pages in docs/images, and the frames of docs/book/nano.py.
+
+Run by hand; the pages need a Chromium.
 
 python -m docs.making.pictures hand_page     the page docs/hand.html, with a pose and a force
-python -m docs.making.pictures live_page     the page of tools/track.py --serve, with a synthetic recording
-python -m docs.making.pictures frames        docs/book/frames.npz: the first rendered training frames
+python -m docs.making.pictures live_page     the page of tools/track.py --serve, with a
+                                             synthetic recording
+python -m docs.making.pictures frames        docs/book/frames.npz: the first rendered
+                                             training frames
 
-Others are written by a command: demo.png is demo/hands.png of ``tools/demo.py --out demo --seed 1 --frames 2``;
-synthetic.png is from ``tools/make_synthetic.py --out data --train 64 --test 480 --workers 1``, then
-``tools/show_data.py data/test.txt --frames 24 --plain --out synthetic.png``.
+Others are written by a command: demo.png is demo/hands.png of ``tools/demo.py --out demo
+--seed 1 --frames 2``; synthetic.png is from ``tools/make_synthetic.py --out
+data --train 64 --test 480 --workers 1``, then ``tools/show_data.py data/test.txt --frames 24
+--plain --out synthetic.png``.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """What MkDocs calls while it builds the site (``hooks`` in mkdocs.yml).
 
-README, CONTRIBUTING and CHANGELOG lie outside docs/, which is all that MkDocs reads; pages for the browser are not in
-git. Links to files outside docs/ stay: from site/, which is next to docs/, they lead to the files of the clone.
+README, CONTRIBUTING and CHANGELOG lie outside docs/, which is all that MkDocs reads; pages for the
+browser are not in git. Links to files outside docs/ stay: from site/, which is next to docs/, they
+lead to the files of the clone.
 """
 
 from __future__ import annotations
@@ -26,7 +27,8 @@ TOP = {
     "CONTRIBUTING.md": "CONTRIBUTING.md",
     "CHANGELOG.md": "CHANGELOG.md",
 }
-# A page that GitHub cannot show is a comment there: <!-- embed: ../hand.html#body=arm 640 The book's arm -->
+# A page that GitHub cannot show is a comment there: <!-- embed: ../hand.html#body=arm 640 The
+# book's arm -->
 EMBEDDED = re.compile(r"^<!-- embed: (\S+) (\d+) (.+) -->$", re.MULTILINE)
 FIGURE = re.compile(r"^!\[[^\]\n]*\]\(([^)\s]+\.(?:svg|png|jpg))\)$", re.MULTILINE)
 

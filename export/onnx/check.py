@@ -1,13 +1,15 @@
 """Comparison of an exported file in onnxruntime with its net, computed in float64.
 
-Float32 rounds a value by up to 6e-8 of it, and a net can amplify this: the relative error of a Softmax is the absolute
-error of its logits, and where large values cancel, their error remains. So the allowed difference is ``TOLERANCE`` plus
-``FACTOR`` times the measured effect of rounding, all relative to the largest value. Two kinds of values are compared:
+Float32 rounds a value by up to 6e-8 of it, and a net can amplify this: the relative error of a
+Softmax is the absolute error of its logits, and where large values cancel, their error remains. So
+the allowed difference is ``TOLERANCE`` plus ``FACTOR`` times the measured effect of rounding, all
+relative to the largest value. Two kinds of values are compared:
 
 outputs   Values of the file and of the net. Effect of rounding: the error of the net in float32.
-layers    Values of each layer in the file, and of the net's layer computed from the same bottoms. Effect of rounding:
-          the change of the tops when bottoms and parameters change by half a unit in the last place, the error that any
-          float32 computation may have. This finds mistakes that a later layer hides, such as a saturated Softmax.
+layers    Values of each layer in the file, and of the net's layer computed from the same bottoms.
+          Effect of rounding: the change of the tops when bottoms and parameters change by half a
+          unit in the last place, the error that any float32 computation may have. This finds
+          mistakes that a later layer hides, such as a saturated Softmax.
 """
 
 from __future__ import annotations
@@ -67,8 +69,8 @@ def compared(y: Array, rounded: Array, exact: Array) -> Difference:
 
 
 def difference(y: Array, expected: Array) -> float:
-    """Return the largest difference relative to the largest finite expected value; inf if shapes or non-finite values
-    differ.
+    """Return the largest difference relative to the largest finite expected value; inf if shapes or
+    non-finite values differ.
     """
     if y.shape != expected.shape:
         return np.inf
@@ -83,11 +85,13 @@ def difference(y: Array, expected: Array) -> float:
 def differences(
     image: bytes, net: Net, batches: Sequence[int]
 ) -> tuple[dict[str, Difference], dict[str, Difference]]:
-    """Compare a file with its net, in phase TEST, for random inputs in [-1, 1] with these batch sizes.
+    """Compare a file with its net, in phase TEST, for random inputs in [-1, 1] with
+    these batch sizes.
 
-    Returns the differences of the outputs by name, and those of the blobs that a layer computes from onnxruntime's
-    values. Of a detector, the first are its locations and confidences, and the rows that its layer selects from
-    onnxruntime's: of confidences that are equal up to rounding, either may come first. Raises NetlibError.
+    Returns the differences of the outputs by name, and those of the blobs that a layer computes
+    from onnxruntime's values. Of a detector, the first are its locations and confidences, and the
+    rows that its layer selects from onnxruntime's: of confidences that are equal up to rounding,
+    either may come first. Raises NetlibError.
     """
     selected = {
         at.layer.spec.top[0]: at.layer.spec.bottom
@@ -117,7 +121,9 @@ def differences(
 def _of_layers(
     exact: Net, inputs: Mapping[str, Array], found: Mapping[str, Array], rng: np.random.Generator
 ) -> Iterator[tuple[str, Difference]]:
-    """Compare each blob in ``found`` with what its layer computes from the blobs in ``found`` that it reads."""
+    """Compare each blob in ``found`` with what its layer computes from the blobs in ``found``
+    that it reads.
+    """
     # the last ones: layers in place
     writers = {name: at for at in exact.connections for name in at.layer.spec.top}
     for number, at in enumerate(exact.connections):
@@ -139,7 +145,9 @@ def _of_layers(
 
 @contextmanager
 def _rounding_errors(at: Connection, rng: np.random.Generator) -> Iterator[None]:
-    """Temporarily change the bottoms and parameters of a layer by half a unit in the last place of float32."""
+    """Temporarily change the bottoms and parameters of a layer by half a unit in the last
+    place of float32.
+    """
     arrays = [blob.data for blob in dict.fromkeys([*at.bottom, *at.layer.blobs])]
     before = [array.copy() for array in arrays]
     if at.layer.type not in SELECTING:

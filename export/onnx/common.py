@@ -1,5 +1,5 @@
-"""Activations, normalizations, inner products, reductions, and layers that split, join and reshape blobs, as ONNX
-operators. Normalizations are those of phase TEST.
+"""Activations, normalizations, inner products, reductions, and layers that split, join and reshape
+blobs, as ONNX operators. Normalizations are those of phase TEST.
 """
 
 from __future__ import annotations

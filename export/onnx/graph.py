@@ -1,8 +1,8 @@
 """ONNX graph builder: collects operators and constants, then serializes the model.
 
-Files have opset 17 and IR version 8, of ONNX 1.12 (June 2022), for compatibility; tested with onnxruntime 1.16 to 1.31
-and OpenCV 4.8 to 5.0. Older runtimes need an older opset, down to 11; before opset 15
-Shape has no range of axes. Opset 18 changes the form of reductions.
+Files have opset 17 and IR version 8, of ONNX 1.12 (June 2022), for compatibility; tested with
+onnxruntime 1.16 to 1.31 and OpenCV 4.8 to 5.0. Older runtimes need an older opset, down to 11;
+before opset 15 Shape has no range of axes. Opset 18 changes the form of reductions.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ OPSET = 17
 # of the ONNX release with this opset
 IR_VERSIONS = {11: 6, 12: 7, 13: 7, 14: 7, 15: 8, 16: 8, 17: 8}
 RANGE_OF_SHAPE = 15  # the opset from which Shape has a range of axes
-# Operators that have in older opsets another form than here, and the opset from which they have this one
+# Operators that have in older opsets another form than here, and the opset from which
+# they have this one
 FIRST_OPSETS = {"GatherND": 12, "ReduceSum": 13, "Softmax": 13, "Split": 13, "Unsqueeze": 13}
 PRODUCER = "handpose"
 MAX_BYTES = 2**31 - 1  # of a protocol buffer
@@ -35,7 +36,8 @@ class Place:
 
     layer        the layer, with its options and parameters
     values       the names of the values of its bottoms
-    bottom, top  the shapes of its bottoms and tops; a translation replaces that of a top whose size depends on values
+    bottom, top  the shapes of its bottoms and tops; a translation replaces that of a top whose size
+                 depends on values
     """
 
     layer: Any  # of any type, with attributes of its own
@@ -57,7 +59,8 @@ class Place:
 class Graph:
     """Operators and constants in the order of addition.
 
-    ``values`` maps every blob to the name of its current value. ``taken`` are names reserved for ``finish``.
+    ``values`` maps every blob to the name of its current value. ``taken`` are names reserved
+    for ``finish``.
     """
 
     def __init__(self, taken: Iterable[str], opset: int = OPSET) -> None:
@@ -74,7 +77,10 @@ class Graph:
         return self.ops(op, 1, *inputs, **attributes)[0]
 
     def ops(self, op: str, outputs: int, *inputs: str, **attributes: Any) -> list[str]:
-        """Add an operator; returns the names of its outputs. Raises NetlibError if the opset has another form of it."""
+        """Add an operator; returns the names of its outputs.
+
+        Raises NetlibError if the opset has another form of it.
+        """
         if (first := FIRST_OPSETS.get(op, 0)) > self.opset:
             raise NetlibError(
                 f"layer {self.layer!r} needs the operator {op} of opset {first}, found opset {self.opset}; expected "
@@ -107,7 +113,9 @@ class Graph:
         return self.op("Add", value, self.constant(float(shift), "shift")) if shift != 0 else value
 
     def widened(self, value: str, axes: int, first: int, all_axes: int) -> str:
-        """Append axes of size 1 to a value with ``axes`` axes, so that it broadcasts to x from axis ``first`` on."""
+        """Append axes of size 1 to a value with ``axes`` axes, so that it broadcasts to x from
+        axis ``first`` on.
+        """
         behind = all_axes - first - axes
         if not behind:
             return value
@@ -153,8 +161,9 @@ class Graph:
         outputs: Mapping[str, Shape],
         metadata: Mapping[str, str],
     ) -> bytes:
-        """Serialize the model. Values are named after their blobs, outputs first. Raises NetlibError, also without
-        onnx.
+        """Serialize the model.
+
+        Values are named after their blobs, outputs first. Raises NetlibError, also without onnx.
         """
         self.layer = "outputs"
         names = {name: name for name in inputs}
@@ -218,7 +227,9 @@ def package(name: str) -> Any:
 
 
 def symbolic(two: Sequence[int], three: Sequence[int]) -> Shape | None:
-    """Return the shape of a blob for N items, from those for 2 and for 3; None unless at most one axis depends on N."""
+    """Return the shape of a blob for N items, from those for 2 and for 3; None unless at most one
+    axis depends on N.
+    """
     if len(two) != len(three):
         return None
     shape: list[int | str] = []

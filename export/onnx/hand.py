@@ -1,19 +1,21 @@
-"""HandModel in ONNX: forward kinematics as a few products of 4 x 4 matrices, batched over all limbs.
+"""HandModel in ONNX: forward kinematics as a few products of 4 x 4 matrices, batched
+over all limbs.
 
 The transform of a motion by theta (layers/hand/kinematics.py) combines four constant matrices:
 
     A(theta) = A_1 + A_cos cos theta + A_sin sin theta + A_theta theta
 
-Fixed DoFs and bones are also constant and are multiplied into the following motions. The remaining tree contains only
-free motions, called steps:
+Fixed DoFs and bones are also constant and are multiplied into the following motions. The remaining
+tree contains only free motions, called steps:
 
     world_from_step = world_from_parent @ S(theta)         S = (fixed transform between the two) @ A
     joint           = world_from_step @ (fixed transform after the joint's last step) @ (0, 0, 0, 1)
 
-Steps of the same depth in this tree form one product. The NYU hand has 26 free motions, at most 10 in a chain.
+Steps of the same depth in this tree form one product. The NYU hand has 26 free motions, at most
+10 in a chain.
 
-If each body has its own bone lengths (bottom[1]), a fixed transform is a constant plus, for each bone, a constant times
-its length, as bones only translate.
+If each body has its own bone lengths (bottom[1]), a fixed transform is a constant plus, for each
+bone, a constant times its length, as bones only translate.
 """
 
 from __future__ import annotations
@@ -98,7 +100,9 @@ def hand_model(graph: Graph, at: Place) -> list[str]:
 
 
 def _size(graph: Graph, at: Place, sk: Skeleton, dofs: list[int]) -> tuple[str, str]:
-    """Compute the initial values, (N, steps) or (steps), and bone lengths (N, K) of bodies with individual sizes."""
+    """Compute the initial values, (N, steps) or (steps), and bone lengths (N, K) of bodies with
+    individual sizes.
+    """
     sizes = math.prod(at.sizes(at.bottom[1][1:]))
     b = at.values[1] if len(at.bottom[1]) == 2 else graph.reshaped(at.values[1], ("N", sizes))
     if sizes > 1:
@@ -112,7 +116,9 @@ def _size(graph: Graph, at: Place, sk: Skeleton, dofs: list[int]) -> tuple[str, 
 
 
 def _times(graph: Graph, bones: str, by_bone: Array, shape: Shape) -> str:
-    """Sum constants (K, ...) over the bones, weighted by their lengths (N, K); returns the given shape."""
+    """Sum constants (K, ...) over the bones, weighted by their lengths (N, K); returns
+    the given shape.
+    """
     flat = graph.constant(by_bone.reshape(len(by_bone), -1), "by_bone")
     return graph.reshaped(graph.op("MatMul", bones, flat), shape)
 
@@ -144,8 +150,8 @@ def _worlds(graph: Graph, steps: list[Step], transforms: str) -> str:
 
 
 def steps_of(sk: Skeleton, bones: Array) -> tuple[list[Step], list[int], Array]:
-    """Return the steps by depth, the last step of each joint, and the joints' positions in the frames of these steps,
-    (K, 4), for signed ``bones`` (K,).
+    """Return the steps by depth, the last step of each joint, and the joints' positions in the
+    frames of these steps, (K, 4), for signed ``bones`` (K,).
 
     The first step is the identity; roots and everything fixed to them are its children.
     """
@@ -184,7 +190,9 @@ def steps_of(sk: Skeleton, bones: Array) -> tuple[list[Step], list[int], Array]:
 
 
 def _parts(motion: Motion) -> Array:
-    """Return the matrices (4, 4, 4) of 1, cos theta, sin theta, theta in the transform of a motion."""
+    """Return the matrices (4, 4, 4) of 1, cos theta, sin theta, theta in the
+    transform of a motion.
+    """
     parts = np.zeros((4, 4, 4))
     parts[0, 3, 3] = 1
     if motion.kind == "translate":

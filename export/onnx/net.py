@@ -1,8 +1,9 @@
-"""Export of a trained net to ONNX, and the table of layer types and the functions that add their operators.
+"""Export of a trained net to ONNX, and the table of layer types and the functions that add
+their operators.
 
-A function takes the graph and the layer's Place and returns the names of the tops' values. A layer without effect
-returns the values of its bottoms. Options and formulas are documented in the layer's file in layers/; comments note
-where ONNX's operators differ from Caffe's.
+A function takes the graph and the layer's Place and returns the names of the tops' values. A layer
+without effect returns the values of its bottoms. Options and formulas are documented in the layer's
+file in layers/; comments note where ONNX's operators differ from Caffe's.
 """
 
 from __future__ import annotations
@@ -83,7 +84,10 @@ LAYERS: dict[str, Translation] = {
 
 
 def load(model: str | Path, weights: str | Path) -> Net:
-    """Load a net in phase TEST with its weights. Raises NetlibError, also for a layer type that cannot be exported."""
+    """Load a net in phase TEST with its weights.
+
+    Raises NetlibError, also for a layer type that cannot be exported.
+    """
     for spec in select_layers(load_parameter(model), NetState("TEST")):
         if spec.type in layer_types() or spec.type == "Python":  # Net reports unknown types
             _translation(spec)
@@ -103,10 +107,12 @@ def _translation(spec: LayerParameter) -> Translation:
 def onnx_image(
     net: Net, also: Sequence[str] = (), cube_mm: float | None = None, opset: int = OPSET
 ) -> bytes:
-    """Export a net in phase TEST as ONNX and return the bytes; the first axis of every input is the batch, N.
+    """Export a net in phase TEST as ONNX and return the bytes; the first axis of every input
+    is the batch, N.
 
-    ``also`` names additional output blobs. ``cube_mm`` is the edge length of the crop cube in mm; None: NYU's, for a
-    hand. Raises NetlibError, also if an operator needs a later ``opset``, which is from 11 to 17.
+    ``also`` names additional output blobs. ``cube_mm`` is the edge length of the crop cube in mm;
+    None: NYU's, for a hand. Raises NetlibError, also if an operator needs a later ``opset``, which
+    is from 11 to 17.
     """
     shapes = shapes_of(net)
     graph = Graph(net.blobs, opset)
@@ -176,7 +182,8 @@ def _outputs(net: Net, also: Sequence[str]) -> list[str]:
 
 
 def shapes_of(net: Net) -> Shapes:
-    """Return the shapes of each layer's bottoms and tops for N items, from reshaping the net to 2 and 3 items.
+    """Return the shapes of each layer's bottoms and tops for N items, from reshaping the net to
+    2 and 3 items.
 
     Afterwards the net has its original shapes. Raises LayerError if it cannot be reshaped.
     """

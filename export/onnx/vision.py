@@ -1,4 +1,6 @@
-"""Convolutions, poolings and crops, prior boxes, and the selection of detections, as ONNX operators."""
+"""Convolutions, poolings and crops, prior boxes, and the selection of detections, as
+ONNX operators.
+"""
 
 from __future__ import annotations
 
@@ -42,10 +44,11 @@ def sliding(graph: Graph, at: Place, op: str) -> list[str]:
 def pooling(graph: Graph, at: Place) -> list[str]:
     """Translate Caffe's pooling: as many windows as the top has, with pads that fit exactly these.
 
-    ONNX's ceil_mode keeps windows that Caffe drops, and its mean counts elements differently. So output sizes are
-    rounded down, the end pads fit the last window, and where that window extends past Caffe's padding, which Caffe does
-    not count, a constant corrects the mean. A last window beyond the image (stride > kernel) has no value and is
-    rejected by the operators, so it is appended with Pad.
+    ONNX's ceil_mode keeps windows that Caffe drops, and its mean counts elements differently. So
+    output sizes are rounded down, the end pads fit the last window, and where that window extends
+    past Caffe's padding, which Caffe does not count, a constant corrects the mean. A last window
+    beyond the image (stride > kernel) has no value and is rejected by the operators, so it is
+    appended with Pad.
     """
     layer = at.layer
     is_max, x = layer.param.pool == "MAX", at.values[0]
@@ -138,8 +141,8 @@ def interp(graph: Graph, at: Place) -> list[str]:
 
 
 def upsample(graph: Graph, at: Place) -> list[str]:
-    """Translate Upsample; with a mask, scatter the values in each map, because MaxUnpool's indices count through the
-    batch.
+    """Translate Upsample; with a mask, scatter the values in each map, because MaxUnpool's indices
+    count through the batch.
     """
     if len(at.values) == 1:
         scales = graph.constant(
@@ -168,11 +171,13 @@ def prior_box(graph: Graph, at: Place) -> list[str]:
 
 
 def detection_output(graph: Graph, at: Place) -> list[str]:
-    """Translate the selection with N items, K classes without the background and their k best candidates.
+    """Translate the selection with N items, K classes without the background and their k
+    best candidates.
 
-    NonMaxSuppression has one set of boxes for all classes and no limit of its candidates, so it is given N K items of
-    one class with k boxes. What it selects is written as a flag for each of the N x (K k) candidates, which are sorted
-    by label and confidence. The flags that are set, in this order, are the rows.
+    NonMaxSuppression has one set of boxes for all classes and no limit of its candidates, so it is
+    given N K items of one class with k boxes. What it selects is written as a flag for each of the
+    N x (K k) candidates, which are sorted by label and confidence. The flags that are set, in this
+    order, are the rows.
     """
     layer = at.layer
     p, P, C = layer.param, layer.priors, layer.param.num_classes

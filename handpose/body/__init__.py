@@ -1,1 +1,3 @@
-"""A body: its sides, the data sets' joints, the surface of capsules around its bones, its gestures."""
+"""A body: its sides, the data sets' joints, the surface of capsules around its
+bones, its gestures.
+"""

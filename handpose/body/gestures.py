@@ -1,18 +1,21 @@
-"""The gesture of a hand: open, fist, point, pinch, thumb up, two, three, four; its score in one frame, and over time.
+"""The gesture of a hand: open, fist, point, pinch, thumb up, two, three, four; its score in one
+frame, and over time.
 
-Four fingers are straight or bent, the thumb is out or across the palm, thumb and index finger touch or not. Each of
-these is a probability, a logistic function of one measure of the hand; a gesture is the product of those it requires:
+Four fingers are straight or bent, the thumb is out or across the palm, thumb and index finger touch
+or not. Each of these is a probability, a logistic function of one measure of the hand; a gesture is
+the product of those it requires:
 
     finger straight   the sum of the bends at its three joints, about STRAIGHT
     thumb out         distance of its tip from the middle knuckle, about OUT palms
     touch             distance of the tips of thumb and index finger, about TOUCH palms
 
-A palm is the distance of the wrist from the middle knuckle. Gestures exclude each other, so the scores sum to 1 at
-most; the rest is no gesture. "open" is the number five, "point" the number one, with the thumb anywhere; "two" is index
-and middle finger, "three" the ring finger, too.
+A palm is the distance of the wrist from the middle knuckle. Gestures exclude each other, so the
+scores sum to 1 at most; the rest is no gesture. "open" is the number five, "point" the number one,
+with the thumb anywhere; "two" is index and middle finger, "three" the ring finger, too.
 
-Over time, scores are smoothed with the time constant SMOOTH_S. A gesture begins when its smoothed score is above BEGIN,
-and lasts until it is below END or another one begins. A hand that was missing for FORGET_S starts without history.
+Over time, scores are smoothed with the time constant SMOOTH_S. A gesture begins when its smoothed
+score is above BEGIN, and lasts until it is below END or another one begins. A hand that was missing
+for FORGET_S starts without history.
 """
 
 from __future__ import annotations
@@ -49,7 +52,10 @@ NUMBERS = {"fist": 0, "point": 1, "two": 2, "three": 3, "four": 4, "open": 5}
 
 
 def scores(skeleton: Skeleton, hand: Side, xyz: Array) -> dict[str, float]:
-    """The score of each gesture for joints (K, 3) in mm, camera axes. Raises DataError, see ``anatomical_angles``."""
+    """The score of each gesture for joints (K, 3) in mm, camera axes.
+
+    Raises DataError, see ``anatomical_angles``.
+    """
     angles, at = (
         anatomical_angles(skeleton, hand, xyz),
         dict(zip(skeleton.joint_names, np.asarray(xyz, np.float64))),
@@ -93,7 +99,9 @@ FORGET_S = 0.4
 
 
 class Gesture(NamedTuple):
-    """A gesture: its name, "" for none, and its smoothed score (for none, one minus the others')."""
+    """A gesture: its name, "" for none, and its smoothed score
+    (for none, one minus the others').
+    """
 
     name: str
     confidence: float
@@ -120,7 +128,8 @@ class GestureReader:
     def read(self, id: int, hand: Side, xyz: Array, time: float) -> Gesture:
         """The gesture of the hand ``id`` with joints (K, 3) in mm, at ``time`` s.
 
-        Raises DataError for times of a hand that descend, and for joints that form no hand (``anatomical_angles``).
+        Raises DataError for times of a hand that descend, and for joints that form no hand
+        (``anatomical_angles``).
         """
         before = self._states.get(id)
         if not math.isfinite(time) or (before is not None and time < before.time):

@@ -1,15 +1,15 @@
-"""The surface of a skeleton file: tables of its capsules and wedges, their positions in a pose, and their penetration;
-and the fingers of a hand.
+"""The surface of a skeleton file: tables of its capsules and wedges, their positions in a pose, and
+their penetration; and the fingers of a hand.
 
-A capsule extends from one joint to another, with a radius at both. If it ends next to the joint, the ``offset`` o of
-the joint gives the distance, along axes that rotate with a joint f of the body:
+A capsule extends from one joint to another, with a radius at both. If it ends next to the joint,
+the ``offset`` o of the joint gives the distance, along axes that rotate with a joint f of the body:
 
     E_j = X_j + size R_f o_j        with the pose's joints X_j and rotations R_f = world_from_f
 
 A wedge is its three edges, which are capsules, and a facet between them (``handpose.body.render``).
 
-All lengths are in the unit of the skeleton's bones. Joints are those of ``whole``, which is the skeleton, followed by
-the joints of the surface alone (for a hand: the arm).
+All lengths are in the unit of the skeleton's bones. Joints are those of ``whole``, which is the
+skeleton, followed by the joints of the surface alone (for a hand: the arm).
 """
 
 from __future__ import annotations
@@ -40,7 +40,8 @@ Sphere = tuple[int, float]  # its joint and its radius
 
 
 class Surface:
-    """The M capsules of a skeleton, including the edges of its wedges; the same skeleton gives the same tables.
+    """The M capsules of a skeleton, including the edges of its wedges; the same skeleton gives
+    the same tables.
 
     whole      the skeleton with the additional joints and DoFs of the surface
     start, end (M,) joints that the capsules connect
@@ -126,7 +127,9 @@ class Surface:
         size: Array | float = 1.0,
         offset: Array | float = 1.0,
     ) -> Array:
-        """``ends`` for given joints (N, K, 3) and rotations (N, 3, 3) of the joints that the offsets refer to."""
+        """``ends`` for given joints (N, K, 3) and rotations (N, 3, 3) of the joints that the
+        offsets refer to.
+        """
         ends = joints.copy()
         factor = np.broadcast_to(np.multiply(size, offset), len(joints))[:, None, None]
         for f, (own, vectors) in self.offsets.items():
@@ -134,12 +137,16 @@ class Surface:
         return ends
 
     def penetration(self, ends: Array, radii: Array) -> Array:
-        """The maximum penetration (N,) of parts that should be apart; ends (N, K, 3), radii (N, M, 2)."""
+        """The maximum penetration (N,) of parts that should be apart; ends (N, K, 3),
+        radii (N, M, 2).
+        """
         a, b = (ends[:, joints].transpose(2, 1, 0) for joints in (self.start, self.end))
         return np.asarray(self._depths(a, b, radii.transpose(1, 2, 0)).max(axis=0, initial=-np.inf))
 
     def mean_penetration(self, capsules: Capsules) -> Array:
-        """The mean (N,), over all capsules, of how deep one that should be apart penetrates each, at least 0."""
+        """The mean (N,), over all capsules, of how deep one that should be apart penetrates
+        each, at least 0.
+        """
         a, b = capsules.a.transpose(2, 1, 0), capsules.b.transpose(2, 1, 0)
         depths = self._depths(a, b, np.stack([capsules.radius_a.T, capsules.radius_b.T], axis=1))
         deepest = np.zeros(a.shape[1:])
@@ -187,7 +194,9 @@ class Surface:
         return self.whole.joint_names.index(name)
 
     def _keep_apart(self) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-        """Pairs of capsules of different parts that do not penetrate each other at rest, with all inputs 0."""
+        """Pairs of capsules of different parts that do not penetrate each other at rest,
+        with all inputs 0.
+        """
         named = [m for m, part in enumerate(self.parts) if part]
         pairs = [
             (i, j) for i, j in itertools.combinations(named, 2) if self.parts[i] != self.parts[j]
@@ -201,7 +210,9 @@ class Surface:
 
 
 def _between(a: Array, b: Array, c: Array, d: Array) -> tuple[Array, Array, Array]:
-    """The nearest points of the segments ab and cd, arrays (3, ...): position on each, 0 to 1, and their distance."""
+    """The nearest points of the segments ab and cd, arrays (3, ...): position on each, 0 to 1, and
+    their distance.
+    """
     u, v, w = b - a, d - c, a - c
     uu, vv, uv = (u * u).sum(0), (v * v).sum(0), (u * v).sum(0)
     uw, vw = (u * w).sum(0), (v * w).sum(0)
@@ -212,7 +223,9 @@ def _between(a: Array, b: Array, c: Array, d: Array) -> tuple[Array, Array, Arra
 
 
 def has_fingers(skeleton: Skeleton) -> bool:
-    """True for a hand: a skeleton with a PIP joint, a DIP joint and a tip of each of the five fingers."""
+    """True for a hand: a skeleton with a PIP joint, a DIP joint and a tip of each of
+    the five fingers.
+    """
     return all(
         joint in skeleton.joint_names
         for finger in FINGERS
@@ -243,6 +256,8 @@ class Fingers:
 
 
 def _joints(finger: str) -> list[tuple[str, ...]]:
-    """The skeleton's joints in the middle of which a finger's PIP joint (up to 3 mm), DIP joint and tip are."""
+    """The skeleton's joints in the middle of which a finger's PIP joint (up to 3 mm), DIP
+    joint and tip are.
+    """
     pip = ("thumb_pip",) if finger == "thumb" else (f"{finger}_pip_a", f"{finger}_pip_b")
     return [pip, (f"{finger}_dip",), (f"{finger}_tip",)]

@@ -1,7 +1,8 @@
-"""Facts about the NYU hand pose data set (Tompson et al., 2014), and how the model's joints lie among its joints.
+"""Facts about the NYU hand pose data set (Tompson et al., 2014), and how the model's joints lie
+among its joints.
 
-72,757 training and 8,252 test frames of a Kinect v1, 640 x 480, with 36 annotated joints. The annotation counts joints
-from 0 here: "joint 34", the centre of every crop, is the 35th.
+72,757 training and 8,252 test frames of a Kinect v1, 640 x 480, with 36 annotated joints. The
+annotation counts joints from 0 here: "joint 34", the centre of every crop, is the 35th.
 """
 
 from __future__ import annotations
@@ -32,7 +33,8 @@ ANNOTATION_OF_JOINT = (
     *(28, 27, 25, 24),  # thumb, root to tip
 )
 
-# The 14 joints on which results on NYU are compared, as annotated, and the same as joints of the model.
+# The 14 joints on which results on NYU are compared, as annotated, and the same as
+# joints of the model.
 EVALUATION_ANNOTATIONS = (0, 3, 6, 9, 12, 15, 18, 21, 24, 25, 27, 30, 31, 32)
 EVALUATION_JOINTS = tuple(ANNOTATION_OF_JOINT.index(j) for j in EVALUATION_ANNOTATIONS)
 
@@ -45,14 +47,16 @@ def cube_of_test_frame(index: ArrayLike) -> NDArray[np.float64]:
 def half_cubes(frames: int) -> NDArray[np.float64]:
     """Half the cube's edge (frames,) in mm for the first ``frames`` test frames.
 
-    If these are all test frames, the second subject's are smaller; otherwise the first subject's size is used for all,
-    and ``one_size_for_all`` is the warning.
+    If these are all test frames, the second subject's are smaller; otherwise the first subject's
+    size is used for all, and ``one_size_for_all`` is the warning.
     """
     return cube_of_test_frame(np.arange(frames) if frames == TEST_FRAMES else np.zeros(frames)) / 2
 
 
 def one_size_for_all(frames: int) -> str:
-    """A warning if ``half_cubes`` uses one subject's size for all of ``frames`` test frames, else empty."""
+    """A warning if ``half_cubes`` uses one subject's size for all of ``frames`` test
+    frames, else empty.
+    """
     if frames == TEST_FRAMES:
         return ""
     return f"warning: {frames} of {TEST_FRAMES} test frames; the first subject's size of hand is used for all"

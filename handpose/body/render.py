@@ -1,27 +1,32 @@
 r"""Depth images of capsules: a body as a union of round cones, seen by a pinhole camera.
 
 A capsule is the convex hull of two spheres, radii ra at a and rb at b: all the spheres of centre
-c(s) = a + s (b - a) and radius r(s) = ra - s (ra - rb), 0 <= s <= 1. A ray t (x, y, 1) has depth t, so the
-depth image is the smallest t over all capsules, and the ray meets the sphere s at
+c(s) = a + s (b - a) and radius r(s) = ra - s (ra - rb), 0 <= s <= 1. A ray t (x, y, 1) has depth t,
+so the depth image is the smallest t over all capsules, and the ray meets the sphere s at
 
     t = (c.d - sqrt((c.d)^2 - d.d (c.c - r^2))) / d.d        with d = (x, y, 1)
 
-Which s it meets first follows from the infinite cone that the spheres touch. With B = b - a, w = ra - rb,
-e = B.B - w^2 and g = a.B + ra w, the ray meets that cone at the smaller root of k2 t^2 + 2 k1 t + k0 = 0,
+Which s it meets first follows from the infinite cone that the spheres touch. With B = b - a,
+w = ra - rb, e = B.B - w^2 and g = a.B + ra w, the ray meets that cone at the smaller root of k2
+t^2 + 2 k1 t + k0 = 0,
 
-    k2 = e d.d - (B.d)^2      k1 = (g B - e a).d      k0 = e (a.a - ra^2) - g^2      s = (t B.d - g) / e
+    k2 = e d.d - (B.d)^2      k1 = (g B - e a).d      k0 = e (a.a - ra^2) - g^2
+    s = (t B.d - g) / e
 
-and s, limited to [0, 1], is the sphere that holds the first point of the hull. No case distinction is left
-for the pixels, so a capsule is twenty array operations on the rectangle of pixels it can touch; rectangles of
-similar size, of whatever capsule and frame, go together. B.d, k1, a.d are sums of a row and a column.
+and s, limited to [0, 1], is the sphere that holds the first point of the hull. No case distinction
+is left for the pixels, so a capsule is twenty array operations on the rectangle of pixels it can
+touch; rectangles of similar size, of whatever capsule and frame, go together. B.d, k1, a.d are sums
+of a row and a column.
 
-A *wedge* is the convex hull of three spheres: three capsules and, on either side, the triangle in which the plane that
-touches all three is touched (``facets``). With the normal n of that plane and the centres A, B, C
+A *wedge* is the convex hull of three spheres: three capsules and, on either side, the triangle in
+which the plane that touches all three is touched (``facets``). With the normal n of that plane and
+the centres A, B, C
 
-    n.(B - A) = ra - rb     n.(C - A) = ra - rc     |n| = 1        V = A + ra n, and likewise at B and C
+    n.(B - A) = ra - rb     n.(C - A) = ra - rc     |n| = 1
+    V = A + ra n, and likewise at B and C
 
-The ray meets the triangle at t = 1 / (f0 + f1 + f2) if no f is negative, where fi is linear in d: f0 = d.(V1 x V2) / D
-and so on, D = V0.(V1 x V2).
+The ray meets the triangle at t = 1 / (f0 + f1 + f2) if no f is negative, where fi is linear in d:
+f0 = d.(V1 x V2) / D and so on, D = V0.(V1 x V2).
 """
 
 from __future__ import annotations
@@ -48,10 +53,11 @@ NO_FACETS: NDArray[np.int_] = np.zeros((0, 3), dtype=int)
 
 
 class Capsules(NamedTuple):
-    """M capsules in each of N frames: two end points in mm, camera axes (y up), and their radii in mm.
+    """M capsules in each of N frames: two end points in mm, camera axes (y up), and
+    their radii in mm.
 
-    facets  (T, 3) the same in all frames: the spheres between which the surface is flat, 2 m for the end a of capsule
-            m, 2 m + 1 for its end b
+    facets  (T, 3) the same in all frames: the spheres between which the surface is flat, 2 m for
+            the end a of capsule m, 2 m + 1 for its end b
     """
 
     a: Array  # (N, M, 3)
@@ -94,7 +100,9 @@ def joined(parts: Iterable[Capsules]) -> Capsules:
 
 
 def in_front(capsules: Capsules, clear_mm: ArrayLike = CLEAR_MM) -> Capsules:
-    """The parts of capsules farther than this in mm, one or (N,), from the camera's plane; others become specks."""
+    """The parts of capsules farther than this in mm, one or (N,), from the camera's plane; others
+    become specks.
+    """
     clear = np.maximum(np.asarray(clear_mm, dtype=np.float64).reshape(-1, 1), CLEAR_MM)
     near = [
         (capsules.a[..., 2] - capsules.radius_a) - clear,
@@ -120,8 +128,8 @@ def render_crop(
 ) -> Floats:
     """Depth (N, size, size) in mm, as ``crop`` would cut it from a rendering of the whole image.
 
-    The rays are those of the pixels that ``crop`` picks. Pixels without a surface have the far face of the cube; depths
-    outside the cube are not clipped to its faces: see ``normalise_depth``.
+    The rays are those of the pixels that ``crop`` picks. Pixels without a surface have the far face
+    of the cube; depths outside the cube are not clipped to its faces: see ``normalise_depth``.
 
     center_uvd  (N, 3) middle of the cubes
     cube_mm     edges of the cubes, one or (N,)
@@ -141,10 +149,11 @@ def normalise_depth(depth: Floats, center_d: ArrayLike, cube_mm: ArrayLike) -> F
 
 
 def render(capsules: Capsules, x: ArrayLike, y: ArrayLike, background: ArrayLike) -> Floats:
-    """Depth (N, H, W) in mm along the rays of slopes ``x`` (N, W) and ``y`` (N, H), both ascending, y DOWN.
+    """Depth (N, H, W) in mm along the rays of slopes ``x`` (N, W) and ``y`` (N, H), both
+    ascending, y DOWN.
 
-    ``background`` (N,) mm is the depth where no capsule is nearer. Raises DataError for a capsule that is not in front
-    of the camera.
+    ``background`` (N,) mm is the depth where no capsule is nearer. Raises DataError for a capsule
+    that is not in front of the camera.
     """
     x, y = np.asarray(x, dtype=np.float32), np.asarray(y, dtype=np.float32)
     N, M = capsules.radius_a.shape
@@ -177,7 +186,8 @@ def _paint(
 
     frame         (L,) the image of each
     bounds        smallest and largest slope of the rays that meet it, along x and along y
-    coefficients  (c, L) of them, for ``depths``, which computes the depths of rays, NaN where they miss
+    coefficients  (c, L) of them, for ``depths``, which computes the depths of rays, NaN
+                  where they miss
     """
     H, W = image.shape[1:]
     i0, i1 = _pixels(x, frame, *bounds[0])
@@ -211,7 +221,9 @@ def _paint(
 
 
 def _slopes(pixels: NDArray[np.int64], middle: float, focal: float) -> Floats:
-    """Slopes of the rays through image columns or rows (N, size), where -1 is a pixel outside the image."""
+    """Slopes of the rays through image columns or rows (N, size), where -1 is a pixel
+    outside the image.
+    """
     slopes = ((pixels - middle) / focal).astype(np.float32)
     outside = pixels < 0
     before = np.cumsum(~outside, axis=1) == 0
@@ -221,7 +233,9 @@ def _slopes(pixels: NDArray[np.int64], middle: float, focal: float) -> Floats:
 
 
 def _visible_ends(capsules: Capsules) -> tuple[Array, Array, Array, Array]:
-    """The capsules flattened to (N M, ...), y down; those with one visible sphere are replaced by that sphere."""
+    """The capsules flattened to (N M, ...), y down; those with one visible sphere are replaced
+    by that sphere.
+    """
     a = capsules.a.reshape(-1, 3) * (1, -1, 1)
     b = capsules.b.reshape(-1, 3) * (1, -1, 1)
     ra, rb = capsules.radius_a.reshape(-1), capsules.radius_b.reshape(-1)
@@ -259,7 +273,9 @@ def _extent(a: Array, b: Array, ra: Array, rb: Array, axis: int) -> tuple[Array,
 def _pixels(
     slopes: Floats, frame: NDArray[np.int64], low: Array, high: Array
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Ranges of the indices of ``slopes`` (N, size) between ``low`` and ``high`` (L,), in the row ``frame`` (L,)."""
+    """Ranges of the indices of ``slopes`` (N, size) between ``low`` and ``high`` (L,), in the row
+    ``frame`` (L,).
+    """
     own = slopes[frame]
     return np.count_nonzero(own < low[:, None], axis=1), np.count_nonzero(
         own <= high[:, None], axis=1
@@ -267,7 +283,9 @@ def _pixels(
 
 
 def _coefficients(a: Array, b: Array, ra: Array, rb: Array) -> Floats:
-    """The coefficients of each capsule for the pixels, (13, L): a, B, k1's vector, e, g, k0, a.a - ra^2."""
+    """The coefficients of each capsule for the pixels, (13, L): a, B, k1's vector, e, g,
+    k0, a.a - ra^2.
+    """
     B, w = b - a, ra - rb
     e = (B * B).sum(1) - w * w
     g = (a * B).sum(1) + ra * w
@@ -278,7 +296,9 @@ def _coefficients(a: Array, b: Array, ra: Array, rb: Array) -> Floats:
 
 
 def _depths(coefficients: Floats, x: Floats, y: Floats) -> Floats:
-    """Depths (L, h, w) of the rays of slopes x (L, 1, w) and y (L, h, 1); NaN where the capsule is missed."""
+    """Depths (L, h, w) of the rays of slopes x (L, 1, w) and y (L, h, 1); NaN where the
+    capsule is missed.
+    """
     ax, ay, az, bx, by, bz, kx, ky, kz, e, g, k0, q = coefficients[:, :, None, None]
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         dd = x * x + (y * y + 1)
@@ -313,7 +333,9 @@ def _depths(coefficients: Floats, x: Floats, y: Floats) -> Floats:
 
 
 def _triangles(capsules: Capsules) -> tuple[NDArray[np.int64], Array]:
-    """The visible triangles of all facets: the frame of each (L,), and its corners (L, 3, 3), y down."""
+    """The visible triangles of all facets: the frame of each (L,), and its corners
+    (L, 3, 3), y down.
+    """
     N, M = capsules.radius_a.shape
     ends = np.stack([capsules.a, capsules.b], axis=2).reshape(N, 2 * M, 3) * (1, -1, 1)
     radii = np.stack([capsules.radius_a, capsules.radius_b], axis=2).reshape(N, 2 * M)
@@ -342,7 +364,9 @@ def _triangles(capsules: Capsules) -> tuple[NDArray[np.int64], Array]:
 
 
 def _plane_coefficients(corners: Array) -> Floats:
-    """The coefficients of each triangle (L, 3, 3) for the pixels, (9, L): vectors of f0, f1 and the sum of all."""
+    """The coefficients of each triangle (L, 3, 3) for the pixels, (9, L): vectors of f0, f1 and
+    the sum of all.
+    """
     v0, v1, v2 = corners.swapaxes(0, 1)
     f = np.stack([np.cross(v1, v2), np.cross(v2, v0), np.cross(v0, v1)])
     f /= (v0 * f[0]).sum(axis=1)[:, None]
@@ -350,7 +374,9 @@ def _plane_coefficients(corners: Array) -> Floats:
 
 
 def _plane_depths(coefficients: Floats, x: Floats, y: Floats) -> Floats:
-    """Depths (L, h, w) of the rays of slopes x (L, 1, w) and y (L, h, 1); NaN where the triangle is missed."""
+    """Depths (L, h, w) of the rays of slopes x (L, 1, w) and y (L, h, 1); NaN where the
+    triangle is missed.
+    """
     px, py, pz, qx, qy, qz, sx, sy, sz = coefficients[:, :, None, None]
     f0 = px * x + (py * y + pz)
     f1 = qx * x + (qy * y + qz)

@@ -1,6 +1,7 @@
 """The side of a hand, "right" or "left", and mirroring.
 
-Skeletons and networks know right hands. A left hand is mirrored along x, and the results are mirrored back.
+Skeletons and networks know right hands. A left hand is mirrored along x, and the results are
+mirrored back.
 """
 
 from __future__ import annotations
@@ -23,7 +24,9 @@ T = TypeVar("T", bound=np.generic)
 
 
 def mirror_of(side: Side) -> Array:
-    """The factors (3,) between the axes of a right hand's space and the camera's, in both directions."""
+    """The factors (3,) between the axes of a right hand's space and the camera's, in
+    both directions.
+    """
     return MIRROR if side == "left" else np.ones(3)
 
 

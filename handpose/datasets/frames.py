@@ -1,9 +1,13 @@
-"""Labelled crops, as the HDF5 files of a data set hold them: one array per data set, one row per frame; examples.
+"""Labelled crops, as the HDF5 files of a data set hold them: one array per data set, one row per
+frame; examples.
 
 depth       (n, 1, 128, 128) float32  the crop in [-1, 1]; crops.py
-joint       (n, 3 K) float32          joints x, y, z in half-cubes from the crop centre, clipped to [-1, 1]
-dof         (n, D) float32            inputs of the model that posed the frame; of synthetic frames only
-bones       (n, K) float32            the signed bone lengths that it was posed with, half-cubes; likewise
+joint       (n, 3 K) float32          joints x, y, z in half-cubes from the crop centre,
+                                      clipped to [-1, 1]
+dof         (n, D) float32            inputs of the model that posed the frame; of
+                                      synthetic frames only
+bones       (n, K) float32            the signed bone lengths that it was posed with,
+                                      half-cubes; likewise
 center      (n, 3) float32            crop centre in mm, camera axes
 center_uvd  (n, 3) float32            the same in px, px, mm
 index       (n,) int64                0-based number of the frame in its split
@@ -52,7 +56,8 @@ class Frames:
         dof: Array | None = None,
         bones: Array | None = None,
     ) -> Frames:
-        """From crops (n, 128, 128), joints (n, K, 3) in half-cubes, centres (n, 3) px, px, mm, and half-cubes in mm.
+        """From crops (n, 128, 128), joints (n, K, 3) in half-cubes, centres (n, 3) px, px, mm, and
+        half-cubes in mm.
 
         ``half_cube`` is one number, or (n,).
         """
@@ -88,7 +93,7 @@ class Frames:
         return Frames(**{name: array[rows] for name, array in self.arrays().items()})
 
 
-# ---------------------------------------------------------------------------------------------- examples
+# ----------------------------------------------------------------------------------------- examples
 
 
 Example = tuple[Floats, Array | None, str]
@@ -97,7 +102,8 @@ Example = tuple[Floats, Array | None, str]
 def examples_of(path: Path, count: int) -> list[Example]:
     """At most ``count`` frames, spread evenly over a data set, for display. Raises DataError.
 
-    Each is a crop (size, size) in [-1, 1], its joints in half-cubes if the data set has them, and its file and row.
+    Each is a crop (size, size) in [-1, 1], its joints in half-cubes if the data set has them, and
+    its file and row.
 
     path  a list of HDF5 files, one such file, or a folder of crops
     """
@@ -112,7 +118,9 @@ def examples_of(path: Path, count: int) -> list[Example]:
 
 
 def spread(total: int, count: int) -> NDArray[np.int_]:
-    """At most ``count`` of ``total`` numbers from 0 on, spread evenly, the first and the last among them."""
+    """At most ``count`` of ``total`` numbers from 0 on, spread evenly, the first and the
+    last among them.
+    """
     return np.linspace(0, total - 1, min(total, count)).astype(int)
 
 

@@ -1,8 +1,10 @@
-"""The ICVL hand posture data set (Tang et al., 2014): its files, and where its joints lie on the model.
+"""The ICVL hand posture data set (Tang et al., 2014): its files, and where its joints
+lie on the model.
 
-More than 300,000 training frames (the recorded ones and copies turned in the image plane) and 702 + 894 test frames of
-two sequences, 320 x 240, with 16 joints: the palm, and root, mid and tip of each finger from the thumb on. There is a
-folder per split, with the folder Depth and text files of joints.
+More than 300,000 training frames (the recorded ones and copies turned in the image plane) and
+702 + 894 test frames of two sequences, 320 x 240, with 16 joints: the palm, and root, mid and tip
+of each finger from the thumb on. There is a folder per split, with the folder Depth and text
+files of joints.
 
 Files, pictures and joints are as published. ICVL shows the mirror image of NYU's hand; the skeleton
 ``prototxt/hand/icvl.prototxt`` is the mirrored one.
@@ -41,7 +43,10 @@ ANNOTATION: dict[str, tuple[str, ...]] = {
 
 
 def read_icvl_depth(path: str | Path) -> NDArray[np.float32]:
-    """Depth (240, 320) in mm of one frame, a 16-bit grey image; 0 where nothing was read. Raises BadFrameError."""
+    """Depth (240, 320) in mm of one frame, a 16-bit grey image; 0 where nothing was read.
+
+    Raises BadFrameError.
+    """
     image = read_png(path)
     if image.ndim != 2 or image.dtype != np.uint16:
         raise BadFrameError(
@@ -97,7 +102,10 @@ def _append(values: array.array[float], words: list[str], where: str) -> None:
 
 
 def read_split(root: Path, split: str, centers: Path | None = None) -> PublishedFrames:
-    """The frames of a split. ``centers`` is a file of crop centres; without it the palm. Raises DataError."""
+    """The frames of a split.
+
+    ``centers`` is a file of crop centres; without it the palm. Raises DataError.
+    """
     paths = [root / name for name in ANNOTATION[split]]
     there = [path for path in paths if path.is_file()]
     if not there:

@@ -2,7 +2,8 @@
 
 docs/data.md lists everything that such a file holds. For computations with labels this module reads
 
-    joint      (n, 3 K) or (n, K, 3)  half-cubes from the crop centre; -1 or 1 where clipped to the cube, NaN if unknown
+    joint      (n, 3 K) or (n, K, 3)  half-cubes from the crop centre; -1 or 1 where clipped to the
+                                      cube, NaN if unknown
     half_cube  (n,) or (n, 1)         mm, 25 to 5000; optional
 """
 
@@ -66,7 +67,10 @@ def read(path: Path, count: int) -> Labels:
 
 
 def read_half_cubes(file: File) -> Array:
-    """Half-cubes (n,) in mm of the frames of an open file, NYU's if it has none. Raises DataError."""
+    """Half-cubes (n,) in mm of the frames of an open file, NYU's if it has none.
+
+    Raises DataError.
+    """
     if "half_cube" not in file.names:
         return np.full(file.rows, CUBE_MM / 2)
     stored = File(file.path, ("half_cube",)).datasets[0].numbers()
@@ -90,7 +94,8 @@ def read_half_cubes(file: File) -> Array:
 def read_crop_centers(files: Sequence[File]) -> tuple[Array, Camera]:
     """Crop centres (n, 3) of all frames, px, px, mm, and their camera. Raises DataError.
 
-    Files have each centre in pixels and in mm, which determines the camera: that of ``CAMERAS`` which maps them.
+    Files have each centre in pixels and in mm, which determines the camera: that of ``CAMERAS``
+    which maps them.
     """
     found = []
     for file in files:

@@ -1,4 +1,6 @@
-"""The files of the NYU hand pose data set: a folder per split, with depth frames and joint_data.mat, the annotation."""
+"""The files of the NYU hand pose data set: a folder per split, with depth frames and
+joint_data.mat, the annotation.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,7 @@ def read_nyu_depth(path: str | Path) -> NDArray[np.float32]:
     return unpack_depth(image)
 
 
-# ------------------------------------------------------------------------------------------ the annotation
+# ----------------------------------------------------------------------------------- the annotation
 
 
 class NyuAnnotation(NamedTuple):
@@ -106,7 +108,7 @@ def _check_axes(path: Path, uvd: Array, xyz: Array) -> None:
         )
 
 
-# ---------------------------------------------------------------------------------------------- the frames
+# --------------------------------------------------------------------------------------- the frames
 
 
 def folder_of(root: Path, split: str) -> Path:
@@ -116,7 +118,10 @@ def folder_of(root: Path, split: str) -> Path:
 
 
 def read_split(root: Path, split: str, centers: Path | None = None) -> PublishedFrames:
-    """The frames of a split. ``centers`` is a file of crop centres; without it joint 34. Raises DataError."""
+    """The frames of a split.
+
+    ``centers`` is a file of crop centres; without it joint 34. Raises DataError.
+    """
     folder = folder_of(root, split)
     annotation = read_annotation(folder / ANNOTATION)
     count = len(annotation.uvd)

@@ -1,8 +1,9 @@
 """Data sets on disk: HDF5 files that are complete or absent.
 
-A data set consists of a few files ("parts") of some thousand frames each, and a list that names them, which HDF5Data
-reads. A part is written under a temporary name, synced and then renamed. It stores its *recipe*, a text of everything
-that it depends on: a part with the right recipe is kept, so an interrupted run continues where it stopped.
+A data set consists of a few files ("parts") of some thousand frames each, and a list that names
+them, which HDF5Data reads. A part is written under a temporary name, synced and then renamed. It
+stores its *recipe*, a text of everything that it depends on: a part with the right recipe is kept,
+so an interrupted run continues where it stopped.
 """
 
 from __future__ import annotations
@@ -50,7 +51,9 @@ def parts_of(
     made_from: str,
     recipe: Callable[[int, int], Mapping[str, object]],
 ) -> list[Part]:
-    """The parts in a folder for ``count`` rows of a split; ``recipe`` gives that of some rows: the first, their number."""
+    """The parts in a folder for ``count`` rows of a split; ``recipe`` gives that of some rows: the
+    first, their number.
+    """
     found = []
     for i, start in enumerate(range(0, count, FRAMES_PER_FILE)):
         rows = min(FRAMES_PER_FILE, count - start)
@@ -73,8 +76,9 @@ def attributes(path: Path) -> dict[str, Any] | None:
 def missing_of(wanted: Sequence[Part], lists: Sequence[Path], force: bool = False) -> list[Part]:
     """The parts that are not there with their recipe, to be written; all with ``force``.
 
-    A file in a part's place is replaced if it was made from the same source, a list if all names in it are those of
-    parts. Raises DataError for anything else; with ``force`` only for folders and devices.
+    A file in a part's place is replaced if it was made from the same source, a list if all
+    names in it are those of parts. Raises DataError for anything else; with ``force`` only for
+    folders and devices.
     """
     for path in (*(part.path for part in wanted), *lists):
         if exists(path) and not path.is_file():
@@ -106,13 +110,18 @@ def missing_of(wanted: Sequence[Part], lists: Sequence[Path], force: bool = Fals
 
 
 def _source(made_from: object, recipe: object) -> str:
-    """What rows are made from, in words: for synthetic ones also the skeleton, which their recipe names."""
+    """What rows are made from, in words: for synthetic ones also the skeleton, which
+    their recipe names.
+    """
     skeleton = re.search(r'"skeleton": "([^"]*)"', str(recipe))
     return f"{made_from}{f' frames of {skeleton[1]}' if skeleton else ''}"
 
 
 def listed_names(path: Path) -> list[str]:
-    """The names, without folders, of the files in a list; none if there is no list. Raises DataError."""
+    """The names, without folders, of the files in a list; none if there is no list.
+
+    Raises DataError.
+    """
     return [
         Path(line.strip()).name for line in (atomic.text_of(path) or "").split("\n") if line.strip()
     ]
@@ -129,7 +138,8 @@ def row_bytes(columns: Columns) -> int:
 
 
 def check_space(out: Path, rows: Sequence[tuple[int, Columns]]) -> None:
-    """Raise DataError if the disk of a folder, which need not exist, is too small for parts of these numbers of rows.
+    """Raise DataError if the disk of a folder, which need not exist, is too small for parts of
+    these numbers of rows.
 
     The files that are there are taken for parts that are kept or replaced.
     """
@@ -148,7 +158,9 @@ def check_space(out: Path, rows: Sequence[tuple[int, Columns]]) -> None:
 def write_part(
     part: Part, rows: int, pieces: Iterable[Columns], attributes: Mapping[str, object]
 ) -> None:
-    """Write the rows that ``pieces`` yield, at least one piece, and further attributes of the file."""
+    """Write the rows that ``pieces`` yield, at least one piece, and further
+    attributes of the file.
+    """
 
     def fill(path: Path) -> None:
         written, several = 0, iter(pieces)
@@ -165,9 +177,11 @@ def write_part(
 
 
 def _created(path: Path, rows: int, columns: Columns) -> h5py.File:
-    """A new file of data sets without content; they begin on whole pages, which is fastest for reads and memory maps.
+    """A new file of data sets without content; they begin on whole pages, which is fastest for
+    reads and memory maps.
 
-    Raises OSError if the disk has no room for the rows, since HDF5 does not survive a failing write.
+    Raises OSError if the disk has no room for the rows, since HDF5 does not survive a
+    failing write.
     """
     with path.open("wb") as stream:
         if hasattr(os, "posix_fallocate"):

@@ -1,4 +1,5 @@
-"""The frames of a published data set, and the files that nets read: parts, their list, and a list of bad frames.
+"""The frames of a published data set, and the files that nets read: parts, their list, and a list
+of bad frames.
 
 Crops are made on threads. A frame that cannot be used is named, counted and left out.
 """
@@ -59,7 +60,9 @@ class PublishedFrames:
         return len(self.files)
 
     def crops(self, start: int, stop: int) -> tuple[Frames, list[tuple[int, BadFrameError]]]:
-        """The labelled crops of frames ``start`` to ``stop``, and the bad frames with their index."""
+        """The labelled crops of frames ``start`` to ``stop``, and the bad frames
+        with their index.
+        """
         crops, good, bad = [], [], []
         for i in range(start, stop):
             try:
@@ -101,7 +104,9 @@ class PublishedFrames:
         return made
 
     def recipe(self, start: int, rows: int) -> dict[str, object]:
-        """The recipe of the crops of ``rows`` frames from ``start`` on, with the names and sizes of their images."""
+        """The recipe of the crops of ``rows`` frames from ``start`` on, with the names and sizes
+        of their images.
+        """
         stop, digest = start + rows, hashlib.sha256()
         for array in (self.center_uvd, self.joints, self.cube_mm):
             digest.update(np.ascontiguousarray(array[start:stop], dtype="<f8").tobytes())
@@ -167,7 +172,9 @@ def _shown(names: Collection[str]) -> str:
 
 
 def statistics(frames: PublishedFrames, index: Sequence[int]) -> str:
-    """The centre and cube of the frames ``index``, and the share of frames with a joint outside, in a line."""
+    """The centre and cube of the frames ``index``, and the share of frames with a joint
+    outside, in a line.
+    """
     few = np.asarray(index)
     offset = frames.joints[few] - frames.camera.unproject(frames.center_uvd[few])[:, None]
     cubes, counts = np.unique(frames.cube_mm[few].round(3), return_counts=True)
@@ -200,7 +207,7 @@ def read_centers(path: Path, frames: int) -> Array:
     return found
 
 
-# ---------------------------------------------------------------------------------------------- the files
+# ---------------------------------------------------------------------------------------- the files
 
 _CHUNK = 16  # frames that a thread crops at a time
 
@@ -235,7 +242,8 @@ class PreparedSplit:
 
         workers  number of threads
         advance  is called with the number of further frames
-        on_bad   is called for every bad frame with its index, for those of parts that were kept, too
+        on_bad   is called for every bad frame with its index, for those of parts that
+                 were kept, too
 
         An exception of ``advance`` or ``on_bad`` ends the run and keeps whole parts only.
         """

@@ -1,1 +1,3 @@
-"""Estimate hands in depth images: locate them, crop them, run a network, and fit a capsule model to the depth."""
+"""Estimate hands in depth images: locate them, crop them, run a network, and fit a capsule
+model to the depth.
+"""

@@ -1,8 +1,9 @@
-"""Estimate hands in crops: the network predicts a pose in every crop, and the fit moves it until it explains the depth.
+"""Estimate hands in crops: the network predicts a pose in every crop, and the fit moves it until it
+explains the depth.
 
-The network and the capsule model know right hands. A left hand is mirrored once, by ``HandCrops``, and mirrored back by
-``Hand``. Many crops are processed together, because the arrays of one are so small that most of the time would be
-overhead.
+The network and the capsule model know right hands. A left hand is mirrored once, by ``HandCrops``,
+and mirrored back by ``Hand``. Many crops are processed together, because the arrays of one are so
+small that most of the time would be overhead.
 """
 
 from __future__ import annotations
@@ -79,10 +80,13 @@ class HandEstimator:
         plan: Plan | None,
         readings: NDArray[np.generic] | None = None,
     ) -> list[Hand]:
-        """The hands in crops of one camera's frames, judged if the network's errors are known. Raises NetlibError.
+        """The hands in crops of one camera's frames, judged if the network's errors are known.
+
+        Raises NetlibError.
 
         plan      of the fit; None: by the network alone
-        readings  (height, width) mm, the frame of all crops, which judges the poses; None: each crop alone
+        readings  (height, width) mm, the frame of all crops, which judges the poses; None:
+                  each crop alone
         """
         if plan is None or self.fitter is None:
             return [self._predicted(candidate, camera) for candidate in candidates]
@@ -176,7 +180,8 @@ def fit_crops(
     size: float | Array | None = None,
     before: Array | None = None,
 ) -> DepthFit:
-    """Predict the hands in crops and fit them to the depth; results are in mirrored axes for left hands.
+    """Predict the hands in crops and fit them to the depth; results are in mirrored axes
+    for left hands.
 
     Raises NetlibError.
 
@@ -205,8 +210,8 @@ def fit_starts(
 ) -> list[Array]:
     """The variables (N, V) predicted in crops (N, S, S) of right hands, one array per quarter turn.
 
-    For each of ``quarters`` the crops are turned counter-clockwise by that number of quarter turns, and predictions are
-    turned back. Raises NetlibError.
+    For each of ``quarters`` the crops are turned counter-clockwise by that number of quarter turns,
+    and predictions are turned back. Raises NetlibError.
     """
     poses = hand_poses(
         net, np.concatenate([np.rot90(crops, quarter, (1, 2)) for quarter in quarters])

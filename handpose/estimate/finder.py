@@ -1,8 +1,10 @@
-"""Hands in whole depth frames, also beside bodies, tables and objects: where, which pixels, which side.
+"""Hands in whole depth frames, also beside bodies, tables and objects: where, which
+pixels, which side.
 
-A fully convolutional network sees the frame at a focal length of ``FOCAL_PX``. Each pixel on a hand votes for the
-middle of its joints; a found hand is a local maximum of the presence, placed by the votes around it. Pixels of a hand
-belong to the found middle that is nearest to their vote. Where nothing was read there are no votes and no mask.
+A fully convolutional network sees the frame at a focal length of ``FOCAL_PX``. Each pixel on a hand
+votes for the middle of its joints; a found hand is a local maximum of the presence, placed by the
+votes around it. Pixels of a hand belong to the found middle that is nearest to their vote. Where
+nothing was read there are no votes and no mask.
 """
 
 from __future__ import annotations
@@ -62,7 +64,10 @@ class FoundHand(NamedTuple):
 
 
 class Finder:
-    """A net with the input frame (N, 4, H, W) and the outputs of ``OUTPUTS``. Raises NetlibError."""
+    """A net with the input frame (N, 4, H, W) and the outputs of ``OUTPUTS``.
+
+    Raises NetlibError.
+    """
 
     def __init__(self, net: Net) -> None:
         if "frame" not in net.blobs or net.blobs["frame"].shape[1:2] != (4,):
@@ -86,9 +91,11 @@ class Finder:
         min_presence: float = MIN_PRESENCE,
         most: int = 4,
     ) -> list[FoundHand]:
-        """The hands in a depth frame (height, width) in mm, 0 where there is no reading, the most certain first.
+        """The hands in a depth frame (height, width) in mm, 0 where there is no reading, the most
+        certain first.
 
-        Raises DataError for a frame of another size than the camera's, NetlibError for outputs that are not finite.
+        Raises DataError for a frame of another size than the camera's, NetlibError for outputs that
+        are not finite.
         """
         image = depth_image(depth)
         check_size(image, camera)
@@ -131,9 +138,11 @@ class Finder:
 
 
 def channels_of(depth: Floats, focal: float = FOCAL_PX) -> Floats:
-    """Frames (N, H, W) in mm as the net's input (N, 4, H, W): read or not, logarithm of depth, slopes across and down.
+    """Frames (N, H, W) in mm as the net's input (N, 4, H, W): read or not, logarithm of depth,
+    slopes across and down.
 
-    A slope is the sine of the surface's angle to the image plane, 0 beside pixels without a reading.
+    A slope is the sine of the surface's angle to the image plane, 0 beside pixels
+    without a reading.
     """
     read = (depth > 0) & (depth < BEYOND_MM)
     z = np.where(read, depth, np.float32(MIDDLE_MM))
@@ -189,7 +198,9 @@ def _in_sight(middle: Array, camera: Camera) -> bool:
 def _peaks(
     presence: Floats, votes: Array, weight: Array, min_presence: float, most: int
 ) -> list[tuple[float, Array]]:
-    """The highest maxima of the presence (h, w) and the middles (3,) that the votes (h, w, 3) around them mean."""
+    """The highest maxima of the presence (h, w) and the middles (3,) that the votes (h, w, 3)
+    around them mean.
+    """
     highest = cv2.dilate(presence, np.ones((3, 3), np.uint8))
     rows, columns = np.nonzero((presence == highest) & (presence >= min_presence))
     kept: list[tuple[float, Array]] = []
@@ -207,7 +218,9 @@ def _peaks(
 
 
 def _agreed(votes: Array, weight: Array) -> Array:
-    """The mean (3,) of the votes (n, 3) near their median, so that those of a wall behind a hand do not count."""
+    """The mean (3,) of the votes (n, 3) near their median, so that those of a wall behind a
+    hand do not count.
+    """
     order = votes.argsort(axis=0)
     half = weight[order].cumsum(axis=0) >= weight.sum() / 2
     median = np.take_along_axis(votes, order, axis=0)[half.argmax(axis=0), range(3)]

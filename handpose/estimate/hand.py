@@ -38,8 +38,8 @@ class Hand:
     center_uvd  (3,) px, px, mm: the crop's centre
     cube_mm     edge of the crop's cube
     camera      of the frame
-    network_mm  (K, 3) mm from the crop's centre, camera axes: the joints predicted by the network alone; those expected
-                from earlier frames if it was not run
+    network_mm  (K, 3) mm from the crop's centre, camera axes: the joints predicted by the network
+                alone; those expected from earlier frames if it was not run
     fit         of this body alone; in mirrored axes for a left hand. None without a fit
     model       of the fit
     is_tracked  True if the fit started from the pose expected from earlier frames
@@ -51,8 +51,8 @@ class Hand:
     presence    probability that this is a hand, by the finder; NaN if its place was given
     in_frame    False for a crop without its frame: then camera and centre are assumed
 
-    The values of the fit are NaN, and its surface and pose are errors, without a fit, and of a hand whose joints are
-    withheld (``given``).
+    The values of the fit are NaN, and its surface and pose are errors, without a fit, and of a hand
+    whose joints are withheld (``given``).
     """
 
     hand: Side
@@ -72,7 +72,7 @@ class Hand:
     finger_error_mm: Array = field(default_factory=unknown_finger_errors)
     evidence: Evidence | None = None
 
-    # ---------------------------------------------------------------------------------------- where it is
+    # ---------------------------------------------------------------------------------- where it is
 
     @cached_property
     def center_mm(self) -> Array:
@@ -94,7 +94,7 @@ class Hand:
         """(K, 3) joints in mm, camera axes."""
         return np.asarray(self.center_mm + self.joints_mm)
 
-    # ------------------------------------------------------------------------------------- how sure it is
+    # ------------------------------------------------------------------------------- how sure it is
 
     @property
     def chance(self) -> float:
@@ -127,15 +127,17 @@ class Hand:
         return bool(np.isfinite(self.network_mm).all())
 
     def given(self, min_confidence: float) -> Hand:
-        """This hand; below the minimum confidence without its joints, which are NaN, and without its fit.
+        """This hand; below the minimum confidence without its joints, which are NaN, and
+        without its fit.
 
-        The place of its crop, its confidence and its expected error remain. A confidence that is unknown is not below.
+        The place of its crop, its confidence and its expected error remain. A confidence that is
+        unknown is not below.
         """
         if not self.confidence < min_confidence:
             return self
         return replace(self, network_mm=np.full_like(self.network_mm, np.nan), fit=None, other=None)
 
-    # ------------------------------------------------------------------------------------- what was fitted
+    # ------------------------------------------------------------------------------ what was fitted
 
     @property
     def size(self) -> float:
@@ -159,7 +161,9 @@ class Hand:
 
     @property
     def whole_inputs(self) -> Array:
-        """(D',) of the whole body, likewise: ``inputs`` and the degrees of freedom of the surface alone."""
+        """(D',) of the whole body, likewise: ``inputs`` and the degrees of freedom of the
+        surface alone.
+        """
         return np.asarray(self.the_model.whole_inputs_of(self.the_fit.x)[0])
 
     @property
@@ -169,7 +173,10 @@ class Hand:
 
     @cached_property
     def body(self) -> WorldPose:
-        """The pose in space, in the axes of the fit. Raises NetlibError for bodies that cannot be followed."""
+        """The pose in space, in the axes of the fit.
+
+        Raises NetlibError for bodies that cannot be followed.
+        """
         return world_pose(self.the_model, self.x, self.mirrored_center_mm)
 
     def capsules(self, *, in_space: bool = False) -> Capsules:
@@ -191,7 +198,8 @@ class Hand:
 
 
 def judge(hands: Sequence[Hand], readings: NDArray[np.generic] | None) -> list[Hand]:
-    """Fitted hands of one body and cube with the error and the confidence of their poses, by what an image shows.
+    """Fitted hands of one body and cube with the error and the confidence of their poses, by what
+    an image shows.
 
     readings  (height, width) mm, the frame of all; None: each is judged by its crop alone
     """
@@ -239,10 +247,12 @@ def _as_frame(hand: Hand) -> tuple[NDArray[np.float32], Camera]:
 
 
 def as_one_side(hand: Hand) -> Hand:
-    """A hand that was fitted as either side, with the errors and the confidence if the side may be wrong.
+    """A hand that was fitted as either side, with the errors and the confidence if the
+    side may be wrong.
 
-    The confidence is multiplied by the probability of this side, and the expected errors of the hand and of its fingers
-    are those of this side or the distances of the other's joints, weighted by the probabilities.
+    The confidence is multiplied by the probability of this side, and the expected errors of the
+    hand and of its fingers are those of this side or the distances of the other's joints, weighted
+    by the probabilities.
     """
     other = hand.other
     if other is None or np.isnan(hand.confidence):

@@ -29,7 +29,9 @@ JOINTS = "joints"  # blob of joints that a net predicts in addition to those of 
 
 
 class Unfilled(LayerHook):
-    """Sets parameters to zero instead of drawing initial values, which takes long: weights replace them."""
+    """Sets parameters to zero instead of drawing initial values, which takes long:
+    weights replace them.
+    """
 
     def before_setup(self, layer: Layer) -> None:
         """Replace the layer's ``new_param``."""
@@ -47,7 +49,10 @@ class Unfilled(LayerHook):
 
 
 def trained(model: str | Path, weights: str | Path | Content, engine: str | None = None) -> Net:
-    """A test net with its weights. Raises NetlibError, also if a layer has no weights in the file."""
+    """A test net with its weights.
+
+    Raises NetlibError, also if a layer has no weights in the file.
+    """
     net = Net(model, TEST, engine=engine, layer_hook=Unfilled())
     net.copy_from(weights, strict=True)
     return net
@@ -67,12 +72,16 @@ def the_hand_layer(net: Net) -> HandModel:
 
 
 def is_hand(skeleton: Skeleton) -> bool:
-    """True for hands: only hands are searched for, have a side, and have crops that move to the palm."""
+    """True for hands: only hands are searched for, have a side, and have crops that
+    move to the palm.
+    """
     return PALM in skeleton.joint_names
 
 
 def refuse_other_bodies(skeleton: Skeleton, why: str) -> None:
-    """Raise NetlibError for a skeleton that is not a hand; the reason ``why`` a hand is needed ends the message."""
+    """Raise NetlibError for a skeleton that is not a hand; the reason ``why`` a hand is needed
+    ends the message.
+    """
     if not is_hand(skeleton):
         raise NetlibError(
             f"skeleton {skeleton.name!r} is not a hand: it has no joint {PALM!r}; {why}"
@@ -80,7 +89,10 @@ def refuse_other_bodies(skeleton: Skeleton, why: str) -> None:
 
 
 def cube_of(skeleton: Skeleton, cube_mm: float | None) -> float:
-    """The edge in mm of the cube around a body: ``cube_mm``, or NYU's for hands if it is None. Raises NetlibError."""
+    """The edge in mm of the cube around a body: ``cube_mm``, or NYU's for hands if it is None.
+
+    Raises NetlibError.
+    """
     if cube_mm is None:
         refuse_other_bodies(
             skeleton, "expected the edge of its cube in mm (--cube), which its prior has as cube_mm"
@@ -91,8 +103,8 @@ def cube_of(skeleton: Skeleton, cube_mm: float | None) -> float:
 def best_fit(net: Net) -> Fit:
     """The default fit for a net.
 
-    "accurate" for hands; "fast" for other bodies, which cannot be turned by quarters; "no" for bodies without a
-    surface and for nets that predict bone lengths.
+    "accurate" for hands; "fast" for other bodies, which cannot be turned by quarters; "no" for
+    bodies without a surface and for nets that predict bone lengths.
     """
     try:
         skeleton = skeleton_to_fit(net)
@@ -104,7 +116,10 @@ def best_fit(net: Net) -> Fit:
 
 
 def skeleton_to_fit(net: Net) -> Skeleton:
-    """The skeleton of the net's hand model. Raises NetlibError for a net without one, or that predicts bones."""
+    """The skeleton of the net's hand model.
+
+    Raises NetlibError for a net without one, or that predicts bones.
+    """
     return _layer_to_fit(net).skeleton
 
 
@@ -128,7 +143,8 @@ class HandPoses(NamedTuple):
 
     inputs  (N, D) inputs of the skeleton; 0 for fixed DoFs
     size    (N,) relative to the skeleton; 1 for nets that do not predict it
-    joints  (N, K, 3) half-cubes from the crop centres, from the blob ``joints``; None for nets without it
+    joints  (N, K, 3) half-cubes from the crop centres, from the blob ``joints``; None for
+            nets without it
     """
 
     inputs: Array
@@ -151,15 +167,21 @@ def hand_poses(net: Net, crops: NDArray[np.floating]) -> HandPoses:
 
 
 def network_joints(net: Net, crop: NDArray[np.floating]) -> Array:
-    """Predict the joints (K, 3) in half-cubes in a crop (128, 128) of a right hand. Raises NetlibError."""
+    """Predict the joints (K, 3) in half-cubes in a crop (128, 128) of a right hand.
+
+    Raises NetlibError.
+    """
     name = JOINTS if JOINTS in net.blobs else "pred"
     return _predicted(net, crop[None], [name])[name].reshape(-1, 3)
 
 
 def _predicted(net: Net, crops: NDArray[np.floating], names: Sequence[str]) -> dict[str, Array]:
-    """The values (N, ...) of blobs for crops (N, size, size). Raises NetlibError for values that are not finite.
+    """The values (N, ...) of blobs for crops (N, size, size).
 
-    The hand model is not always needed, but running a part of the net takes longer: it would not be run in slices.
+    Raises NetlibError for values that are not finite.
+
+    The hand model is not always needed, but running a part of the net takes longer: it would not be
+    run in slices.
     """
     outputs = net.forward(blobs=names, depth=np.ascontiguousarray(crops[:, None], dtype=np.float32))
     found = {name: outputs[name].reshape(len(crops), -1).astype(np.float64) for name in names}

@@ -1,9 +1,9 @@
 """The packaged weights, and the cards that describe models.
 
-A model is a folder, as in Caffe's model zoo. Its ``readme.md`` begins with front matter, lines ``key: value`` between
-two lines ``---``: name, caffemodel (the weights file), license, sha256 (its checksum), net_sha256 (the checksum of
-``deploy.prototxt``, the net, with Unix line ends). The weights are rounded and compressed; the file also has the
-network's errors.
+A model is a folder, as in Caffe's model zoo. Its ``readme.md`` begins with front matter, lines
+``key: value`` between two lines ``---``: name, caffemodel (the weights file), license, sha256
+(its checksum), net_sha256 (the checksum of ``deploy.prototxt``, the net, with Unix line ends). The
+weights are rounded and compressed; the file also has the network's errors.
 """
 
 from __future__ import annotations
@@ -78,7 +78,10 @@ def checked_content(card: Card) -> Content:
 
 
 def checked_net(card: Card) -> Path:
-    """The path of the net, after verifying its checksum, so that no modified net runs. Raises WeightsError."""
+    """The path of the net, after verifying its checksum, so that no modified net runs.
+
+    Raises WeightsError.
+    """
     _check(card.net, net_content(card.net), card.net_sha256)
     return card.net
 
@@ -115,7 +118,10 @@ def load_predictor(
     min_confidence: float = MIN_CONFIDENCE,
     seed: int = 0,
 ) -> Predictor:
-    """A predictor with a packaged model; for the options see ``Predictor`` and ``DepthFitter``. Raises NetlibError."""
+    """A predictor with a packaged model; for the options see ``Predictor`` and ``DepthFitter``.
+
+    Raises NetlibError.
+    """
     check_options(cube_mm=cube_mm, hand=hand, refine=refine, fit=fit, min_confidence=min_confidence)
     card = read_card(folder)
     return predictor_of(

@@ -1,7 +1,8 @@
 """The pipeline from candidates in a depth frame to hands.
 
     start       a place where a hand may be: a finder's, or a given centre (``predictor``)
-    crops       the place is cropped, and the crop is moved to the palm that the network predicts in it
+    crops       the place is cropped, and the crop is moved to the palm that the network
+                predicts in it
     network     predicts a pose in every crop
     fit         moves the pose until it explains the depth (``handpose.fit``)
     selection   between the sides, and between the crops, by the uncertainty of the fit
@@ -33,7 +34,8 @@ from netlib.blob import Array
 from netlib.errors import DataError
 from netlib.net import Net
 
-# A crop moves no farther than this from its start, which is in the hand: a prediction farther away is wrong.
+# A crop moves no farther than this from its start, which is in the hand: a prediction farther
+# away is wrong.
 MAX_MOVE_MM = 60.0
 
 
@@ -67,7 +69,10 @@ class HandPipeline:
         self.estimator = HandEstimator(net, cube_mm, fitter)
 
     def in_crop(self, crop: NDArray[np.float32], camera: Camera, center_uvd: Array) -> Hand:
-        """The hand in one crop (128, 128), of the side whose fit is least uncertain. Raises NetlibError."""
+        """The hand in one crop (128, 128), of the side whose fit is least uncertain.
+
+        Raises NetlibError.
+        """
         candidates = [Candidate(center_uvd, side, crop=crop) for side in self.sides]
         return _likelier(self.estimator.estimate(candidates, camera, self.plan))
 
@@ -76,9 +81,11 @@ class HandPipeline:
     ) -> Hand:
         """The hand at a place ``start`` (3,), px, px, mm, in a frame (height, width) in mm.
 
-        unmoved_too  the crop about the start competes with that about the palm, because some hands are lost on the way
+        unmoved_too  the crop about the start competes with that about the palm, because some hands
+                     are lost on the way
 
-        Raises DataError for a place outside the image, or if the hand is predicted behind the camera; NetlibError.
+        Raises DataError for a place outside the image, or if the hand is predicted behind the
+        camera; NetlibError.
         """
         hand = self._select(self._candidates(depth, camera, start, unmoved_too), camera, depth)
         if not (hand.xyz[:, 2] > 0).all():
@@ -91,7 +98,10 @@ class HandPipeline:
     def palm_at(
         self, depth: NDArray[np.generic], camera: Camera, start: Array, side: Side
     ) -> Array:
-        """The centre (3,) of the palm that is predicted from a start. Raises DataError outside the image."""
+        """The centre (3,) of the palm that is predicted from a start.
+
+        Raises DataError outside the image.
+        """
         candidate = Candidate(start, side, crop=clear_crop(depth, start, self.cube_mm, camera))
         return self._moved_to_palm(depth, camera, candidate).center_uvd
 
@@ -111,7 +121,9 @@ class HandPipeline:
     def _moved_to_palm(
         self, depth: NDArray[np.generic], camera: Camera, candidate: Candidate
     ) -> Candidate:
-        """The crop moved to the palm that is predicted in it; the unchanged candidate if it is already there."""
+        """The crop moved to the palm that is predicted in it; the unchanged candidate if it is
+        already there.
+        """
         start, side = candidate.center_uvd, candidate.side
         for _ in range(self.refine):
             joints = network_joints(self.net, as_right(candidate.crop, side))
@@ -151,8 +163,9 @@ def _key(candidate: Candidate) -> tuple[object, ...]:
 def _likelier(sides: Sequence[Hand]) -> Hand:
     """The less uncertain hand of those of one crop, with the other side's, if any, as ``other``.
 
-    On 1,024 synthetic frames the uncertainty of a fast fit finds the right side in 99%, its cost in 93%. In 200 single
-    real frames that of an accurate fit finds it in 170, the error that is expected by the frame in 165.
+    On 1,024 synthetic frames the uncertainty of a fast fit finds the right side in 99%, its cost in
+    93%. In 200 single real frames that of an accurate fit finds it in 170, the error that is
+    expected by the frame in 165.
     """
     best, *others = sorted(sides, key=lambda hand: hand.uncertainty)
     return replace(best, other=others[0]) if others else best
@@ -166,13 +179,14 @@ def recenter(
     camera: Camera,
     side: Side = "right",
 ) -> Array:
-    """The crop centre (3,) for joints predicted in the crop at ``center_uvd``, as in the training crops.
+    """The crop centre (3,) for joints predicted in the crop at ``center_uvd``, as in the
+    training crops.
 
     joints  (K, 3) half-cubes from the crop centre; those of a left hand mirrored
     side    of the hand
 
-    For nets trained with NYU's centres; those of other data sets are elsewhere in the palm (ICVL's at its joint).
-    Raises DataError if the skeleton has no palm.
+    For nets trained with NYU's centres; those of other data sets are elsewhere in the palm
+    (ICVL's at its joint). Raises DataError if the skeleton has no palm.
     """
     if "palm" not in skeleton.joint_names:
         raise DataError(f"skeleton {skeleton.name!r} has no joint 'palm' to move the crop to")

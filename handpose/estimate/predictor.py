@@ -47,20 +47,22 @@ class Predictor:
     net      with the input blob depth and the output blob pred, which a HandModel computes
     camera   of the frames; one without a size accepts frames of any size
     cube_mm  edge of the cube around the body; default for hands: NYU's
-    hand     side of the hand, in an image that is not mirrored; "either" fits both and takes the less uncertain one
-    refine   maximum number of moves of a frame's crop to the palm predicted in it; 0 for nets whose training crops are
-             not centred as NYU's (ICVL's)
+    hand     side of the hand, in an image that is not mirrored; "either" fits both and takes the
+             less uncertain one
+    refine   maximum number of moves of a frame's crop to the palm predicted in it; 0 for nets whose
+             training crops are not centred as NYU's (ICVL's)
     fit      "no", or the name of the plan by which the predicted pose is fitted to the depth
     fitter   of the net's body; by default one for a network with unknown errors
-    finder   finds hands in frames, or a function that loads one when it is first used; without it, ``in_frame`` needs
-             the hand's centre
+    finder   finds hands in frames, or a function that loads one when it is first used; without it,
+             ``in_frame`` needs the hand's centre
     min_confidence  below it a hand has no joints (``Hand.given``); 0 for all joints
 
-    Nets know the hand of their training data, which is a right hand in NYU and in the synthetic frames. A body other
-    than a hand has no side and is not searched for: ``in_frame`` needs its centre, and the crop does not move.
+    Nets know the hand of their training data, which is a right hand in NYU and in the synthetic
+    frames. A body other than a hand has no side and is not searched for: ``in_frame`` needs its
+    centre, and the crop does not move.
 
-    Raises NetlibError for a net without these blobs or without a HandModel, for a fit of a skeleton without a surface,
-    and for invalid options.
+    Raises NetlibError for a net without these blobs or without a HandModel, for a fit of a skeleton
+    without a surface, and for invalid options.
     """
 
     def __init__(
@@ -114,7 +116,10 @@ class Predictor:
         return self._finder() if callable(self._finder) else self._finder
 
     def in_crop(self, depth: NDArray[np.floating]) -> Hand:
-        """The hand in a crop (128, 128) in [-1, 1]; masked pixels are background. Raises DataError, NetlibError."""
+        """The hand in a crop (128, 128) in [-1, 1]; masked pixels are background.
+
+        Raises DataError, NetlibError.
+        """
         image = numbers(depth, "crop", 1)
         if image.shape != (SIZE, SIZE):
             raise DataError(f"crop of shape {image.shape}, expected ({SIZE}, {SIZE})")
@@ -137,11 +142,12 @@ class Predictor:
     ) -> Hand:
         """The hand in a depth frame (height, width) in mm, 0 or masked where there is no reading.
 
-        center  where the first crop is: u, v in px and d in mm, or u, v, where the depth is measured. Without it, of up
-                to ``MOST`` hands that the finder finds, the one with the highest product of presence and confidence is
-                given
+        center  where the first crop is: u, v in px and d in mm, or u, v, where the depth is
+                measured. Without it, of up to ``MOST`` hands that the finder finds, the one with
+                the highest product of presence and confidence is given
 
-        Raises UnitError for depths that cannot be mm, DataError, also if no hand is found, NetlibError.
+        Raises UnitError for depths that cannot be mm, DataError, also if no hand is
+        found, NetlibError.
         """
         depth = self._readings(depth)
         camera = sized(self.camera, depth.shape, "depth image")
@@ -175,7 +181,10 @@ class Predictor:
         return dataclasses.replace(as_one_side(found), presence=presence)
 
     def _found(self, depth: NDArray[np.generic], camera: Camera) -> list[FoundHand]:
-        """The hands that the finder finds, the most certain first. Raises DataError without any, or a finder."""
+        """The hands that the finder finds, the most certain first.
+
+        Raises DataError without any, or a finder.
+        """
         if self.finder is None:
             raise DataError("this predictor has no finder; give the hand's place (center)")
         if not (depth > 0).any():  # type: ignore[operator]
@@ -188,7 +197,10 @@ class Predictor:
         return found
 
     def _readings(self, depth: object) -> NDArray[np.generic]:
-        """A depth image in mm, 0 where it is masked or nearer than the camera measures. Raises UnitError, DataError."""
+        """A depth image in mm, 0 where it is masked or nearer than the camera measures.
+
+        Raises UnitError, DataError.
+        """
         image = depth_image(depth)
         check_unit(image)
         return without_dropouts(self.camera.in_range(image))
@@ -241,7 +253,10 @@ def _center(center: object) -> Array:
 
 
 def depth_around(depth: NDArray[np.generic], u: float, v: float, reach: int = 8) -> Array:
-    """Centre (3,) at pixel u, v with the median depth around it: u, v in px and d in mm. Raises DataError."""
+    """Centre (3,) at pixel u, v with the median depth around it: u, v in px and d in mm.
+
+    Raises DataError.
+    """
     image = depth_image(depth)
     row, column = round(v), round(u)
     if not (0 <= row < image.shape[0] and 0 <= column < image.shape[1]):

@@ -1,14 +1,16 @@
-"""The capsule model of a body as a function of few variables, and the derivatives of the capsules' ends.
+"""The capsule model of a body as a function of few variables, and the derivatives of the
+capsules' ends.
 
-The variables x (N, V) of a frame are the free inputs of the whole body, including those of the surface alone. The last
-two are the logarithms of its size, which scales bones, offsets and radii, and of its thickness, which also scales the
-radii. With a capsule's end E_j = X_j + R_f o_j (``handpose.body``), a rotation about the unit axis a through P moves
+The variables x (N, V) of a frame are the free inputs of the whole body, including those of the
+surface alone. The last two are the logarithms of its size, which scales bones, offsets and radii,
+and of its thickness, which also scales the radii. With a capsule's end E_j = X_j + R_f o_j
+(``handpose.body``), a rotation about the unit axis a through P moves
 
     dE_j / dx  =  [moves X_j] a x (X_j - P)  +  [turns f] a x (R_f o_j)        a translation: a
     dE_j / d log size  =  E_j - (position of the root)
 
-A point between two ends moves with them, c = (1 - s) E_i + s E_j, so no other derivative of the body is needed
-(``residuals``).
+A point between two ends moves with them, c = (1 - s) E_i + s E_j, so no other derivative of the
+body is needed (``residuals``).
 
 Lengths here are in mm: those of the skeleton times ``unit_mm``.
 """
@@ -38,7 +40,10 @@ TYPICAL_SIZE = 0.92  # mean size of the recipe `people`, relative to the skeleto
 
 
 class Posed(NamedTuple):
-    """The capsules of N bodies in mm, and their derivatives. E of the joints are ends of capsules."""
+    """The capsules of N bodies in mm, and their derivatives.
+
+    E of the joints are ends of capsules.
+    """
 
     ends: Floats  # (N, E, 3)
     motion: Floats  # (N, E, 3, V): derivatives of the ends
@@ -48,7 +53,8 @@ class Posed(NamedTuple):
 class CapsuleModel:
     """The capsules of a skeleton with a surface, for fitting.
 
-    free          (V - 2,) the DoFs of the whole body that are variables; then come log size and log thickness
+    free          (V - 2,) the DoFs of the whole body that are variables; then come log size
+                  and log thickness
     lower, upper  (V,) limits
     root          indices of the variables that move the whole body
     limbs         indices of the variables that move a part of the skeleton
@@ -115,7 +121,10 @@ class CapsuleModel:
 
     @cached_property
     def root_motion(self) -> RootMotion:
-        """The motion of the body as a whole. Raises NetlibError for a root that ``RootMotion`` does not accept."""
+        """The motion of the body as a whole.
+
+        Raises NetlibError for a root that ``RootMotion`` does not accept.
+        """
         return RootMotion(self)
 
     @cached_property
@@ -129,7 +138,9 @@ class CapsuleModel:
         return len(self.free) + 2
 
     def variables_of(self, inputs: ArrayLike) -> Array:
-        """x (N, V) for the skeleton's inputs (N, D) at the skeleton's size; limbs are clipped to their limits."""
+        """x (N, V) for the skeleton's inputs (N, D) at the skeleton's size; limbs are clipped
+        to their limits.
+        """
         given = np.asarray(inputs, dtype=np.float64)
         x = np.zeros((len(given), self.variables))
         skeletons = self.free < given.shape[1]
@@ -184,7 +195,9 @@ class CapsuleModel:
         return Posed(ends, motion, self._thickness(x).astype(np.float32))
 
     def capsules(self, x: Array, center_mm: Array) -> Capsules:
-        """All capsules at x (N, V), for the renderer; ``center_mm`` (N, 3) is the position of the origin."""
+        """All capsules at x (N, V), for the renderer; ``center_mm`` (N, 3) is the position
+        of the origin.
+        """
         ends = self.ends(x).astype(np.float64) + center_mm[:, None]
         radii = self.radii.astype(np.float64) * self._thickness(x)[:, None, None]
         return Capsules(
@@ -225,7 +238,9 @@ def _columns(points: Floats) -> Floats:
 
 
 def _cross(a: Floats, X: Floats) -> Floats:
-    """The cross product along the first axis, (3, ...); a matrix product would depend on the processor."""
+    """The cross product along the first axis, (3, ...); a matrix product would depend on
+    the processor.
+    """
     out = np.empty((3, *np.broadcast_shapes(a.shape[1:], X.shape[1:])), np.float32)
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         np.multiply(a[j], X[k], out=out[i])
@@ -236,14 +251,14 @@ def _cross(a: Floats, X: Floats) -> Floats:
 class RootMotion:
     """Converts between variables x (N, V) and the root's position and rotation.
 
-    Angles about three axes are discontinuous at a pole. So whatever moves a body as a whole works with a rotation
-    matrix, and converts it to the variables last.
+    Angles about three axes are discontinuous at a pole. So whatever moves a body as a whole works
+    with a rotation matrix, and converts it to the variables last.
 
     columns  (6,) of x: three translations along x, y, z, and three rotations in their order
     others   (V - 6,) the other variables
 
-    Raises NetlibError for a skeleton whose root does not translate along x, y, z and rotate about three different axes,
-    with a free DoF each.
+    Raises NetlibError for a skeleton whose root does not translate along x, y, z and rotate about
+    three different axes, with a free DoF each.
     """
 
     def __init__(self, model: CapsuleModel) -> None:
@@ -285,7 +300,9 @@ class RootMotion:
         return np.asarray(first @ second @ third)
 
     def variables(self, place: Array, R: Array) -> Array:
-        """The variables (N, 6) of ``columns`` for positions (N, 3) and rotations (N, 3, 3); angles in [-pi, pi)."""
+        """The variables (N, 6) of ``columns`` for positions (N, 3) and rotations (N, 3, 3);
+        angles in [-pi, pi).
+        """
         x = np.concatenate([place, self._angles(R)], axis=1) / self._signs - self._initial
         x[:, 3:] = (x[:, 3:] + np.pi) % (2 * np.pi) - np.pi
         return np.asarray(x)
@@ -305,15 +322,17 @@ class RootMotion:
 class WorldPose(NamedTuple):
     """The variables of a body, independent of the crop in which it was fitted.
 
-    A left hand is in mirrored space, as in the fit. The orientation is one rotation: angles about three axes are
-    discontinuous at a pole, and do not measure angular speed.
+    A left hand is in mirrored space, as in the fit. The orientation is one rotation: angles about
+    three axes are discontinuous at a pole, and do not measure angular speed.
 
     place     (3,) mm, position of the root from the camera, in the axes of the (mirrored) camera
     rotation  (3, 3) world_from_root
-    others    (V - 6,) the other variables: limbs, the surface's own, logarithms of size and thickness
+    others    (V - 6,) the other variables: limbs, the surface's own, logarithms of
+              size and thickness
 
-    A step (V,) from one pose to another has mm, the turn about the world's axes (its axis times its angle, at most half
-    a turn), and the differences of the other variables. Divided by a time it is a velocity.
+    A step (V,) from one pose to another has mm, the turn about the world's axes
+    (its axis times its angle, at most half a turn), and the differences of the other variables.
+    Divided by a time it is a velocity.
     """
 
     place: Array
@@ -332,13 +351,19 @@ class WorldPose(NamedTuple):
 
 
 def world_pose(model: CapsuleModel, x: Array, center_mm: Array) -> WorldPose:
-    """The body with x (V,) about a crop's centre (3,). Raises NetlibError for a root that cannot be followed."""
+    """The body with x (V,) about a crop's centre (3,).
+
+    Raises NetlibError for a root that cannot be followed.
+    """
     root, rows = model.root_motion, x[None]
     return WorldPose(root.place(rows)[0] + center_mm, root.rotation(rows)[0], x[root.others])
 
 
 def crop_variables(model: CapsuleModel, body: WorldPose, center_mm: Array) -> Array:
-    """x (V,) of a body about a crop's centre (3,), with the root's angles between -pi and pi. Raises NetlibError."""
+    """x (V,) of a body about a crop's centre (3,), with the root's angles between -pi and pi.
+
+    Raises NetlibError.
+    """
     root, x = model.root_motion, np.empty(model.variables)
     x[root.others] = body.others
     x[root.columns] = root.variables((body.place - center_mm)[None], body.rotation[None])[0]

@@ -35,9 +35,9 @@ MIN_VISIBLE = 0.01  # minimum share of foreground in a crop; with less, the sign
 # factor of the cost at the expected pose, so that fits do not jump between two equally good poses
 STAY = 0.9
 HOLD = 5.0  # precision of the expected limbs in ``follow``, relative to that of the network's limbs
-# The uncertainty is a weighted geometric mean of 1 + each sign: a limb outside the silhouette is a worse sign than a
-# thick body. The weights are means of those that best separate failed fits from others (logistic regression), of two
-# networks and both plans, on synthetic frames.
+# The uncertainty is a weighted geometric mean of 1 + each sign: a limb outside the silhouette is a
+# worse sign than a thick body. The weights are means of those that best separate failed fits from
+# others (logistic regression), of two networks and both plans, on synthetic frames.
 SIGN_WEIGHTS = np.array([0.16, 0.13, 0.13, 0.31, 0.27])
 STARTS_TOGETHER = 80  # fits per batch, so that their arrays stay in the cache
 
@@ -47,13 +47,15 @@ class DepthFit:
     """The fits of N frames.
 
     joints      (N, K, 3) mm from the crops' centres
-    network     (N, K, 3) mm, the joints of the first start: the network's, or in ``follow`` the expected ones
+    network     (N, K, 3) mm, the joints of the first start: the network's, or in ``follow``
+                the expected ones
     cost        (N,) sum of all terms; infinite where nothing is visible
     uncertainty (N,) by which crops and sides are compared: a mean of the signs
     x           (N, V) all variables, for ``CapsuleModel``
-    signs       (N, 5) of failure: the four parts of the cost, and the distance in mm by which the joints moved;
-                infinite where nothing is visible
-    start       (N,) index of its start: first the quarter turns, then the expected pose, then those drawn
+    signs       (N, 5) of failure: the four parts of the cost, and the distance in mm by which the
+                joints moved; infinite where nothing is visible
+    start       (N,) index of its start: first the quarter turns, then the expected pose,
+                then those drawn
     """
 
     joints: Array
@@ -101,7 +103,10 @@ class DepthFitter:
     def of_file(
         cls, skeleton: Skeleton, path: str | Path | Content, unit_mm: float, seed: int = 0
     ) -> DepthFitter:
-        """A fitter for crops of two such units, with the network's errors of a weights file. Raises DataError."""
+        """A fitter for crops of two such units, with the network's errors of a weights file.
+
+        Raises DataError.
+        """
         model = CapsuleModel(skeleton, unit_mm)
         return cls(model, read_errors(path, model), seed)
 
@@ -116,12 +121,13 @@ class DepthFitter:
     ) -> DepthFit:
         """Fit every frame and return the best fits. Raises DataError.
 
-        The same frames give bitwise equal fits, whatever other frames are fitted with them and on any processor, with
-        rare exceptions (docs/reliability.md, "What repeats exactly").
+        The same frames give bitwise equal fits, whatever other frames are fitted with them and on
+        any processor, with rare exceptions (docs/reliability.md, "What repeats exactly").
 
         starts  x (N, V) predicted in the crops, one array for each quarter turn of the plan
         size    of the body, one or (N,), if it is known
-        before  x (N, V) expected from earlier frames: one more start, with a prior about itself; NaN without
+        before  x (N, V) expected from earlier frames: one more start, with a prior about
+                itself; NaN without
         """
         model = self.model
         if len(starts) != len(plan.quarters):
@@ -163,10 +169,11 @@ class DepthFitter:
     ) -> DepthFit:
         """Refine x (N, V) expected from earlier frames by a few iterations, without the network.
 
-        Limbs that are hardly visible are held at their expected pose (``HOLD``), because they would jitter otherwise.
-        The signs are computed without that, as for any other fit.
+        Limbs that are hardly visible are held at their expected pose (``HOLD``), because they would
+        jitter otherwise. The signs are computed without that, as for any other fit.
 
-        moved_mm  (N,) distance of the last fit from the network's joints, which stays one of the signs
+        moved_mm  (N,) distance of the last fit from the network's joints, which stays
+                  one of the signs
         """
         network = self.model.joints(before)
         priors = self._expected(before)[None]
@@ -180,7 +187,9 @@ class DepthFitter:
         return self._results(found, seen, network, moved_mm)
 
     def _expected(self, before: Array) -> Array:
-        """The prior for x (N, V): about x, but about the means for the thickness and the surface's own variables."""
+        """The prior for x (N, V): about x, but about the means for the thickness and the surface's
+        own variables.
+        """
         prior = before.copy()
         prior[:, self.model.own] = 0
         prior[:, THICKNESS] = 0

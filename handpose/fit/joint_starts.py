@@ -1,14 +1,15 @@
 """Starts of a depth fit from joints that a network predicts.
 
-Joints predicted one by one are more accurate than those of predicted angles, but they need not be joints of the body.
-So the body with the predicted angles is moved to the predicted joints of its palm (Kabsch), and the start is the x that
-minimises, with x_0 from the predicted angles and size,
+Joints predicted one by one are more accurate than those of predicted angles, but they need not be
+joints of the body. So the body with the predicted angles is moved to the predicted joints of its
+palm (Kabsch), and the start is the x that minimises, with x_0 from the predicted angles and size,
 
     |X(x) - joints|^2 / JOINT_MM^2  +  sum over limbs of (x - x_0)^2 / LIMB^2
         +  (log size - log size_0)^2 / SIZE_STD^2
 
-by Levenberg-Marquardt. The result depends little on these constants. Without the alignment, Levenberg-Marquardt
-converges slowly where the predicted rotation is far off: after twice as many steps it is farther from the joints.
+by Levenberg-Marquardt. The result depends little on these constants. Without the alignment,
+Levenberg-Marquardt converges slowly where the predicted rotation is far off: after twice as many
+steps it is farther from the joints.
 """
 
 from __future__ import annotations
@@ -26,7 +27,9 @@ STEPS, RIDGE = 4, 1e-9
 
 
 def near_joints(model: CapsuleModel, x: Array, joints: Array) -> Array:
-    """Fit bodies x (N, V) to joints (N, K, 3) in mm; variables that the surface alone has are not changed."""
+    """Fit bodies x (N, V) to joints (N, K, 3) in mm; variables that the surface alone has
+    are not changed.
+    """
     skeleton, kinematics = model.skeleton, model.kinematics
     free = np.unique(skeleton.driven)
     sums = (skeleton.driven[:, None] == free).astype(float)
@@ -59,10 +62,11 @@ def near_joints(model: CapsuleModel, x: Array, joints: Array) -> Array:
 
 
 def aligned(model: CapsuleModel, x: Array, joints: Array) -> Array:
-    """Move bodies x (N, V) as a whole, so that joints fixed to the root are closest to joints (N, K, 3) in mm.
+    """Move bodies x (N, V) as a whole, so that joints fixed to the root are closest to joints
+    (N, K, 3) in mm.
 
-    Kabsch, "A solution for the best rotation to relate two sets of vectors" (1976). A body whose root has fewer than
-    six DoFs is not moved.
+    Kabsch, "A solution for the best rotation to relate two sets of vectors" (1976). A body whose
+    root has fewer than six DoFs is not moved.
     """
     x = x.copy()
     try:

@@ -1,9 +1,12 @@
 """The errors of a network, and natural poses, measured once and stored in the weights file.
 
-A weights file in Caffe's HDF5 layout has a group ``data``; a group ``fit`` next to it, which Caffe ignores, has
+A weights file in Caffe's HDF5 layout has a group ``data``; a group ``fit`` next to it, which
+Caffe ignores, has
 
-    fit/limbs          (L, L) covariance of the errors of the limbs' inputs: spread of further starts, and prior
-    fit/poses          (L + 1, L) mean of the limbs' inputs in natural poses, and below it their covariance; optional
+    fit/limbs          (L, L) covariance of the errors of the limbs' inputs: spread of further
+                       starts, and prior
+    fit/poses          (L + 1, L) mean of the limbs' inputs in natural poses, and below it their
+                       covariance; optional
 """
 
 from __future__ import annotations

@@ -1,14 +1,15 @@
 """The objective of a fit: the sum of its terms, each in units of its variance.
 
-surface  points on the capsules, robust (Geman-McClure): k q / (k + q) for the squared distance q, with k the square of
-         ``robust``. Errors of neighbouring points are correlated, so all of a frame count as ``independent`` points.
-         Points on capsules that the skeleton does not have, a hand's forearm, count less, because sleeves and
-         everything else that touches them would pull the body.
+surface  points on the capsules, robust (Geman-McClure): k q / (k + q) for the squared distance q,
+         with k the square of ``robust``. Errors of neighbouring points are correlated, so all of a
+         frame count as ``independent`` points. Points on capsules that the skeleton does not have,
+         a hand's forearm, count less, because sleeves and everything else that touches them would
+         pull the body.
 outline  spheres outside the silhouette, robust likewise
 front    spheres in front of the surface, robust likewise
-prior    limbs near the start's angles (covariance of the network's errors) and in natural poses (normal distribution),
-         the palm near the network's, the surface's own variables near their means, size and thickness near the
-         skeleton's
+prior    limbs near the start's angles (covariance of the network's errors) and in natural poses
+         (normal distribution), the palm near the network's, the surface's own variables near their
+         means, size and thickness near the skeleton's
 """
 
 from __future__ import annotations
@@ -31,10 +32,11 @@ MIN_SIZE_STD = 1e-4  # deviation of the logarithm of a size that is known
 
 @dataclass(frozen=True)
 class Weights:
-    """The weights of the terms, chosen on synthetic frames that are in no reported result; ``outline``, ``beyond`` and
-    ``poses`` also on real recordings: docs/fit.md.
+    """The weights of the terms, chosen on synthetic frames that are in no reported result;
+    ``outline``, ``beyond`` and ``poses`` also on real recordings: docs/fit.md.
 
-    For a body in a cube larger than a hand's, lengths in mm and the robust distance are scaled accordingly.
+    For a body in a cube larger than a hand's, lengths in mm and the robust distance are
+    scaled accordingly.
     """
 
     # mm, deviation of capsules from a real surface: the unit of the first three terms
@@ -101,7 +103,9 @@ class Objective:
         return Objective(self.model, replace(self.weights, size=0.0), self.poses)
 
     def prior_of(self, x: Array, precision: Array) -> Prior:
-        """The prior of fits that start at x (N, V), with the precision (L, L) of the limbs' variables."""
+        """The prior of fits that start at x (N, V), with the precision (L, L) of the
+        limbs' variables.
+        """
         A = np.zeros((self.model.variables,) * 2)
         A[np.ix_(self.model.limbs, self.model.limbs)] = self.weights.limbs * precision
         A[self.plain, self.plain] = self.plain_precision

@@ -63,7 +63,9 @@ class Observation:
         )
 
     def mirrored(self, which: NDArray[np.bool_]) -> Observation:
-        """The frames ``which`` (N,), each with its own crop, mirrored along x, so that left hands become right ones."""
+        """The frames ``which`` (N,), each with its own crop, mirrored along x, so that left hands
+        become right ones.
+        """
         flip = np.where(which[:, None], MIRROR.astype(np.float32), np.float32(1))
         changed = {name: getattr(self, name) * flip[:, :, None] for name in ("points", "rays")}
         changed |= {"center": self.center * flip, "offset": self.offset.copy()}
@@ -85,7 +87,9 @@ class Observation:
 
 @dataclass(frozen=True)
 class HandCrops:
-    """Crops of N hands. Networks and body models know right hands, so left hands are mirrored here, once, along x.
+    """Crops of N hands.
+
+    Networks and body models know right hands, so left hands are mirrored here, once, along x.
 
     Results for the mirrored crops are in mirrored camera axes (``sides.mirror_of``).
 
@@ -143,7 +147,10 @@ class HandCrops:
         return crops
 
     def observe(self, points: int) -> Observation:
-        """The crops as observations of right hands, sampled at this number of points. Raises DataError."""
+        """The crops as observations of right hands, sampled at this number of points.
+
+        Raises DataError.
+        """
         seen = observe(self.crops, self.center_uvd, self.camera, self.cube_mm, points)
         return seen.mirrored(self.mirrored) if self.mirrored.any() else seen
 
@@ -209,7 +216,8 @@ def observe(
 def _outside(crop: NDArray[np.floating]) -> Floats:
     """Distance (S, S) in pixels of each pixel's middle from the silhouette's edge, negative inside.
 
-    Single pixels without a reading are closed first. The silhouette is assumed to continue beyond the crop's edge.
+    Single pixels without a reading are closed first. The silhouette is assumed to continue beyond
+    the crop's edge.
     """
     solid = cv2.morphologyEx((crop < BACKGROUND).astype(np.uint8), cv2.MORPH_CLOSE, _CROSS)
     out = cv2.distanceTransform(1 - solid, cv2.DIST_L2, cv2.DIST_MASK_5)

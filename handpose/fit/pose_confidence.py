@@ -1,45 +1,55 @@
 """Expected error and confidence of a pose as it is reported, by the image in which it was found.
 
-The cost of a fit does not tell: a fit to the visible part of a covered hand costs no more than one of a whole hand, its
-joints may be in empty space, and the reported pose may be smoothed. So it is judged by several signs, all 0 or more:
+The cost of a fit does not tell: a fit to the visible part of a covered hand costs no more than one
+of a whole hand, its joints may be in empty space, and the reported pose may be smoothed. So it is
+judged by several signs, all 0 or more:
 
     surface, outline, front, prior          of the fit: the parts of its cost
     moved        mm, by which the fit moved the joints that the network predicted
-    behind       mm, by which its joints are behind the surface that was read: the hand hides them itself
+    behind       mm, by which its joints are behind the surface that was read: the hand
+                 hides them itself
     before       mm, by which they are in front of it, in empty space
     penetration  mm, mean over the capsules of how deep another part penetrates them
-    guessed      share of the fingers' own surface towards the camera that was not seen, mean over the fingers
+    guessed      share of the fingers' own surface towards the camera that was not seen, mean
+                 over the fingers
 
-The logarithm of the error in mm is taken to be normally distributed, with the deviation ``spread``. Its mean is
+The logarithm of the error in mm is taken to be normally distributed, with the deviation
+``spread``. Its mean is
 
     mean = log √(fit² + lag² + before²)        log fit = Σ weight log(1 + sign) + constant
 
-with the lag, the mean distance in mm of the reported joints from those of the fit, because no reported pose can be
-better than that. So
+with the lag, the mean distance in mm of the reported joints from those of the fit, because no
+reported pose can be better than that. So
 
-    whole = exp(mean + spread² / 2)        confidence = P(error < 30 mm) = Φ((log 30 - mean) / spread)
+    whole = exp(mean + spread² / 2)
+    confidence = P(error < 30 mm) = Φ((log 30 - mean) / spread)
 
-Where less of the hand's own surface was seen at its place, the rest is a guess, whatever the signs: UNSEEN. The
-expected error of a hand is the geometric mean of ``whole`` and of the mean of its fingers' expected errors, because
-what is wrong with a hand that is found is mostly a finger; without fingers it is ``whole``. It is at least 30 mm times
-the probability of a larger one (Markov's inequality).
+Where less of the hand's own surface was seen at its place, the rest is a guess, whatever the signs:
+UNSEEN. The expected error of a hand is the geometric mean of ``whole`` and of the mean of its
+fingers' expected errors, because what is wrong with a hand that is found is mostly a finger;
+without fingers it is ``whole``. It is at least 30 mm times the probability of a larger one
+(Markov's inequality).
 
-The error of a hand is a mean over its joints, and a hand that is right as a whole may have a finger that is a guess:
-because the palm or another finger hides it, because it is in empty space, or because the smoothed pose lags. With means
-over the finger's PIP joint, DIP joint and tip (of the thumb: MCP joint, IP joint and tip), the logarithm of a finger's
-error in mm is taken to be normally distributed, too, with the mean
+The error of a hand is a mean over its joints, and a hand that is right as a whole may have a finger
+that is a guess: because the palm or another finger hides it, because it is in empty space, or
+because the smoothed pose lags. With means over the finger's PIP joint, DIP joint and tip
+(of the thumb: MCP joint, IP joint and tip), the logarithm of a finger's error in mm is taken to be
+normally distributed, too, with the mean
 
     mean = weights · (log whole, log(1 + behind), log(1 + before), log(1 + lag), 1 - seen)
            + constant
 
-    behind, before  mm, by which the joints are behind and in front of the readings (``support.joint_depths``)
+    behind, before  mm, by which the joints are behind and in front of the readings
+                    (``support.joint_depths``)
     lag             mm, distance of the reported joints from those of the fit
-    seen            share of the finger's own surface that was seen at its place; 0 if the hand itself covers all of it
+    seen            share of the finger's own surface that was seen at its place; 0 if the hand
+                    itself covers all of it
 
 so that the expected error is exp(mean + spread² / 2), at most LOST_MM.
 
-Weights, constants and spreads are data, in ``PACKAGED``. ``python -m experiments confidence`` fits them to recordings
-with labelled joints; the model card says to which, and docs/fit.md has the results on others.
+Weights, constants and spreads are data, in ``PACKAGED``. ``python -m experiments confidence`` fits
+them to recordings with labelled joints; the model card says to which, and docs/fit.md has the
+results on others.
 """
 
 from __future__ import annotations
@@ -79,8 +89,9 @@ SIGNS = (
     "guessed",
 )
 FINGER_SIGNS = ("whole", "behind", "before", "lag", "unseen")
-# Share of the surface that faces the camera and was not seen at its place; factors of confidence and expected error.
-# Chosen, as the next two, on recordings of which a part of the hand was covered.
+# Share of the surface that faces the camera and was not seen at its place; factors of
+# confidence and expected error. Chosen, as the next two, on recordings of which a part of the
+# hand was covered.
 UNSEEN, UNSEEN_CONFIDENCE, UNSEEN_ERROR = (
     (0.15, 0.3, 0.45, 0.6),
     (1.0, 0.7, 0.3, 0.1),
@@ -88,7 +99,8 @@ UNSEEN, UNSEEN_CONFIDENCE, UNSEEN_ERROR = (
 )
 # covered or unread shares above it count three times: other poses explain the rest
 COVERED, MIN_COVERED = 2.0, 0.1
-# The side of a hand is judged by the log-ratio of the costs of the fits as either side; chosen on P3, P7 and hpx.
+# The side of a hand is judged by the log-ratio of the costs of the fits as either side; chosen on
+# P3, P7 and hpx.
 MAX_RATIO = 0.5  # maximum contribution of one frame
 SIDE_SLOPE = 8.0  # of the log-odds of a side by the mean ratio
 MAX_SIGN = 1e6  # instead of the infinite signs of an empty crop
@@ -133,7 +145,9 @@ class WeightsParameter:
 
 
 class Regression(NamedTuple):
-    """Weights (S,) of signs, the constant, and the deviation of the logarithm of the error in mm."""
+    """Weights (S,) of signs, the constant, and the deviation of the logarithm of
+    the error in mm.
+    """
 
     weights: Array
     constant: float
@@ -189,7 +203,9 @@ def unknown_finger_errors() -> Array:
 
 
 def finger_signs(whole_mm: Array, evidence: Evidence) -> Array:
-    """The signs (N, 5, 5), in the order of ``FINGER_SIGNS``, of the fingers of hands with these errors (N,) in mm."""
+    """The signs (N, 5, 5), in the order of ``FINGER_SIGNS``, of the fingers of hands with these
+    errors (N,) in mm.
+    """
     whole = np.broadcast_to(np.log(whole_mm)[:, None], evidence.seen.shape)
     depths = np.log1p(evidence.behind), np.log1p(evidence.before)
     return np.stack([whole, *depths, np.log1p(evidence.finger_lag_mm), 1 - evidence.seen], axis=-1)
@@ -206,8 +222,10 @@ class Evidence(NamedTuple):
 
     signs    (N, 9), those of ``SIGNS``
     lag_mm   (N,) distance of the joints from those of the fit
-    unseen   (N,) share of the hand's surface that was not seen at its place; what is covered or unread counts more
-    behind, before, finger_lag_mm, seen  (N, 5) of the fingers (``finger_signs``); (N, 0) of bodies without fingers
+    unseen   (N,) share of the hand's surface that was not seen at its place; what is covered or
+             unread counts more
+    behind, before, finger_lag_mm, seen  (N, 5) of the fingers (``finger_signs``); (N, 0) of bodies
+                                         without fingers
     """
 
     signs: Array
@@ -224,7 +242,9 @@ class Evidence(NamedTuple):
         return cls(*map(np.concatenate, zip(*parts)))
 
     def lagging(self, model: CapsuleModel, joints: Array, fit_joints: Array) -> Evidence:
-        """The same for poses with joints (N, K, 3) in mm instead of those of the fits, in one system of axes."""
+        """The same for poses with joints (N, K, 3) in mm instead of those of the fits, in one
+        system of axes.
+        """
         lag, of_fingers = (
             np.linalg.norm(joints - fit_joints, axis=2).mean(axis=1),
             self.finger_lag_mm,
@@ -244,7 +264,8 @@ class Judged(NamedTuple):
 
     error_mm         (N,) expected error
     confidence       (N,) probability of an error below GOOD_MM
-    finger_error_mm  (N, 5) expected error of each finger (``finger_errors``); NaN for bodies without fingers
+    finger_error_mm  (N, 5) expected error of each finger (``finger_errors``); NaN for bodies
+                     without fingers
     """
 
     error_mm: Array
@@ -253,7 +274,9 @@ class Judged(NamedTuple):
 
 
 def judged_as_wholes(evidence: Evidence, hand: Regression) -> tuple[Array, Array]:
-    """Expected errors (N,) in mm and confidence (N,) of N poses of which this is seen, whatever their fingers show."""
+    """Expected errors (N,) in mm and confidence (N,) of N poses of which this is seen, whatever
+    their fingers show.
+    """
     # the distribution function Φ, imported here: few programs need it
     from scipy.special import ndtr as normal
 
@@ -265,7 +288,9 @@ def judged_as_wholes(evidence: Evidence, hand: Regression) -> tuple[Array, Array
 
 
 def judged(evidence: Evidence, weights: Weights | None = None) -> Judged:
-    """Errors and confidence of N poses of which this is seen, by the packaged weights if there are no others."""
+    """Errors and confidence of N poses of which this is seen, by the packaged weights if there
+    are no others.
+    """
     hand, finger = weights or read_weights()
     whole, confidence = judged_as_wholes(evidence, hand)
     if not evidence.seen.size:
@@ -276,7 +301,9 @@ def judged(evidence: Evidence, weights: Weights | None = None) -> Judged:
 
 
 def unseen_share(support: Support) -> Array:
-    """The share (N,) of hands' surfaces that was not seen at its place; what is covered or unread counts more."""
+    """The share (N,) of hands' surfaces that was not seen at its place; what is covered or
+    unread counts more.
+    """
     return np.asarray(1 - support.seen + COVERED * np.maximum(support.covered - MIN_COVERED, 0))
 
 
@@ -310,7 +337,9 @@ def evidence_of(
 
 
 def side_evidence(cost: float, other_cost: float) -> float:
-    """The evidence of one image for the side of a fit with a cost, against that of the fit as the other side."""
+    """The evidence of one image for the side of a fit with a cost, against that of the fit as
+    the other side.
+    """
     own, other = (np.log(np.clip(one, 1e-9, 1e9)) for one in (cost, other_cost))
     return float(np.clip(other - own, -MAX_RATIO, MAX_RATIO))
 

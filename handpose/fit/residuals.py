@@ -1,36 +1,44 @@
-r"""Residuals of the observed depth: of the surface, the silhouette and free space; and their normal equations.
+r"""Residuals of the observed depth: of the surface, the silhouette and free space; and their
+normal equations.
 
-Points. The nearest point to p on a capsule's axis is c(s) = a + s (b - a), with the radius r(s). The point should have
-that distance, on the side that faces the camera. With the ray v through the point and y = p - c,
+Points. The nearest point to p on a capsule's axis is c(s) = a + s (b - a), with the radius r(s).
+The point should have that distance, on the side that faces the camera. With the ray v through the
+point and y = p - c,
 
     f = max(y . v, 0)         how far the point is behind the axis, along the ray
     rho = |y - f v|           its distance from the axis across the ray
 
-A point on the facing side has f = 0 and the residual |y| - r. A point behind cannot be seen there. The nearest visible
-point is on the capsule's outline, at rho - r across the ray and f along it (Tagliasacchi et al., Robust Articulated-ICP
-for Real-Time Hand Tracking, 2015). Both are residuals, and both are 0 on the surface.
+A point on the facing side has f = 0 and the residual |y| - r. A point behind cannot be seen there.
+The nearest visible point is on the capsule's outline, at rho - r across the ray and f along it
+(Tagliasacchi et al., Robust Articulated-ICP for Real-Time Hand Tracking, 2015). Both are residuals,
+and both are 0 on the surface.
 
-Spheres. Surface points attract capsules to observed depth, but do not keep a limb out of empty space. Spheres at the
-capsules' ends do. A sphere of radius r at c, which projects to (column, row) of the crop,
+Spheres. Surface points attract capsules to observed depth, but do not keep a limb out of empty
+space. Spheres at the capsules' ends do. A sphere of radius r at c, which projects to
+(column, row) of the crop,
 
     leaves the silhouette by        F(column, row) z / z_0 + r, with F in mm at the centre's depth
     is in front of the surface by   nearest(column, row) - (z - r)
 
-Each is a residual where it exceeds a slack, otherwise 0. F is interpolated between pixels, and so is its slope.
+Each is a residual where it exceeds a slack, otherwise 0. F is interpolated between pixels, and
+so is its slope.
 
-Normal equations. A residual r measures one point of the body along one direction u. With c = (1 - s) E_i + s E_j the
-point at the place s of a capsule's axis,
+Normal equations. A residual r measures one point of the body along one direction u. With
+c = (1 - s) E_i + s E_j the point at the place s of a capsule's axis,
 
-    dr / dx  =  (1 - s) u . dE_i/dx  +  s u . dE_j/dx  +  w d log radius / dx        z = ((1 - s) u, s u, w)
+    dr / dx  =  (1 - s) u . dE_i/dx  +  s u . dE_j/dx  +  w d log radius / dx
+    z = ((1 - s) u, s u, w)
 
-where w is the contribution of the radius as the body gets thicker. So each residual needs 8 numbers: z and r
-itself. Their weighted products, summed for each capsule to an 8 x 8 matrix G_m, determine the normal equations:
+where w is the contribution of the radius as the body gets thicker. So each residual needs 8
+numbers: z and r itself. Their weighted products, summed for each capsule to an 8 x 8 matrix G_m,
+determine the normal equations:
 
-    A  =  sum over capsules of  B_m^T G_m B_m        B_m = (dE_i/dx; dE_j/dx; 1 for size and thickness), 7 x V
+    A  =  sum over capsules of  B_m^T G_m B_m
+    B_m = (dE_i/dx; dE_j/dx; 1 for size and thickness), 7 x V
     b  =  sum over capsules of  B_m^T g_m            g_m the last column of G_m
 
-There are several hundred residuals, but few capsules: this takes a third of the time of the full Jacobian. Every point
-has two residuals, which share its capsule and place.
+There are several hundred residuals, but few capsules: this takes a third of the time of the full
+Jacobian. Every point has two residuals, which share its capsule and place.
 """
 
 from __future__ import annotations
@@ -55,7 +63,10 @@ _FULL[_UPPER] = _FULL.T[_UPPER] = np.arange(36)
 
 
 class Residuals(NamedTuple):
-    """Two residuals for each of R points in N frames, in mm. Points come last, so the innermost loops are long."""
+    """Two residuals for each of R points in N frames, in mm.
+
+    Points come last, so the innermost loops are long.
+    """
 
     capsule: NDArray[np.int_]  # (N, R)
     place: Floats  # (N, R) position on the capsule's axis, 0 to 1
@@ -101,7 +112,9 @@ def belonging(capsule: NDArray[np.int_], capsules: int) -> Floats:
 def residuals_of(
     model: CapsuleModel, posed: Posed, seen: Observation, spheres: NDArray[np.int_], slack: float
 ) -> Residuals:
-    """The residuals of all points, each on its nearest capsule, and then of the spheres (``sphere_residuals``)."""
+    """The residuals of all points, each on its nearest capsule, and then of the spheres
+    (``sphere_residuals``).
+    """
     cones = cones_of(model, posed)
     points = point_residuals(cones, seen, nearest_capsules(cones, seen))
     others = sphere_residuals(cones, seen, spheres, slack)
@@ -111,13 +124,15 @@ def residuals_of(
 def nearest_capsules(cones: Cones, seen: Observation) -> NDArray[np.int_]:
     """The capsule (N, P) nearest to every point, on its facing side, by an approximation.
 
-    All capsules are compared with all points, so the nearest point of the axis is computed as if both radii were equal.
-    The parts that are linear in the points come from two matrix products; with t the position on the axis in mm,
+    All capsules are compared with all points, so the nearest point of the axis is computed as if
+    both radii were equal. The parts that are linear in the points come from two matrix products;
+    with t the position on the axis in mm,
 
-        t = clip((p - a) . d)        |y|² = |p - a|² - t (2 (p - a) . d - t)        f = (p - a) . v - t d . v
+        t = clip((p - a) . d)        |y|² = |p - a|² - t (2 (p - a) . d - t)
+        f = (p - a) . v - t d . v
 
-    Positions are rounded to about 0.1 mm and directions to 0.001. All products and their sums are then exact in
-    float32, so the result does not depend on the order in which a processor sums.
+    Positions are rounded to about 0.1 mm and directions to 0.001. All products and their sums are
+    then exact in float32, so the result does not depend on the order in which a processor sums.
     """
     mm = np.ldexp(np.float32(1), np.frexp(seen.half)[1] - POSITION_BITS)[:, None, None]
     p, v, a = _on_grid(seen.points, mm), _on_grid(seen.rays, DIRECTION_STEP), _on_grid(cones.a, mm)
@@ -166,8 +181,8 @@ def _on_grid(values: Floats, step: np.float32 | Floats) -> Floats:
 def point_residuals(cones: Cones, seen: Observation, capsule: NDArray[np.int_]) -> Residuals:
     """The residuals rho - r and f of each point on its capsule (N, P).
 
-    Where the radii differ, the nearest point of the axis is shifted towards the thinner end, so that the surface's
-    normal through it meets p.
+    Where the radii differ, the nearest point of the axis is shifted towards the thinner end, so
+    that the surface's normal through it meets p.
     """
     N, P = capsule.shape
     own = cones.of(belonging(capsule, cones.a.shape[2]))
@@ -196,10 +211,12 @@ def point_residuals(cones: Cones, seen: Observation, capsule: NDArray[np.int_]) 
 def sphere_residuals(
     cones: Cones, seen: Observation, spheres: NDArray[np.int_], slack: float
 ) -> Residuals:
-    """Distances in mm by which each sphere leaves the silhouette, and by which it is in front of the surface.
+    """Distances in mm by which each sphere leaves the silhouette, and by which it is in front
+    of the surface.
 
     cones    of all M capsules
-    spheres  (R,) the capsules that have a sphere at their end; another one in the middle improves nothing
+    spheres  (R,) the capsules that have a sphere at their end; another one in the middle
+             improves nothing
     slack    mm that are allowed
     """
     N, S, R = len(cones.a), seen.outside.shape[-1], len(spheres)
@@ -270,10 +287,12 @@ def normal_equations(
 
 
 def _round_to_exact_sums(products: Floats) -> None:
-    """Round products (N, 36, R) of 8 numbers so that every sum along R is exact in float32, in any order.
+    """Round products (N, 36, R) of 8 numbers so that every sum along R is exact in
+    float32, in any order.
 
-    A processor's BLAS then changes nothing. With T a bound of the sum of absolute values, the products become multiples
-    of some T / 2**22: adding and subtracting a number of the size of T rounds to them.
+    A processor's BLAS then changes nothing. With T a bound of the sum of absolute values, the
+    products become multiples of some T / 2**22: adding and subtracting a number of the size of T
+    rounds to them.
     """
     # by Cauchy and Schwarz, T is a product of two of them
     norms = np.sqrt(products[:, _DIAGONAL].sum(axis=2))

@@ -1,13 +1,14 @@
 """Round values to a grid, so that a result does not depend on the last bits of a matrix product.
 
-BLAS sums in an order that depends on the processor, so the products of two processors differ in their last bits. A
-search that branches (which capsule is nearest, is the cost lower, which start is best) turns such a difference into
-another local minimum, millimetres away. Two things prevent this:
+BLAS sums in an order that depends on the processor, so the products of two processors differ in
+their last bits. A search that branches (which capsule is nearest, is the cost lower, which start is
+best) turns such a difference into another local minimum, millimetres away. Two things prevent this:
 
 - products whose sums decide are computed in float64,
-- what comes out of a network or of a step is rounded to a grid that is far coarser than the differences and far finer
-  than the accuracy. Two processors then continue with the same numbers, unless a value lies at the edge between two
-  grid points: with differences of 1e-7 and a grid of 2**-8, that happens to one value in 40,000.
+- what comes out of a network or of a step is rounded to a grid that is far coarser than the
+  differences and far finer than the accuracy. Two processors then continue with the same numbers,
+  unless a value lies at the edge between two grid points: with differences of 1e-7 and a grid of
+  2**-8, that happens to one value in 40,000.
 """
 
 from __future__ import annotations

@@ -1,17 +1,17 @@
 """Search among several starts, by Levenberg-Marquardt within limits, for many frames at once.
 
-A fit converges to the local minimum near its start. A network that confuses two limbs, or the front and back of a body,
-starts in the wrong one. Further starts are the network's predictions in the crop turned by quarters, and its prediction
-with limbs drawn from the distribution of its errors. A few iterations for all starts on few points choose those that
-continue to the end.
+A fit converges to the local minimum near its start. A network that confuses two limbs, or the front
+and back of a body, starts in the wrong one. Further starts are the network's predictions in the
+crop turned by quarters, and its prediction with limbs drawn from the distribution of its errors. A
+few iterations for all starts on few points choose those that continue to the end.
 
-A step solves (A + mu diag A) step = -b. It is accepted if it lowers the cost; then mu decreases, otherwise mu
-increases. A variable at a limit whose step would leave it is held.
+A step solves (A + mu diag A) step = -b. It is accepted if it lowers the cost; then mu decreases,
+otherwise mu increases. A variable at a limit whose step would leave it is held.
 
 minimise  fits of joints, by a function for the cost and its derivatives
-descend   fits of depth, by the objective. A step is lengthened, and a part of the previous step is added. The robust
-          distance may decrease from stage to stage: at first far points count, at the end only those that the model
-          explains.
+descend   fits of depth, by the objective. A step is lengthened, and a part of the previous step is
+          added. The robust distance may decrease from stage to stage: at first far points count, at
+          the end only those that the model explains.
 """
 
 from __future__ import annotations
@@ -30,17 +30,18 @@ from handpose.fit.rounding import FIT_STEP, rounded
 from layers.hand.kinematics import rotation
 from netlib.blob import Array
 
-# TRUST and DISTRUST are the factors of mu after an accepted and a rejected step. The results depend little on them:
-# with 1/2 and 2, or 1/10 and 10, the same minima are found (to 0.01%) with up to a third more work. FIRST_MU from 0.001
-# to 0.1 is equally good; with 1 the first steps are so small that frames stop too early.
+# TRUST and DISTRUST are the factors of mu after an accepted and a rejected step. The results depend
+# little on them: with 1/2 and 2, or 1/10 and 10, the same minima are found (to 0.01%) with up to a
+# third more work. FIRST_MU from 0.001 to 0.1 is equally good; with 1 the first steps are so small
+# that frames stop too early.
 FIRST_MU, TRUST, DISTRUST = 1e-2, 1 / 3, 4
 MAX_MU = 1e8  # maximum damping of ``minimise``; larger steps are lost in rounding
 EXACT_COST = 1e-24  # (1e-12)², the rounding error of the positions of a few joints
 
 LOW_MU, HIGH_MU = 1e-5, 1e4  # limits of the damping of ``descend``
 RIDGE = 1e-9  # of ``descend``
-# The nearest points slide along the surface as it moves, so a step is too short, and the next one has the same
-# direction.
+# The nearest points slide along the surface as it moves, so a step is too short, and the next one
+# has the same direction.
 FURTHER, MOMENTUM = 1.5, 0.2
 
 T = TypeVar("T", bound=Any)
@@ -55,7 +56,8 @@ def damped_step(
     A             (N, F, F) the normal matrix
     b             (N, F) half the gradient of the cost
     mu            (N,) damping
-    x             (N, F) the variables, between lower and upper; one at a limit whose step would leave it gets 0
+    x             (N, F) the variables, between lower and upper; one at a limit whose step would
+                  leave it gets 0
     lower, upper  (F,)
     ridge         keeps a variable without influence constant
     """
@@ -81,7 +83,8 @@ def minimise(
 ) -> tuple[Array, Array]:
     """Minimise from x (N, F) between lower and upper (F,); returns x and its cost (N,).
 
-    evaluate  of x (n, F) and the numbers (n,) of their frames: cost (n,), normal matrix (n, F, F), half gradient (n, F)
+    evaluate  of x (n, F) and the numbers (n,) of their frames: cost (n,), normal matrix (n, F, F),
+              half gradient (n, F)
     min_mu    lower bound of the damping
     min_gain  a frame whose cost decreases by less, relative to it, is finished
     """
@@ -105,7 +108,9 @@ def minimise(
 
 
 class Stage(NamedTuple):
-    """A number of iterations with one robust distance; a fit ends earlier once its cost decreases by too little."""
+    """A number of iterations with one robust distance; a fit ends earlier once its cost decreases
+    by too little.
+    """
 
     robust: float  # mm
     iterations: int
@@ -140,7 +145,9 @@ def descend(
 
 
 def _chosen(better: NDArray[np.bool_], new: T, old: T) -> T:
-    """The rows of ``new`` where ``better``, elsewhere those of ``old``; for arrays and tuples of them."""
+    """The rows of ``new`` where ``better``, elsewhere those of ``old``; for arrays and
+    tuples of them.
+    """
     if better.all():
         return new
     if not better.any():
@@ -229,7 +236,9 @@ def data_cost(parts: Array) -> Array:
 
 
 def drawn(model: CapsuleModel, x: Array, covariance: Array, count: int, seed: int) -> Array:
-    """Draws (count, N, V) about x (N, V), with the limbs' errors of the network, within the limits."""
+    """Draws (count, N, V) about x (N, V), with the limbs' errors of the network,
+    within the limits.
+    """
     rng = np.random.default_rng(seed)
     starts = np.tile(x, (count, 1, 1))
     errors = rng.multivariate_normal(
@@ -240,9 +249,11 @@ def drawn(model: CapsuleModel, x: Array, covariance: Array, count: int, seed: in
 
 
 def turned_back(model: CapsuleModel, x: Array, quarter: int) -> Array:
-    """Variables (N, V) found in crops turned counter-clockwise by quarter turns, for the unturned crops.
+    """Variables (N, V) found in crops turned counter-clockwise by quarter turns, for the
+    unturned crops.
 
-    Bodies turn as a whole about the line of sight. Raises NetlibError for a root that ``RootMotion`` does not accept.
+    Bodies turn as a whole about the line of sight. Raises NetlibError for a root that
+    ``RootMotion`` does not accept.
     """
     if quarter % 4 == 0:
         return x

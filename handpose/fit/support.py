@@ -1,7 +1,8 @@
-"""Support of poses by a depth image: which parts of a hand's own surface were seen, and which the image contradicts.
+"""Support of poses by a depth image: which parts of a hand's own surface were seen, and which the
+image contradicts.
 
-Spheres along the capsules, and on the flat parts between them, sample the surface that faces the camera. Of those that
-no other part of the body covers, each counts in proportion to its area as
+Spheres along the capsules, and on the flat parts between them, sample the surface that faces the
+camera. Of those that no other part of the body covers, each counts in proportion to its area as
 
     seen     the reading is within APART_MM of the sphere's front
     hidden   the reading is nearer: another object covers the hand there
@@ -9,9 +10,9 @@ no other part of the body covers, each counts in proportion to its area as
     missing  there is no reading
     outside  it is outside the image
 
-A fit to the visible part of a covered hand has small residuals, so its cost does not show that the rest is a guess.
-Joints are compared with the readings, too: those far behind the surface are hidden by the hand itself, and those in
-front of it are in empty space.
+A fit to the visible part of a covered hand has small residuals, so its cost does not show that the
+rest is a guess. Joints are compared with the readings, too: those far behind the surface are hidden
+by the hand itself, and those in front of it are in empty space.
 """
 
 from __future__ import annotations
@@ -44,14 +45,18 @@ class Support(NamedTuple):
 
     @property
     def covered(self) -> Array:
-        """The share (N,) that is in the image but was not read, because of a nearer object or without a reading."""
+        """The share (N,) that is in the image but was not read, because of a nearer object or
+        without a reading.
+        """
         return self.hidden + self.missing
 
 
 class JointDepths(NamedTuple):
-    """Mean distances (N,) in mm of the joints of N hands from the readings at their pixels, at most FAR_MM each.
+    """Mean distances (N,) in mm of the joints of N hands from the readings at their pixels, at
+    most FAR_MM each.
 
-    behind  by which the joints are behind the readings: more than a finger's radius where the hand hides itself
+    behind  by which the joints are behind the readings: more than a finger's radius where the
+            hand hides itself
     before  by which they are in front of them
     """
 
@@ -106,7 +111,9 @@ class Samples(NamedTuple):
         return np.concatenate([self.center[..., :2], self.front[..., None]], axis=2)
 
     def covers(self, points: Array, front: Array) -> NDArray[np.bool_]:
-        """True (N, Q) where a sphere is in front of points (N, Q, 3) whose surface is at the depths (N, Q)."""
+        """True (N, Q) where a sphere is in front of points (N, Q, 3) whose surface is at the
+        depths (N, Q).
+        """
         x, y, z = (self.center[:, None, :, axis] for axis in range(3))
         ray = points[..., :2] / points[..., 2:]
         inner = (
@@ -158,13 +165,17 @@ def support_of_parts(
 
 
 def _samples_of(some: NDArray[np.bool_], facets: NDArray[np.int_]) -> NDArray[np.bool_]:
-    """True (P,) for the samples of some capsules (M,), and of the flat parts that are between these alone."""
+    """True (P,) for the samples of some capsules (M,), and of the flat parts that are
+    between these alone.
+    """
     flat = some[facets // 2].all(axis=1)
     return np.concatenate([np.repeat(some, len(ALONG)), np.repeat(flat, len(ACROSS))])
 
 
 def joint_depths(joints: Array, depth: NDArray[np.floating], camera: Camera) -> JointDepths:
-    """The distances of joints (N, K, 3) in mm, camera axes, from the readings of one image; 0 without any reading."""
+    """The distances of joints (N, K, 3) in mm, camera axes, from the readings of one image; 0
+    without any reading.
+    """
     reading, inside = _readings(joints, depth, camera)
     read = inside & (reading > 0)
     behind = np.where(read, joints[..., 2] - np.where(read, reading, 0), 0)
@@ -175,7 +186,9 @@ def joint_depths(joints: Array, depth: NDArray[np.floating], camera: Camera) -> 
 def _readings(
     points: Array, depth: NDArray[np.floating], camera: Camera
 ) -> tuple[NDArray[np.floating], NDArray[np.bool_]]:
-    """The readings (N, P) at the pixels of points (N, P, 3) in mm, and True where these are in the image."""
+    """The readings (N, P) at the pixels of points (N, P, 3) in mm, and True where these
+    are in the image.
+    """
     before = points[..., 2] > 0
     column, row, _ = np.moveaxis(
         np.rint(camera.project(np.where(before[..., None], points, 1.0))), -1, 0

@@ -1,6 +1,8 @@
-"""camera.json: the parameters of a depth camera, next to its frames or within their file; other files with a camera.
+"""camera.json: the parameters of a depth camera, next to its frames or within their file; other
+files with a camera.
 
-{"fx": 476.0, "fy": 476.0, "u0": 313.7, "v0": 242.8, "width": 640, "height": 480, "unit_mm": 0.125, "rate": 30,
+{"fx": 476.0, "fy": 476.0, "u0": 313.7, "v0": 242.8, "width": 640, "height": 480, "unit_mm":
+0.125, "rate": 30,
  "distortion": {"model": "brown_conrady", "coefficients": [0.1, -0.2, 0, 0, 0]}}
 
 fx, fy, u0, v0  px, all four or none; cx, cy and ppx, ppy are other names of u0, v0
@@ -8,19 +10,25 @@ width, height   px of the frames, both or none
 unit_mm         depth of a stored value of 1 in mm; RealSense's depth_scale is in metres
 rate            frames per second; also fps
 min_range_mm    nearer readings are errors and count as missing; default 200
-distortion      of the lens: as above, or the coefficients alone; model, coeffs, k1 ... p2 may also be keys next to fx
+distortion      of the lens: as above, or the coefficients alone; model, coeffs, k1 ... p2 may also
+                be keys next to fx
 name            of the camera
-time_unit       of the times in the names of the frames or in their file: s, ms, us, ns, or frames for numbers
+time_unit       of the times in the names of the frames or in their file: s, ms, us, ns, or
+                frames for numbers
 
-Files of other programs are read by the same keys under the names in ``ALIASES``, whatever their form: JSON, the YAML in
-which programs write parameters, lines of keys and values, sections, or tables of numbers. In them
+Files of other programs are read by the same keys under the names in ``ALIASES``, whatever their
+form: JSON, the YAML in which programs write parameters, lines of keys and values, sections, or
+tables of numbers. In them
 
-    fx, fy, cx, cy  are also a matrix: 3 x 3 by rows or by columns, within 3 x 4 or 4 x 4, or fx, fy, cx, cy in a row
+    fx, fy, cx, cy  are also a matrix: 3 x 3 by rows or by columns, within 3 x 4 or 4 x 4, or fx,
+                    fy, cx, cy in a row
     width, height   both in a row, as in resolution: [640, 480] or 640x480
-    depth_scale     of a stored value of 1: m, if it is less than 0.01; otherwise mm; from 100 on stored values per m
+    depth_scale     of a stored value of 1: m, if it is less than 0.01; otherwise mm; from 100 on
+                    stored values per m
 
-They may lie within other objects and lists, and have names such as Camera.fx. Of several cameras that of the depth is
-taken, by the names around it and the texts in it, and of several modes of it that of the frames' size.
+They may lie within other objects and lists, and have names such as Camera.fx. Of several cameras
+that of the depth is taken, by the names around it and the texts in it, and of several modes of it
+that of the frames' size.
 """
 
 from __future__ import annotations
@@ -91,7 +99,10 @@ def to_text(given: CameraInfo) -> str:
 
 
 def parse(text: str, where: str) -> CameraInfo:
-    """Parse the text of a camera.json or of another file; ``where`` begins every error. Raises DataError."""
+    """Parse the text of a camera.json or of another file; ``where`` begins every error.
+
+    Raises DataError.
+    """
     try:
         found = find(parse_document(text, where), where)
     except RecursionError:  # thousands of brackets
@@ -101,7 +112,7 @@ def parse(text: str, where: str) -> CameraInfo:
     return found.info if found.is_own else replace(found.info, origin=f"{where} ({found.words})")
 
 
-# ---------------------------------------------------------------------------------------------- documents
+# ---------------------------------------------------------------------------------------- documents
 
 NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
 # in any brackets, as print writes them
@@ -127,7 +138,9 @@ BRACKETS = re.compile(r"\[[^\[\]]*(?:\[[^\[\]]*\][^\[\]]*)*\]")
 
 
 def parse_document(text: str, where: str) -> Any:
-    """The value of a text, which its content decides: of a table the list of its numbers. ``where`` begins errors.
+    """The value of a text, which its content decides: of a table the list of its numbers.
+
+    ``where`` begins errors.
 
     Raises DataError.
     """
@@ -167,10 +180,11 @@ def parsed(text: str, where: str) -> Any:
 
 
 def _of_lines(text: str, where: str) -> dict[str, Any]:
-    """The keys and values in lines, of the first document of several. Raises DataError for a known key given twice.
+    """The keys and values in lines, of the first document of several. Raises DataError for a known
+    key given twice.
 
-    A line without a value names the object of deeper lines, or of all lines of a section; so does what is before
-    several keys in a line. Numbers alone continue the value above.
+    A line without a value names the object of deeper lines, or of all lines of a section; so does
+    what is before several keys in a line. Numbers alone continue the value above.
     """
     document: dict[str, Any] = {}
     around = [(-2, document)]  # the objects around a line, each with the indent of its name
@@ -218,7 +232,9 @@ def _unique(name: str, inside: Mapping[str, Any]) -> str:
 
 
 def _keys_in(content: str) -> tuple[str, list[tuple[str, Any]]]:
-    """The name before the keys in a line, and these with their values; a name alone is a key with None."""
+    """The name before the keys in a line, and these with their values; a name alone is a
+    key with None.
+    """
     found = list(PAIR.finditer(content))
     if not found and (whole := COLUMNS.fullmatch(content)):
         found = [whole]
@@ -241,7 +257,7 @@ def _value(text: str) -> Any:
     return numbers if len(numbers) > 1 or "[" in text else numbers[0]
 
 
-# ---------------------------------------------------------------------------------------------- values
+# ------------------------------------------------------------------------------------------- values
 
 RANGES = {  # exclusive lower and inclusive upper bounds
     "fx": (MIN_FOCAL_PX, 1e6),
@@ -278,7 +294,8 @@ ALIASES = {key.replace("_", ""): key for key in KNOWN} | {
         "width": "imagewidth imgwidth w depthwidth mdepthwidth resolutionwidth resolutionx framewidth",
         "height": "imageheight imgheight h depthheight mdepthheight resolutionheight resolutiony frameheight",
         "size": "resolution imagesize imgsize framesize imageresolution",
-        "matrix": "k intrinsics intrinsic intrinsicmatrix cameramatrix cameraintrinsics cameraintrinsic depthintrinsics "
+        "matrix": "k intrinsics intrinsic intrinsicmatrix cameramatrix cameraintrinsics cameraintrinsic "
+        "depthintrinsics "
         "depthintrinsic cammat camk camerak depthk kdepth mtx intrinsicsmatrix intrinsicparameters kmatrix "
         "depthintrinsicmatrix depthcameramatrix camintrinsics camintrinsic mcalibrationdepthintrinsic "
         "intrinsicdepth intrinsicsdepth calibrationmatrix cameraintrinsicmatrix cameraintrinsicsmatrix",
@@ -339,7 +356,10 @@ _Chain = tuple[tuple[str, dict[str, Any]], ...]
 
 
 def _of_modes(chains: list[_Chain], infos: list[CameraInfo], where: str) -> CameraInfo:
-    """Cameras that differ in the size of their frames alone, as one. Raises DataError for others."""
+    """Cameras that differ in the size of their frames alone, as one.
+
+    Raises DataError for others.
+    """
     cameras = dict.fromkeys(info.camera for info in infos)
     modes = {(one.width, one.height): one for one in cameras if isinstance(one, Camera)}
     others = {replace(info, camera=None) for info in infos}
@@ -395,7 +415,8 @@ def rank_of(*names: str) -> int:
 
 
 def _key(name: str, value: Any = None) -> str:
-    """The key of a camera.json, or one of those in ``ALIASES`` alone, for a name; itself if it is unknown.
+    """The key of a camera.json, or one of those in ``ALIASES`` alone, for a name; itself if
+    it is unknown.
 
     A value with a width and a height alone is a size under any name.
     """
@@ -495,7 +516,10 @@ class Found:
         return {key: value} if key in KNOWN else {}
 
     def _checked(self, key: str, value: Any) -> Any:
-        """The value of a key, numbers as such. Raises DataError for one of another kind, or out of range."""
+        """The value of a key, numbers as such.
+
+        Raises DataError for one of another kind, or out of range.
+        """
         expected = "a number that is finite"
         if key == "coefficients":
             value, expected = _numbers(value) or value, "a list of numbers: k1, k2, p1, p2, k3 ..."
@@ -547,7 +571,10 @@ class Found:
 
 
 def _of_matrix(value: Any, where: str) -> list[float]:
-    """fx, fy, u0, v0 of a matrix by rows or by columns, or of these four numbers. Raises DataError."""
+    """fx, fy, u0, v0 of a matrix by rows or by columns, or of these four numbers.
+
+    Raises DataError.
+    """
     numbers = _numbers(value) or []
     if len(numbers) == 4:
         return numbers
@@ -566,7 +593,9 @@ def _of_matrix(value: Any, where: str) -> list[float]:
 
 
 def _numbers(value: Any) -> list[float] | None:
-    """The numbers in lists, or in the data of an object with rows and columns; None for anything else."""
+    """The numbers in lists, or in the data of an object with rows and columns; None for
+    anything else.
+    """
     if isinstance(value, dict):
         return _numbers(value["data"]) if isinstance(value.get("data"), list) else None
     if not isinstance(value, list):

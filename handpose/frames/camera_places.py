@@ -1,7 +1,9 @@
-"""Files with the camera of frames that lie near them: camera.json, and where other programs write theirs.
+"""Files with the camera of frames that lie near them: camera.json, and where other
+programs write theirs.
 
-Recorders and data sets put them into the folder of the frames, one folder up, as Open3D's camera_intrinsic.json next to
-depth/ and color/, or into a folder beside, as ScanNet's intrinsic/intrinsic_depth.txt.
+Recorders and data sets put them into the folder of the frames, one folder up, as Open3D's
+camera_intrinsic.json next to depth/ and color/, or into a folder beside, as ScanNet's
+intrinsic/intrinsic_depth.txt.
 """
 
 from __future__ import annotations
@@ -16,8 +18,8 @@ from handpose.frames.recording import CameraInfo
 from netlib.errors import DataError
 from netlib.files.paths import exists, names_in, real
 
-# Names of files, without their suffix, that tell of a camera, and others that may hold one near the frames. Folders
-# with such a name may hold one in any text.
+# Names of files, without their suffix, that tell of a camera, and others that may hold one near the
+# frames. Folders with such a name may hold one in any text.
 CERTAIN = re.compile(
     r".*(intrin|calib|camchain|rsenumerate).*|(scene|depth|ir)?cam(era)?s?(info|matrix|mat|param\w*|k)|ost",
     re.I,
@@ -44,9 +46,11 @@ MAX_SHOWN = 3  # files in a message
 
 
 def next_to(source: Path, is_needed: bool = True) -> CameraInfo:
-    """What the files near a recording say of its camera: its camera.json, and others if the camera ``is_needed``.
+    """What the files near a recording say of its camera: its camera.json, and others if the camera
+    ``is_needed``.
 
-    Of a file that was found and not used, ``doubt`` has the reason. Raises DataError for a camera.json.
+    Of a file that was found and not used, ``doubt`` has the reason. Raises DataError for
+    a camera.json.
     """
     said = next((read(place) for place in _own_places(source) if exists(place)), CameraInfo())
     if said.camera is not None or not is_needed:
@@ -84,7 +88,9 @@ def _levels(source: Path) -> Iterator[list[Path]]:
 
 
 def _named(folder: Path, *kinds: re.Pattern[str]) -> list[Path]:
-    """The files of a folder with a name of one of these kinds; not the camera.json of a file, NAME.camera.json."""
+    """The files of a folder with a name of one of these kinds; not the camera.json of a file,
+    NAME.camera.json.
+    """
     names = [name for name in sorted(names_in(folder)) if _is_named(name, *kinds)]
     return [folder / name for name in names if (folder / name).is_file()]
 
@@ -110,7 +116,10 @@ def _in_folders_of(folder: Path, source: Path) -> Iterator[Path]:
 
 
 def _best(places: list[Path], doubts: list[str]) -> CameraInfo | None:
-    """The camera in the files of a level, of depth before others; None without one. Others are added to ``doubts``."""
+    """The camera in the files of a level, of depth before others; None without one.
+
+    Others are added to ``doubts``.
+    """
     found: list[tuple[int, CameraInfo]] = []
     for path in places:
         rank = rank_of(path.parent.name, path.stem)

@@ -31,7 +31,10 @@ MIN_RANGE_MM = 200.0
 
 @dataclass(frozen=True)
 class Camera:
-    """A pinhole camera. Raises ValueError for focal lengths that are not positive, and for values not finite."""
+    """A pinhole camera.
+
+    Raises ValueError for focal lengths that are not positive, and for values not finite.
+    """
 
     name: str
     fx: float  # focal lengths, pixels
@@ -60,7 +63,9 @@ class Camera:
         return np.asarray((depth > 0) & (depth < self.min_range_mm))
 
     def in_range(self, depth: NDArray[Any]) -> NDArray[Any]:
-        """A depth image in mm whose readings nearer than the minimum range are 0, which means no reading."""
+        """A depth image in mm whose readings nearer than the minimum range are 0, which
+        means no reading.
+        """
         near = self.is_too_near(depth)
         return np.where(near, depth.dtype.type(0), depth) if near.any() else depth
 
@@ -79,7 +84,8 @@ class Camera:
 class View:
     """A camera whose intrinsics follow from the size of its frames.
 
-    at     the camera for a width and a height in px; raises DataError for a size that it cannot have
+    at     the camera for a width and a height in px; raises DataError for a size that
+           it cannot have
     sizes  all widths and heights that it can have, if they are known
     """
 
@@ -91,7 +97,9 @@ class View:
 def by_field_of_view(
     name: str, horizontal: float, vertical: float | None = None, min_range_mm: float = MIN_RANGE_MM
 ) -> View:
-    """A camera with a field of view in degrees, square pixels unless both are given, and its axis in the middle."""
+    """A camera with a field of view in degrees, square pixels unless both are given, and its axis
+    in the middle.
+    """
 
     def at(width: int, height: int) -> Camera:
         fx = width / 2 / math.tan(math.radians(horizontal) / 2)
@@ -129,8 +137,9 @@ KINECT2 = Camera("kinect2", 363.9, 363.9, 255.4, 206.3, 512, 424)
 SR305 = Camera("sr305", 476.007, 476.007, 313.68, 242.76, 640, 480)
 
 CAMERAS = {camera.name: camera for camera in (NYU, ICVL, MSRA15, KINECT2, SR305)}
-# Models, by the field of view in degrees that corresponds to their usual focal length in frames of each shape: factory
-# calibrations of single cameras differ by some 3%. Data sheets of stereo cameras subtract what one imager does not see.
+# Models, by the field of view in degrees that corresponds to their usual focal length in frames of
+# each shape: factory calibrations of single cameras differ by some 3%. Data sheets of stereo
+# cameras subtract what one imager does not see.
 VIEWS = {
     view.name: view
     for view in (

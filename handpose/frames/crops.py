@@ -2,21 +2,24 @@
 
 A cube of ``cube_mm`` with its middle at the centre (u, v, d) covers the pixels
 
-    floor((u d / f - cube / 2) / d f)  <=  column  <  floor((u d / f + cube / 2) / d f)        likewise rows
+    floor((u d / f - cube / 2) / d f)  <=  column  <  floor((u d / f + cube / 2) / d f)
+                                           likewise rows
 
-which are resized to ``size`` x ``size`` keeping the aspect, by nearest neighbour, because the mean of two depths at an
-edge would be a point in empty space. Depths outside the cube are clipped to its faces. Pixels without a reading, and
-those outside the image, become background, the far face:
+which are resized to ``size`` x ``size`` keeping the aspect, by nearest neighbour, because the mean
+of two depths at an edge would be a point in empty space. Depths outside the cube are clipped to its
+faces. Pixels without a reading, and those outside the image, become background, the far face:
 
     value = (depth - d) / (cube / 2)  in [-1, 1],    background 1
 
-This is the preprocessing of the paper's released system, to the pixel. Because of the nearest neighbour, a crop is a
-selection of pixels, ``Window``, and the renderer casts rays through these pixels only.
+This is the preprocessing of the paper's released system, to the pixel. Because of the nearest
+neighbour, a crop is a selection of pixels, ``Window``, and the renderer casts rays through
+these pixels only.
 
-``clear_crop`` also removes flying pixels: at an edge, a depth camera mixes the depths of both sides into one that
-belongs to neither. With a time-of-flight camera, half of the pixels along the outline of a hand lie 14 mm or more
-behind it, a quarter 40 mm (320 x 240 pixels, 400 mm away). It also removes what is in front of the cube and does not
-continue a surface in it, such as a reflection. An arm that reaches through the near face does, and stays.
+``clear_crop`` also removes flying pixels: at an edge, a depth camera mixes the depths of both sides
+into one that belongs to neither. With a time-of-flight camera, half of the pixels along the outline
+of a hand lie 14 mm or more behind it, a quarter 40 mm (320 x 240 pixels, 400 mm away). It also
+removes what is in front of the cube and does not continue a surface in it, such as a reflection. An
+arm that reaches through the near face does, and stays.
 """
 
 from __future__ import annotations
@@ -64,7 +67,10 @@ class _Span(NamedTuple):
 def window(
     center_uvd: ArrayLike, cube_mm: ArrayLike, camera: Camera = NYU, size: int = SIZE
 ) -> Window:
-    """The window of each centre (N, 3), px, px, mm, with cubes of edge ``cube_mm``, one or (N,). Raises DataError."""
+    """The window of each centre (N, 3), px, px, mm, with cubes of edge ``cube_mm``, one or (N,).
+
+    Raises DataError.
+    """
     chosen = []
     for span, pixels in zip(
         _spans(center_uvd, cube_mm, camera, size), (camera.width, camera.height), strict=True
@@ -92,11 +98,13 @@ def crop_pixels(
 
 
 def mirror_shift(center_uvd: ArrayLike, cube_mm: float, camera: Camera = NYU) -> float:
-    """The x in half-cubes by which joints move that a network predicts in the mirror image of a crop about (3,).
+    """The x in half-cubes by which joints move that a network predicts in the mirror image of a
+    crop about (3,).
 
-    The window begins at whole pixels, so the centre is not between columns 63 and 64, but at 64.3 to 65.2, where
-    networks learn to expect it. In the mirror image it is as far to the left: 6 mm in CVAR's crops. A fit corrects this
-    itself: from moved starts, accurate fits of synthetic hands are 0.1 mm better, tracked hands of CVAR are not.
+    The window begins at whole pixels, so the centre is not between columns 63 and 64, but at 64.3
+    to 65.2, where networks learn to expect it. In the mirror image it is as far to the left: 6 mm
+    in CVAR's crops. A fit corrects this itself: from moved starts, accurate fits of synthetic hands
+    are 0.1 mm better, tracked hands of CVAR are not.
     """
     column = crop_pixels(np.reshape(center_uvd, (1, 1, 3)), center_uvd, cube_mm, camera)[0, 0, 0]
     return float((2 * column - (SIZE - 1)) / (SIZE / 2))
@@ -105,10 +113,12 @@ def mirror_shift(center_uvd: ArrayLike, cube_mm: float, camera: Camera = NYU) ->
 def crop_scale(
     center_uvd: ArrayLike, cube_mm: ArrayLike, camera: Camera = NYU, size: int = SIZE
 ) -> tuple[Array, Array]:
-    """Offset and factor, (N, 2) each for columns and rows: crop pixel = offset + factor * image pixel.
+    """Offset and factor, (N, 2) each for columns and rows: crop
+    pixel = offset + factor * image pixel.
 
-    Middles are mapped to middles, as in an area resize. ``window`` picks pixels by their first edges, as OpenCV's
-    nearest neighbour does: on average it shows an image pixel half a crop pixel later, as ``crop_pixels`` does.
+    Middles are mapped to middles, as in an area resize. ``window`` picks pixels by their first
+    edges, as OpenCV's nearest neighbour does: on average it shows an image pixel half a crop pixel
+    later, as ``crop_pixels`` does.
     """
     spans = _spans(center_uvd, cube_mm, camera, size)
     factor = np.stack([span.length / span.extent for span in spans], axis=1)
@@ -146,7 +156,10 @@ def _spans(
 
 
 def numbers(values: object, what: str, masked: float) -> NDArray[Any]:
-    """An array of numbers, with ``masked`` in place of masked values. Raises DataError; ``what`` begins its message."""
+    """An array of numbers, with ``masked`` in place of masked values.
+
+    Raises DataError; ``what`` begins its message.
+    """
     if not isinstance(values, np.ndarray):
         raise DataError(f"{what} is a {type(values).__name__}, expected an array of numbers")
     if values.dtype.kind not in "fiub":
@@ -197,7 +210,9 @@ def crop(
 
 
 def normalise_joints(xyz: ArrayLike, center_xyz: ArrayLike, half_cube: ArrayLike) -> Array:
-    """Joints (N, K, 3) in mm, camera axes, to half-cubes from the centre (N, 3); ``half_cube`` mm, one or (N,)."""
+    """Joints (N, K, 3) in mm, camera axes, to half-cubes from the centre (N, 3); ``half_cube``
+    mm, one or (N,).
+    """
     center, half = np.asarray(center_xyz)[..., None, :], np.asarray(half_cube)[..., None, None]
     return np.asarray((np.asarray(xyz, dtype=np.float64) - center) / half)
 
@@ -211,7 +226,10 @@ def restore_joints(joints: ArrayLike, center_xyz: ArrayLike, half_cube: ArrayLik
 def clear_crop(
     depth: NDArray[np.generic], center_uvd: ArrayLike, cube_mm: float, camera: Camera
 ) -> Floats:
-    """``crop`` of a depth image, in which flying pixels and isolated near ones are background. Raises DataError."""
+    """``crop`` of a depth image, in which flying pixels and isolated near ones are background.
+
+    Raises DataError.
+    """
     d, half = float(np.asarray(center_uvd, dtype=np.float64)[2]), cube_mm / 2
     clean = without_flying_pixels(crop(depth, center_uvd, cube_mm, camera), half, d / camera.fx)
     return without_isolated_near(clean, half)
@@ -224,7 +242,8 @@ def with_hidden(
     cube_mm: float,
     camera: Camera,
 ) -> Floats:
-    """A crop (S, S) whose pixels with a reading in front of the cube are at the near face, even isolated ones.
+    """A crop (S, S) whose pixels with a reading in front of the cube are at the near face, even
+    isolated ones.
 
     What is behind them is unknown: the hand may continue there.
 
@@ -238,7 +257,9 @@ def with_hidden(
 def unread(
     readings: NDArray[np.generic], center_uvd: ArrayLike, cube_mm: float, camera: Camera
 ) -> NDArray[np.bool_]:
-    """True (S, S) for the pixels of a crop that are in the image and have no reading; arguments as ``crop``."""
+    """True (S, S) for the pixels of a crop that are in the image and have no reading;
+    arguments as ``crop``.
+    """
     columns, rows = (index[0] for index in window(np.reshape(center_uvd, (1, 3)), cube_mm, camera))
     picked = readings[rows[:, None], columns]
     return np.asarray((columns >= 0) & (rows >= 0)[:, None] & ~(picked > 0))
@@ -265,7 +286,8 @@ def without_flying_pixels(crop: Floats, half_mm: float, pixel_mm: float) -> Floa
 
 
 def without_isolated_near(crop: Floats, half_mm: float) -> Floats:
-    """A crop (S, S) in [-1, 1] in which readings in front of the cube that continue no surface are background.
+    """A crop (S, S) in [-1, 1] in which readings in front of the cube that continue no surface
+    are background.
 
     half_mm  half the edge of the cube
     """

@@ -1,10 +1,13 @@
-"""Depth images: files that cameras and data sets write, each decoded once, and checks of arrays passed from Python.
+"""Depth images: files that cameras and data sets write, each decoded once, and checks of arrays
+passed from Python.
 
-read_png      a PNG of a published data set, pixels unchanged; errors are kinds of bad frames, as reports name them
+read_png      a PNG of a published data set, pixels unchanged; errors are kinds of bad frames, as
+              reports name them
 read_picture  any image that a user names
 read_frame    an image that is a whole depth frame, in mm
 read_crop     an image that is a crop, in [-1, 1]
-depth_image   an array, in mm if ``check_unit`` accepts it; ``without_dropouts`` fills its single missing pixels
+depth_image   an array, in mm if ``check_unit`` accepts it; ``without_dropouts`` fills its single
+              missing pixels
 """
 
 from __future__ import annotations
@@ -39,7 +42,9 @@ NEAR_MM, FAR_MM = 20.0, 20_000.0  # no depth camera measures a whole image neare
 
 
 def read_png(path: str | Path) -> Array:
-    """The unchanged pixels of a PNG file, colours in OpenCV's order (blue first). Raises BadFrameError.
+    """The unchanged pixels of a PNG file, colours in OpenCV's order (blue first).
+
+    Raises BadFrameError.
 
     Raises another DataError if the system cannot read it, which is no flaw of the file.
     """
@@ -54,7 +59,10 @@ def read_png(path: str | Path) -> Array:
 
 
 def read_picture(path: str | Path) -> Array:
-    """The pixels of an image file unchanged, colours in OpenCV's order (blue first). Raises DataError."""
+    """The pixels of an image file unchanged, colours in OpenCV's order (blue first).
+
+    Raises DataError.
+    """
     return pictures.decode(files.read_bytes(path, "the picture"), cv2.IMREAD_UNCHANGED, str(path))
 
 
@@ -78,7 +86,9 @@ def errors_of(where: str, what: str, damaged: str) -> Iterator[None]:
 
 
 def read_frame(path: str | Path, given: CameraInfo) -> NDArray[np.float32]:
-    """A whole depth frame (height, width) in mm without distortion; 0 where there is no reading. Raises DataError.
+    """A whole depth frame (height, width) in mm without distortion; 0 where there is no reading.
+
+    Raises DataError.
 
     given  its camera, which is necessary
     """
@@ -89,7 +99,8 @@ def read_frame(path: str | Path, given: CameraInfo) -> NDArray[np.float32]:
 def stored_depth(
     image: NDArray[Any], camera: Camera | View | None, path: str | Path
 ) -> NDArray[Any]:
-    """The stored depths of a grey image of 16 bits or more; of NYU's camera also those of its colour packing.
+    """The stored depths of a grey image of 16 bits or more; of NYU's camera also those of its
+    colour packing.
 
     Raises NotDepthError for other images.
     """
@@ -108,7 +119,9 @@ def stored_depth(
 
 
 def read_crop(path: str | Path) -> NDArray[np.float32]:
-    """A crop (128, 128) in [-1, 1] from an 8-bit grey picture: 0 is the near face, 255 the far one. Raises DataError.
+    """A crop (128, 128) in [-1, 1] from an 8-bit grey picture: 0 is the near face, 255 the far one.
+
+    Raises DataError.
 
     A square of another size is resized by nearest neighbour.
     """
@@ -130,7 +143,9 @@ def read_crop(path: str | Path) -> NDArray[np.float32]:
 
 
 def unpack_depth(pixels: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Depth (H, W) in mm of the pixels (H, W, 3), blue first, of an NYU frame: 256 green + blue; red is unused."""
+    """Depth (H, W) in mm of the pixels (H, W, 3), blue first, of an NYU frame: 256 green + blue;
+    red is unused.
+    """
     return pixels[..., 1].astype(np.float32) * 256 + pixels[..., 0]
 
 
@@ -155,10 +170,11 @@ def depth_image(depth: object) -> NDArray[Any]:
 
 
 def without_dropouts(image: NDArray[Any]) -> NDArray[Any]:
-    """The image in mm with the median of the neighbours in pixels without a reading of which at most one has none.
+    """The image in mm with the median of the neighbours in pixels without a reading of which at
+    most one has none.
 
-    In a crop, such a hole in a surface would be background, and its edge would be taken for flying pixels. Gaps
-    between fingers are longer.
+    In a crop, such a hole in a surface would be background, and its edge would be taken for flying
+    pixels. Gaps between fingers are longer.
     """
     missing = ~(image > 0)
     around = cv2.boxFilter(

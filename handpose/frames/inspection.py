@@ -61,7 +61,9 @@ class Inspection:
     doubt: str
 
     def all_frames(self) -> Iterator[DepthFrame]:
-        """The frames of the recording, once, without reading the first ones again; new ones of a camera."""
+        """The frames of the recording, once, without reading the first ones again; new
+        ones of a camera.
+        """
         return iter(self.recording) if self.recording.live else chain(self.frames, self.rest)
 
 
@@ -114,7 +116,9 @@ class Checked(NamedTuple):
 def checked(
     frames: Sequence[NDArray[np.float32]], camera: Camera, unit_mm: float | None = None
 ) -> Checked:
-    """Check frames (height, width) in mm, one or more, and their parameters; the default unit is the camera's."""
+    """Check frames (height, width) in mm, one or more, and their parameters; the default unit
+    is the camera's.
+    """
     readings = np.concatenate([depth[depth > 0] for depth in frames])
     nearest = next(
         (found for depth in frames if (found := nearest_thing(depth, camera)) is not None), None
@@ -136,8 +140,9 @@ def checked(
 def nearest_thing(depth: NDArray[np.float32], camera: Camera) -> tuple[float, float] | None:
     """Distance and width in mm of the nearest object in a frame, None without a reading.
 
-    The object does not depend on the unit: it is everything connected, up to a quarter farther away than its front.
-    Readings nearer than the camera measures count only if there are no others; then the unit may be wrong.
+    The object does not depend on the unit: it is everything connected, up to a quarter farther away
+    than its front. Readings nearer than the camera measures count only if there are no others; then
+    the unit may be wrong.
     """
     seen = depth > 0
     near = camera.is_too_near(depth)
@@ -184,7 +189,9 @@ def _of_camera(camera: Camera) -> Iterator[str]:
 
 
 def _of_unit(nearest: tuple[float, float], unit_mm: float) -> tuple[str, str]:
-    """A warning if the nearest object cannot be a hand, and a doubt if it may be one in another unit; else empty."""
+    """A warning if the nearest object cannot be a hand, and a doubt if it may be one in another
+    unit; else empty.
+    """
     distance, width = nearest
     others = ""
     for unit in UNITS:

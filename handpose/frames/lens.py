@@ -1,11 +1,14 @@
 """Lens distortion, and its removal from depth images: all other code sees a pinhole camera.
 
-With x, y the slopes of a ray (x right, y DOWN, at depth 1) and r² = x² + y², the Brown-Conrady model maps it to
+With x, y the slopes of a ray (x right, y DOWN, at depth 1) and r² = x² + y², the Brown-Conrady
+model maps it to
 
-    x' = x q + 2 p1 x y + p2 (r² + 2 x²)        q = (1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ + k6 r⁶)
+    x' = x q + 2 p1 x y + p2 (r² + 2 x²)
+    q = (1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ + k6 r⁶)
     y' = y q + 2 p2 x y + p1 (r² + 2 y²)
 
-as in OpenCV. An inverse lens (RealSense's coded light) has the same formula from the image to the ray.
+as in OpenCV. An inverse lens (RealSense's coded light) has the same formula from the
+image to the ray.
 """
 
 from __future__ import annotations
@@ -28,8 +31,9 @@ MAX_SLOPE_ERROR = 1e-5  # maximum error of the inverse; 0.01 px for a focal leng
 STEPS = 4096  # number of steps from the middle to the corner
 MIN_SHOWN = 0.25  # minimum share of the image that remains; with less, the coefficients are wrong
 
-# Other names of the models, in lower case and with single spaces. RealSense uses "modified Brown Conrady" for
-# colour cameras. Fisheye models are not supported, because depth cameras do not use them.
+# Other names of the models, in lower case and with single spaces. RealSense uses "modified
+# Brown Conrady" for colour cameras. Fisheye models are not supported, because depth cameras
+# do not use them.
 FORWARD = {
     "brown conrady",
     "plumb bob",
@@ -66,7 +70,8 @@ class Lens:
         return not any(self.coefficients)
 
     def distorted(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """The slopes in the image of rays of slopes x and y (y down); NaN for rays outside the image.
+        """The slopes in the image of rays of slopes x and y (y down); NaN for rays
+        outside the image.
 
         Raises DataError for an inverse lens that cannot be inverted there.
         """
@@ -87,7 +92,9 @@ class Lens:
             return a, b
 
     def _fold(self, farthest: float) -> float:
-        """The slope beyond which the formula folds back towards the middle; no light arrives beyond."""
+        """The slope beyond which the formula folds back towards the middle; no light
+        arrives beyond.
+        """
         r = np.linspace(0, farthest, STEPS)
         k1, k2, _, _, *others = self.coefficients or (0.0,) * 4
         shown, _ = replace(self, coefficients=(k1, k2, 0.0, 0.0, *others))._formula(
@@ -130,8 +137,9 @@ def lens_of(model: str, coefficients: Sequence[float], where: str) -> Lens:
 class Undistorter:
     """Undistorts depth images.
 
-    By nearest neighbour, because the mean of two depths at an edge would be a point in empty space. Pixels outside the
-    lens's view are 0. Raises DataError for a lens that cannot be inverted over the image, or that leaves little of it.
+    By nearest neighbour, because the mean of two depths at an edge would be a point in empty space.
+    Pixels outside the lens's view are 0. Raises DataError for a lens that cannot be inverted over
+    the image, or that leaves little of it.
     """
 
     def __init__(self, camera: Camera, lens: Lens) -> None:

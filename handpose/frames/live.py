@@ -26,7 +26,8 @@ class DeviceFrame(NamedTuple):
 
     time    s by any clock of the device
     values  (height, width) stored values, valid until the next call of ``read``
-    number  by the device's count of all frames, including those that were not read; None without one
+    number  by the device's count of all frames, including those that were not read;
+            None without one
     clock   which clock ``time`` is of, if the device has several
     """
 
@@ -47,9 +48,11 @@ class Device(Protocol):
     info: CameraInfo
 
     def read(self) -> DeviceFrame | None:
-        """The next frame; None, or TimeoutError with the reason, if none comes within about a second.
+        """The next frame; None, or TimeoutError with the reason, if none comes within
+        about a second.
 
-        Raises EOFError after the last frame of a device that ends; other exceptions mean that it has failed.
+        Raises EOFError after the last frame of a device that ends; other exceptions mean that
+        it has failed.
         """
 
     def close(self) -> None:
@@ -59,8 +62,8 @@ class Device(Protocol):
 class CaptureThread:
     """A device whose frames a thread reads as they come.
 
-    Only the newest is kept: where an SDK queues frames, this keeps those that are returned recent, however long their
-    reader takes. Frames of a device without a count are counted here.
+    Only the newest is kept: where an SDK queues frames, this keeps those that are returned recent,
+    however long their reader takes. Frames of a device without a count are counted here.
     """
 
     def __init__(self, device: Device) -> None:
@@ -123,15 +126,20 @@ class CaptureThread:
 
 
 def open_device(device: Device, given: CameraInfo = UNKNOWN) -> LiveRecording:
-    """The frames of a device, read by a thread; ``given`` replaces its own parameters. Raises DataError."""
+    """The frames of a device, read by a thread; ``given`` replaces its own parameters.
+
+    Raises DataError.
+    """
     return LiveRecording(CaptureThread(device), given)
 
 
 class LiveRecording(Recording):
-    """Frames as they come. Numbers count all frames of the device, so those that were dropped are missing.
+    """Frames as they come.
 
-    If a device's clock restarts or changes, one frame's time is assumed to pass. The device is closed with the
-    recording, and if its parameters are not valid: DataError.
+    Numbers count all frames of the device, so those that were dropped are missing.
+
+    If a device's clock restarts or changes, one frame's time is assumed to pass. The device is
+    closed with the recording, and if its parameters are not valid: DataError.
     """
 
     live = True
@@ -174,7 +182,9 @@ class LiveRecording(Recording):
                 self.remarks += (f"frames lost because they were not taken in time: {lost}",)
 
     def _next(self) -> DeviceFrame | None:
-        """The next frame; None if none comes, and then ``cut`` is the reason unless the device has ended."""
+        """The next frame; None if none comes, and then ``cut`` is the reason unless the
+        device has ended.
+        """
         reason = ""
         for _ in range(WAITS):
             try:
@@ -198,7 +208,10 @@ class LiveRecording(Recording):
 
 
 class _Clock:
-    """Seconds since the first frame. If a device changes to another clock, one frame's time is assumed to pass."""
+    """Seconds since the first frame.
+
+    If a device changes to another clock, one frame's time is assumed to pass.
+    """
 
     def __init__(self, step: float) -> None:
         self._step = step

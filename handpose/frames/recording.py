@@ -1,10 +1,12 @@
-"""The interface of all sources of depth frames, and what they share: parameters, and depth from stored values.
+"""The interface of all sources of depth frames, and what they share: parameters, and depth from
+stored values.
 
 with open_recording("my_frames") as recording:     # handpose.frames.formats
     for frame in recording:
         frame.time, frame.depth              # s; (height, width) in mm, 0 where there is no reading
 
-What is known of its camera is ``CameraInfo``: from the user, the file itself, or a camera.json, by order of precedence.
+What is known of its camera is ``CameraInfo``: from the user, the file itself, or a camera.json, by
+order of precedence.
 
     decode = DepthDecoder(raw.shape, raw.dtype, "take.bag", given, own, camera_json)
     decode(raw)                                    # (height, width) in mm
@@ -48,9 +50,12 @@ class DepthFrame(NamedTuple):
 
 
 class Recording(ABC):
-    """Frames of one depth camera in the order of time. Iterating reads them one by one; raises DataError.
+    """Frames of one depth camera in the order of time.
 
-    A recording that ends within a frame yields all complete frames before it; then ``cut`` is not empty.
+    Iterating reads them one by one; raises DataError.
+
+    A recording that ends within a frame yields all complete frames before it; then
+    ``cut`` is not empty.
 
     name     for messages
     camera   of the frames, without distortion, with the frames' size
@@ -89,15 +94,18 @@ class Recording(ABC):
 
 @dataclass(frozen=True)
 class CameraInfo:
-    """Camera parameters; None is unknown. A camera whose width and height are 0 accepts frames of any size, and a
-    ``View`` becomes a camera with their size.
+    """Camera parameters; None is unknown.
+
+    A camera whose width and height are 0 accepts frames of any size, and a ``View`` becomes a
+    camera with their size.
 
     camera      of the frames
     lens        its distortion
     unit_mm     depth of a stored value of 1
     rate        frames per second
     origin      of these values, for messages: "--camera", "camera.json"
-    time_unit   of the times in file names and arrays: "s", "ms", "us" or "ns"; "frames" if they count frames
+    time_unit   of the times in file names and arrays: "s", "ms", "us" or "ns"; "frames" if
+                they count frames
     doubt       why files near the frames that may have a camera were not used, for messages
     """
 
@@ -122,7 +130,7 @@ class CameraInfo:
 UNKNOWN = CameraInfo()
 
 
-# ---------------------------------------------------------------------------------------------- stored values
+# ------------------------------------------------------------------------------------ stored values
 
 
 class DepthDecoder:
@@ -137,7 +145,8 @@ class DepthDecoder:
     rate     frames per second, or None
     remarks  assumed values, and the origin of the others, one line each
 
-    Raises DataError for an invalid lens, and if the camera is unknown, or the unit of numbers that may be metres.
+    Raises DataError for an invalid lens, and if the camera is unknown, or the unit of numbers that
+    may be metres.
     """
 
     def __init__(
@@ -206,9 +215,11 @@ class DepthDecoder:
         self.remarks = tuple(remarks)
 
     def __call__(self, raw: NDArray[Any], where: str = "") -> NDArray[np.float32]:
-        """Depth (height, width) in mm for stored values of the same shape; 0 without a reading, and for NaN.
+        """Depth (height, width) in mm for stored values of the same shape; 0 without a
+        reading, and for NaN.
 
-        ``where`` is the name of this frame. Raises DataError for values that cannot be depths, and for another size.
+        ``where`` is the name of this frame. Raises DataError for values that cannot be depths, and
+        for another size.
         """
         where = where or self.where
         check_values(raw.dtype, where)
@@ -249,7 +260,10 @@ def stored(depth: NDArray[np.float32], unit_mm: float, where: str) -> NDArray[np
 
 
 def sized(camera: Camera | View, shape: tuple[int, ...], where: str) -> Camera:
-    """The camera with the size of its frames, if it has none. Raises DataError if it has another."""
+    """The camera with the size of its frames, if it has none.
+
+    Raises DataError if it has another.
+    """
     if len(shape) != 2 or 0 in shape:
         raise DataError(f"{where}: frames of shape {shape}, expected (height, width)")
     height, width = shape

@@ -5,8 +5,9 @@ with RecordingWriter(path, recording.camera, recording.unit_mm, recording.rate) 
     for frame in recording:
         writer.write(frame)
 
-In a folder, a frame's name is its time, as ``000000033333us.png``, and camera.json has the parameters. The .npz has the
-arrays depth (frames, height, width) uint16, time (frames,) s, and camera as JSON.
+In a folder, a frame's name is its time, as ``000000033333us.png``, and camera.json has the
+parameters. The .npz has the arrays depth (frames, height, width) uint16, time (frames,) s, and
+camera as JSON.
 """
 
 from __future__ import annotations
@@ -38,7 +39,8 @@ MICRO = 10**6
 class RecordingWriter:
     """Writes a recording that exists after the block, also if an exception or Ctrl-C ends it.
 
-    On a full disk a folder keeps all frames so far; FILE.npz, which is written at the end, keeps none.
+    On a full disk a folder keeps all frames so far; FILE.npz, which is written at the
+    end, keeps none.
 
     path     a new or empty folder, or a new FILE.npz
     camera   of the frames, with their size; the frames have no distortion
@@ -92,7 +94,8 @@ def refuse_existing(path: Path) -> None:
 class _Folder:
     """Writes each frame at once, completely or not at all; times are rounded to microseconds.
 
-    The folder is made for the first frame, with the parameters ``given`` in camera.json. Raises NetlibError, OSError.
+    The folder is made for the first frame, with the parameters ``given`` in camera.json. Raises
+    NetlibError, OSError.
     """
 
     def __init__(self, path: Path, given: CameraInfo) -> None:
@@ -117,9 +120,11 @@ class _Folder:
 
 
 class _Stack:
-    """Keeps frames in a hidden file next to ``path``, and writes ``path`` from them at the end, if there are any.
+    """Keeps frames in a hidden file next to ``path``, and writes ``path`` from them at the end, if
+    there are any.
 
-    Both need disk space. If there is not enough for the second, the frames are lost. Raises OSError.
+    Both need disk space. If there is not enough for the second, the frames are lost.
+    Raises OSError.
     """
 
     def __init__(self, path: Path, given: CameraInfo) -> None:

@@ -1,4 +1,6 @@
-"""Run a trained net over a held-out set, and fit its hands to the depth; the errors of the poses in mm."""
+"""Run a trained net over a held-out set, and fit its hands to the depth; the errors of
+the poses in mm.
+"""
 
 from __future__ import annotations
 
@@ -80,7 +82,9 @@ class Predictions:
 
 
 def predict_all(net: Net, progress: Callable[[int], None] = lambda done: None) -> Predictions:
-    """Run the whole test set once, from its first frame. ``progress`` is called with the number of frames done.
+    """Run the whole test set once, from its first frame.
+
+    ``progress`` is called with the number of frames done.
 
     Raises NetlibError, DataError for labels that cannot be scored.
     """
@@ -126,7 +130,9 @@ def predict_all(net: Net, progress: Callable[[int], None] = lambda done: None) -
 
 
 def _check_annotated(joints: Array, files: Sequence[File]) -> None:
-    """Raise DataError if joints (N, ...) of the files' frames, one file after the other, are not finite."""
+    """Raise DataError if joints (N, ...) of the files' frames, one file after the other,
+    are not finite.
+    """
     wrong, start = np.asarray(~np.isfinite(joints).all(axis=1)), 0
     for file in files:
         own = wrong[start : start + file.rows]
@@ -138,7 +144,9 @@ def _check_annotated(joints: Array, files: Sequence[File]) -> None:
 
 
 def errors_by_joint(p: Predictions, skeleton: Skeleton) -> dict[str, float]:
-    """The mean error in mm of each joint, by its name; by its number if the net does not predict all joints."""
+    """The mean error in mm of each joint, by its name; by its number if the net does not
+    predict all joints.
+    """
     errors = p.errors_mm.mean(axis=0)
     whole = len(errors) == len(skeleton.joint_names)
     return {
@@ -151,7 +159,8 @@ def figures_of(p: Predictions, skeleton: Skeleton) -> dict[str, float]:
 
     error_mm          mean over all joints
     error_14_mm       over NYU's 14 evaluation joints, of a net of NYU's hand
-    within_20_mm, within_40_mm   frames whose largest error (of NYU's hand: over the 14 joints) is at most that; of a
+    within_20_mm, within_40_mm   frames whose largest error (of NYU's hand: over the 14 joints) is
+                                 at most that; of a
                       larger body at most the same part of its cube, in whole mm
     out_of_limits     frames with an angle beyond its limit (only for nets with a model of the body)
     """
@@ -178,7 +187,10 @@ def figures_of(p: Predictions, skeleton: Skeleton) -> dict[str, float]:
 
 
 def deploy_of(net: Net, model: str | Path, weights: str | Path, engine: str | None = None) -> Net:
-    """The net of ``model``, which is the test net with an input. Raises NetlibError, also for that of another body."""
+    """The net of ``model``, which is the test net with an input.
+
+    Raises NetlibError, also for that of another body.
+    """
     deploy, hand = Net(model, TEST, engine=engine), hand_layer(net)
     own = skeleton_to_fit(deploy)
     if hand is not None and hand.skeleton.param != own.param:
@@ -200,7 +212,8 @@ def fit_all(
     plan: Plan,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Array:
-    """Joints (N, K, 3) in half-cubes of every frame that the test net reads, fitted from the predictions of ``deploy``.
+    """Joints (N, K, 3) in half-cubes of every frame that the test net reads, fitted from the
+    predictions of ``deploy``.
 
     weights  the weights file of both nets; it may contain the network's errors
     """

@@ -1,7 +1,8 @@
 """Scores of poses: joint errors in mm, success rates, violated limits.
 
-Every figure on NYU is over the 14 ``EVALUATION_JOINTS`` of ``handpose.body.nyu`` (indices of the model's 31), and
-is meaningless without the centre of its crops, which for NYU is the annotated joint 34.
+Every figure on NYU is over the 14 ``EVALUATION_JOINTS`` of ``handpose.body.nyu``
+(indices of the model's 31), and is meaningless without the centre of its crops, which for NYU is
+the annotated joint 34.
 """
 
 from __future__ import annotations
@@ -15,7 +16,10 @@ from netlib.errors import DataError
 
 
 def joint_errors(predicted: ArrayLike, truth: ArrayLike) -> Array:
-    """Distances (N, K) in mm between joints (N, K, 3) in mm. Raises DataError if the shapes differ."""
+    """Distances (N, K) in mm between joints (N, K, 3) in mm.
+
+    Raises DataError if the shapes differ.
+    """
     p, t = np.asarray(predicted, dtype=np.float64), np.asarray(truth, dtype=np.float64)
     if p.shape != t.shape or p.ndim != 3 or p.shape[-1] != 3:
         raise DataError(
@@ -33,7 +37,8 @@ def mean_errors_14(predicted: ArrayLike, truth: ArrayLike) -> Array:
 
 
 def success_rate(errors: Array, thresholds: ArrayLike, worst: bool = True) -> Array:
-    """Fraction (T,) of frames whose worst (or, with ``worst=False``, mean) joint error is <= each threshold, mm.
+    """Fraction (T,) of frames whose worst (or, with ``worst=False``, mean) joint error is <= each
+    threshold, mm.
 
     errors      (N, K) mm
     thresholds  (T,) mm
@@ -49,8 +54,10 @@ def fraction_out_of_limits(
 ) -> float:
     """Fraction of frames with any free parameter more than ``tolerance`` beyond its limits.
 
-    inputs               (N, D) parameters without the initial pose, the numbers that limits apply to
-    lower, upper, fixed  (D,) limits, and which parameters have none because they are fixed: as in a Skeleton
+    inputs               (N, D) parameters without the initial pose, the numbers that
+                         limits apply to
+    lower, upper, fixed  (D,) limits, and which parameters have none because they are fixed:
+                         as in a Skeleton
     """
     x = np.asarray(inputs, dtype=np.float64)
     broken = (x < np.asarray(lower) - tolerance) | (x > np.asarray(upper) + tolerance)

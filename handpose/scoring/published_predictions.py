@@ -1,13 +1,14 @@
 """Published results: text files of predicted joints, and the figures by which methods are compared.
 
-A file has a line for each test frame, and on it three numbers for each joint: ``u v d`` (px, px, mm) or ``x y z``
-(mm, camera axes: x right, y up, z away; y down in the files of HANDS 2017). The name of the image may come first.
-Positions are absolute, so no crop centre is involved.
+A file has a line for each test frame, and on it three numbers for each joint: ``u v d``
+(px, px, mm) or ``x y z`` (mm, camera axes: x right, y up, z away; y down in the files of HANDS
+2017). The name of the image may come first. Positions are absolute, so no crop centre is involved.
 
-To compare angles, the hand model is fitted to the joints of every method. The annotation is fitted within the limits
-with a ridge, which keeps angles that 14 joints do not determine at the initial pose; predictions are fitted within the
-limits without a ridge. A method whose joints lie on the model is fitted once more, without limits and from many starts,
-to count the frames with an angle out of its limits.
+To compare angles, the hand model is fitted to the joints of every method. The annotation is fitted
+within the limits with a ridge, which keeps angles that 14 joints do not determine at the initial
+pose; predictions are fitted within the limits without a ridge. A method whose joints lie on the
+model is fitted once more, without limits and from many starts, to count the frames with an angle
+out of its limits.
 """
 
 from __future__ import annotations
@@ -84,14 +85,19 @@ BENCHMARKS = {
 
 
 def read_joints(path: str | Path, joints: int, fmt: Format, camera: Camera) -> Array:
-    """Joints (N, K, 3) in mm, camera axes, of a file with N frames of K = ``joints``. Raises DataError."""
+    """Joints (N, K, 3) in mm, camera axes, of a file with N frames of K = ``joints``.
+
+    Raises DataError.
+    """
     return read_frames(path, joints, fmt, camera)[1]
 
 
 def read_frames(
     path: str | Path, joints: int, fmt: Format, camera: Camera, is_y_down: bool = False
 ) -> tuple[list[str], Array]:
-    """The names of the images, or none, and the joints (N, K, 3) in mm, camera axes, of a file. Raises DataError.
+    """The names of the images, or none, and the joints (N, K, 3) in mm, camera axes, of a file.
+
+    Raises DataError.
 
     is_y_down  of x y z in the file, which becomes y up
     """
@@ -137,7 +143,10 @@ def read_frames(
 
 
 def _numbers(line: str, start: int, where: str) -> Array:
-    """The numbers of a line from a character on. Raises DataError for words, and for values that are too large."""
+    """The numbers of a line from a character on.
+
+    Raises DataError for words, and for values that are too large.
+    """
     words = line[start:].split()
     with contextlib.suppress(ValueError):
         row = np.array(words, np.float64)
@@ -157,7 +166,8 @@ def _numbers(line: str, start: int, where: str) -> Array:
 
 
 def in_order(names: list[str], joints: Array, true_names: list[str], where: str) -> Array:
-    """Predicted joints in the order of the ground truth, by the names of the images if both have them.
+    """Predicted joints in the order of the ground truth, by the names of the images if
+    both have them.
 
     Raises DataError for a missing image.
     """
@@ -207,13 +217,14 @@ def score_on(benchmark: Benchmark, errors: Array) -> Score:
     )
 
 
-# ---------------------------------------------------------------------------------------------- angles
+# ------------------------------------------------------------------------------------------- angles
 
 RIDGE = 3e-3  # ridge of the fits to the annotation
 # residual of most frames if a hand model made their joints; with few starts some fit badly
 ON_MODEL_MM = 0.05
 TOLERANCE = 1e-3  # radians beyond a limit that count as within: joints in text files are rounded
-# Gives the context of a fit, by its number of frames and `what`; its value is called with the number of further ones.
+# Gives the context of a fit, by its number of frames and `what`; its value is called with the
+# number of further ones.
 Watcher = Callable[..., AbstractContextManager[Callable[[int], None]]]
 
 
@@ -234,7 +245,9 @@ def compare_angles(
     predictions: Mapping[str, Array],
     watch: Watcher = lambda total, what: nullcontext(lambda done: None),
 ) -> dict[str, FittedAngles]:
-    """Fit the hand to NYU's true joints (N, 14, 3) in mm and to those of each method, and compare."""
+    """Fit the hand to NYU's true joints (N, 14, 3) in mm and to those of each
+    method, and compare.
+    """
     half = nyu.half_cubes(len(truth))
 
     def fitted(joints: Array, what: str, **options: Any) -> tuple[Array, Array]:

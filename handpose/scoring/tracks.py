@@ -1,4 +1,5 @@
-"""Scores of a track against the truth: errors, missed and false hands, identities, sides, jitter, lag.
+"""Scores of a track against the truth: errors, missed and false hands, identities,
+sides, jitter, lag.
 
 # recording: a SyntheticRecording
 scores = score(tracker.header, tracker.follow(recording), recording.truths())
@@ -31,9 +32,10 @@ NAN = float("nan")
 def jitter(numbers: Array, times: Array, tracked: Array, true: Array) -> float:
     """The jitter in mm of tracked joints while the true ones are at rest; NaN without rest.
 
-    It is the root mean square of the distances from their mean over windows of about ``WINDOW_S``: the standard
-    deviation of all three coordinates together. The mean is removed window by window, which is a high-pass filter: a
-    wrong length of a bone is an error, but no jitter. Frames (N,) have numbers; a missing frame ends a rest.
+    It is the root mean square of the distances from their mean over windows of about ``WINDOW_S``:
+    the standard deviation of all three coordinates together. The mean is removed window by window,
+    which is a high-pass filter: a wrong length of a bone is an error, but no jitter. Frames (N,)
+    have numbers; a missing frame ends a rest.
     """
     squares, freedom = 0.0, 0
     for window in _windows(numbers, times, true):
@@ -44,7 +46,9 @@ def jitter(numbers: Array, times: Array, tracked: Array, true: Array) -> float:
 
 
 def _windows(numbers: Array, times: Array, true: Array) -> list[NDArray[np.int_]]:
-    """The frames of rests, except for their first ``SETTLE_S``, in equal parts of about ``WINDOW_S``."""
+    """The frames of rests, except for their first ``SETTLE_S``, in equal parts of
+    about ``WINDOW_S``.
+    """
     windows = []
     for first, last in rests(numbers, true):
         begin = first + int(np.searchsorted(times[first:last], times[first] + SETTLE_S - 1e-9))
@@ -67,8 +71,9 @@ def rests(numbers: Array, true: Array) -> list[tuple[int, int]]:
 def lag_s(numbers: Array, times: Array, tracked: Array, true: Array) -> float:
     """The delay in s of the tracked joints that minimises the squared difference to the true ones.
 
-    Over frames in which the hand moves; the true joints between frames are a cubic spline. A constant error in a run of
-    frames does not count as lag: it is removed. NaN without movement, or without a minimum within ``LAGS_S``.
+    Over frames in which the hand moves; the true joints between frames are a cubic spline. A
+    constant error in a run of frames does not count as lag: it is removed. NaN without movement, or
+    without a minimum within ``LAGS_S``.
     """
     from scipy.interpolate import CubicSpline  # imported here: it takes a third of a second
 
@@ -116,10 +121,12 @@ class Seen(NamedTuple):
 def match(
     tracked: Iterable[TrackedFrame], true: Iterable[TrackedFrame]
 ) -> tuple[dict[int, list[Seen]], int]:
-    """The frames of each true hand, by its id, and the number of false positives over all frames of the truth.
+    """The frames of each true hand, by its id, and the number of false positives over all
+    frames of the truth.
 
-    A frame missing from the track has no hands. Where a true hand is partly visible, tracked hands near it do not
-    count. Raises DataError for frames of the track that the truth does not have, and for two frames of the same number.
+    A frame missing from the track has no hands. Where a true hand is partly visible, tracked hands
+    near it do not count. Raises DataError for frames of the track that the truth does not have, and
+    for two frames of the same number.
     """
     tracked_frames, true_frames = _by_number(tracked, "track"), _by_number(true, "truth")
     foreign = sorted(set(tracked_frames) - set(true_frames))
@@ -220,11 +227,14 @@ class TrackScores:
 def score(
     header: TrackHeader, frames: Iterable[TrackedFrame], truth: Iterable[TrackedFrame]
 ) -> TrackScores:
-    """Compare a track with the truth of the same recording. Frames missing from the track have no hands.
+    """Compare a track with the truth of the same recording.
+
+    Frames missing from the track have no hands.
 
     header  of the track
 
-    Frames in which a true hand is partly visible are not scored (``handpose.tracking.track``). Raises DataError.
+    Frames in which a true hand is partly visible are not scored (``handpose.tracking.track``).
+    Raises DataError.
     """
     true = list(truth)
     hands, invented = match(frames, true)

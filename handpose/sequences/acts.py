@@ -1,4 +1,6 @@
-"""The acts of a hand in a synthetic recording, the movements they consist of, and the volume in which it moves."""
+"""The acts of a hand in a synthetic recording, the movements they consist of, and the volume in
+which it moves.
+"""
 
 from __future__ import annotations
 
@@ -93,7 +95,8 @@ class Act:
     """One act and its duration in s, above 0.
 
     rest      keep still
-    gestures  show gestures in random order, each for a while, with a slightly swaying position: those of ``of``, or all
+    gestures  show gestures in random order, each for a while, with a slightly swaying position:
+              those of ``of``, or all
     wave      with an open hand
     moving    fingers, palm and position at once, in bouts with rests
     away      leave the image and return at the end; as the first act, enter
@@ -135,7 +138,8 @@ class Actor:
         )
 
     def act(self, acts: Sequence[Act], seconds: float) -> Movement:
-        """Perform the acts in a loop until the given time in s is over, which does not change the movement.
+        """Perform the acts in a loop until the given time in s is over, which does not
+        change the movement.
 
         An act that begins while a hand still returns is performed, too.
         """
@@ -155,7 +159,7 @@ class Actor:
             n += 1
         return self.movement
 
-    # ------------------------------------------------------------------------------------------ acts
+    # ----------------------------------------------------------------------------------------- acts
 
     def _gestures(self, of: tuple[str, ...], end: float) -> None:
         names: list[str] = []
@@ -214,10 +218,12 @@ class Actor:
         lasts = TOP_SPEED * float(np.linalg.norm(outside - inside)) / HAND_SPEED
         place.move(max(end - lasts, place.end), lasts, inside)
 
-    # ------------------------------------------------------------------------------------------ strokes
+    # -------------------------------------------------------------------------------------- strokes
 
     def _show(self, fingers: Array, end: float) -> bool:
-        """Move the fingers, through the open hand if they would collide; False if ``end`` is too early."""
+        """Move the fingers, through the open hand if they would collide; False if
+        ``end`` is too early.
+        """
         values = self.movement.fingers
         ways = [fingers]
         if self.depth_between(values.keys[-1], fingers[None])[0] > self.sampler.prior.penetration:
@@ -257,7 +263,7 @@ class Actor:
         self.time = max(self.time, begin + lasts)
         return True
 
-    # ------------------------------------------------------------------------------------------ choices
+    # -------------------------------------------------------------------------------------- choices
 
     def next_fingers(self, before: Array) -> Array:
         """Finger inputs (D,) that can be reached from ``before`` without collisions."""
@@ -274,7 +280,8 @@ class Actor:
         return np.asarray(self.person.penetration_mm(whole).reshape(len(way), -1).max(axis=0))
 
     def next_palm(self, before: Rotation | None, facing: float = 1.0) -> tuple[Rotation, Array]:
-        """A palm rotation and the inputs of its forearm, such that the arm can be that of a person at the camera.
+        """A palm rotation and the inputs of its forearm, such that the arm can be that of a person
+        at the camera.
 
         before  the palm rotation to start from, if there is one
         facing  factor of pitch and yaw

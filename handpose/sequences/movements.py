@@ -1,14 +1,17 @@
-"""A person with the same bones and surface in every frame, poses that its fingers reach, and the movement of its hand:
-position and pose at any time, interpolated smoothly between poses at some times.
+"""A person with the same bones and surface in every frame, poses that its fingers reach, and
+the movement of its hand: position and pose at any time, interpolated smoothly between poses
+at some times.
 
-Between poses a hand moves by strokes of least jerk (Flash and Hogan 1985), which may overlap, as in people
-(Flash and Henis 1991): with s from 0 to 1 within a stroke
+Between poses a hand moves by strokes of least jerk (Flash and Hogan 1985), which may overlap, as in
+people (Flash and Henis 1991): with s from 0 to 1 within a stroke
 
     value(t) = first + sum over strokes of e(s) step          e(s) = 10 s³ - 15 s⁴ + 6 s⁵
-    R(t)     = R_first, times exp(e(s) step) of each stroke    for rotations: the shortest way, at a steady axis
+    R(t)     = R_first, times exp(e(s) step) of each stroke
+               for rotations: the shortest way, at a steady axis
 
-so positions, speeds and accelerations are continuous. Strokes that begin in order end in order, hence a value is
-always a mean of the poses: no angle leaves limits that the poses keep. A stroke's top speed is 1.875 times its mean.
+so positions, speeds and accelerations are continuous. Strokes that begin in order end in order,
+hence a value is always a mean of the poses: no angle leaves limits that the poses keep. A stroke's
+top speed is 1.875 times its mean.
 """
 
 from __future__ import annotations
@@ -84,7 +87,9 @@ class Person:
         return self.surface.penetration(self.ends(inputs), radii) * self.unit_mm
 
     def capsules(self, inputs: Array, origin_mm: Array, side: Side) -> Capsules:
-        """The capsules (1, M) in mm, camera axes, of inputs (D,) of the whole body with their origin at (3,)."""
+        """The capsules (1, M) in mm, camera axes, of inputs (D,) of the whole body with their
+        origin at (3,).
+        """
         ends = self.ends(inputs[None]) * self.unit_mm * mirror_of(side) + origin_mm
         radii = self.radii[None] * self.unit_mm
         return Capsules(
@@ -102,7 +107,7 @@ class Person:
         return Capsules(a + first * (b - a), b, ra + first * (rb - ra) + thicker, rb + thicker)
 
 
-# ---------------------------------------------------------------------------------------------- named poses
+# -------------------------------------------------------------------------------------- named poses
 
 OPEN = "open"  # the pose towards which a gesture is relaxed
 STEPS = 9  # number of steps
@@ -110,7 +115,9 @@ DECIMALS = 4  # decimals of written poses
 
 
 def fingers_of(name: str, person: Person, sampler: BodySampler) -> Array:
-    """The inputs (D,) of a gesture's fingers, otherwise 0, as far as this person's fingers move without penetration."""
+    """The inputs (D,) of a gesture's fingers, otherwise 0, as far as this person's fingers move
+    without penetration.
+    """
     opened, formed = sampler.poses[OPEN], sampler.poses[name]
     trials = formed + np.linspace(0, 1, STEPS)[:, None] * (opened - formed)
     whole = np.zeros((STEPS, len(person.surface.whole.initial)))
@@ -133,7 +140,7 @@ def poses(sampler: BodySampler) -> dict[str, dict[str, float]]:
     }
 
 
-# ---------------------------------------------------------------------------------------------- movements
+# ---------------------------------------------------------------------------------------- movements
 
 TOP_SPEED = 1.875  # top speed of a stroke, relative to its mean speed
 # share of the shorter of two strokes: their speeds together stay below the top speed of one
@@ -141,7 +148,9 @@ OVERLAP = 0.3
 
 
 def eased(part: Array) -> Array:
-    """The fraction (n,) of a movement that is done after these fractions of its time, eased in and out."""
+    """The fraction (n,) of a movement that is done after these fractions of its time,
+    eased in and out.
+    """
     s = np.clip(part, 0, 1)
     return np.asarray(s * s * s * (10 - 15 * s + 6 * s * s))
 
@@ -164,7 +173,9 @@ class Values:
         return self.begins[-1] + self.lasts[-1] if self.begins else 0.0
 
     def begin(self, time: float, lasts: float) -> float:
-        """When a stroke requested at a time begins: a successor starts somewhat before the last one ends."""
+        """When a stroke requested at a time begins: a successor starts somewhat before the
+        last one ends.
+        """
         if not self.begins or self.end < time:
             return time
         return self.end - OVERLAP * min(lasts, self.lasts[-1])

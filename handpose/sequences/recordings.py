@@ -4,12 +4,13 @@ recording = SyntheticRecording("minute", KINECT2, rate=30, seed=1)
 for frame in recording: ...            # like any recording, and the same every time
 recording.truth(frame.number)          # the true hands
 
-A hand is visible if nine of ten of its joints are in the image, and lost if at most one of ten is. Otherwise it is
-``PARTLY`` visible, and not scored. Of two hands each keeps to its half of the image, so none hides the other.
+A hand is visible if nine of ten of its joints are in the image, and lost if at most one of ten is.
+Otherwise it is ``PARTLY`` visible, and not scored. Of two hands each keeps to its half of the
+image, so none hides the other.
 
-Hands, surroundings and the levels of the sensor's errors depend on the seed; the errors of a frame also on its number.
-Rate and length of a recording do not change the movement. A frame of 640 x 480 pixels takes 10 to 35 ms on one core,
-most of it for the sensor's errors.
+Hands, surroundings and the levels of the sensor's errors depend on the seed; the errors of a frame
+also on its number. Rate and length of a recording do not change the movement. A frame of 640 x 480
+pixels takes 10 to 35 ms on one core, most of it for the sensor's errors.
 """
 
 from __future__ import annotations
@@ -105,8 +106,8 @@ def draw_surroundings(
 ) -> tuple[Floats, Array]:
     """A wall, beyond the range of half of the cameras, and a body in front of it or none.
 
-    Returns the image (height, width) in mm, with ``NOWHERE_MM`` for no reading, and the middle (3,) between the
-    shoulders.
+    Returns the image (height, width) in mm, with ``NOWHERE_MM`` for no reading, and the middle (3,)
+    between the shoulders.
 
     farthest  depth in mm that the middles of hands do not exceed
     """
@@ -140,7 +141,8 @@ class SyntheticRecording(Recording):
     """A script recorded by a camera.
 
     script    or the name of one of ``SCRIPTS``
-    camera    without a size, the principal point is the middle of the image; a model has 640 x 480 px
+    camera    without a size, the principal point is the middle of the image; a model
+              has 640 x 480 px
     rate      frames per second
     seconds   length; by default the script's
     clean     without the errors of the camera's sensor, whose levels are drawn once
@@ -203,10 +205,12 @@ class SyntheticRecording(Recording):
         )
         self._unseen = functools.cache(self._unseen_at)
 
-    # ------------------------------------------------------------------------------------------ the scene
+    # ------------------------------------------------------------------------------------ the scene
 
     def _volume(self, side: Side) -> tuple[Volume, float]:
-        """The volume in which a hand moves, and the side of its elbow; the person faces the camera."""
+        """The volume in which a hand moves, and the side of its elbow; the person
+        faces the camera.
+        """
         volume = Volume(self.camera, far=BODY_FAR) if self.script.body else Volume(self.camera)
         if len(self.script.acts) == 1:
             return volume.roomy(), 0.0
@@ -215,7 +219,9 @@ class SyntheticRecording(Recording):
         return volume._replace(left=0.5).roomy(), 1.0
 
     def _depth(self, time: float) -> Floats:
-        """The depth (height, width) in mm at a time in s without errors; ``NOWHERE_MM`` without a reading."""
+        """The depth (height, width) in mm at a time in s without errors; ``NOWHERE_MM``
+        without a reading.
+        """
         layers, arms, limbs = [self._behind], [], self.sampler.surface.limbs
         for movement in self.movements:
             hand = movement.pose_at(time)
@@ -233,11 +239,13 @@ class SyntheticRecording(Recording):
         return np.asarray(np.minimum.reduce(layers))
 
     def _upper_arm(self, elbow: Array, side: Side) -> Capsules:
-        """The capsule (1, 1) from an elbow (1, 1, 3) to the shoulder of the person, who faces the camera."""
+        """The capsule (1, 1) from an elbow (1, 1, 3) to the shoulder of the person, who
+        faces the camera.
+        """
         shoulder = self._middle + (-SHOULDER_MM if side == "right" else SHOULDER_MM, -20.0, 0.0)
         return Capsules(elbow, shoulder[None, None], np.array([[40.0]]), np.array([[55.0]]))
 
-    # ------------------------------------------------------------------------------------------ the frames
+    # ----------------------------------------------------------------------------------- the frames
 
     def __iter__(self) -> Iterator[DepthFrame]:
         return (self.frame(number) for number in range(self.count))
@@ -252,7 +260,7 @@ class SyntheticRecording(Recording):
         read = np.where(depth < NOWHERE_MM, np.rint(depth / unit) * unit, np.float32(0))
         return DepthFrame(number, number / self.rate, read)
 
-    # ------------------------------------------------------------------------------------------ the truth
+    # ------------------------------------------------------------------------------------ the truth
 
     @property
     def header(self) -> TrackHeader:
@@ -266,7 +274,8 @@ class SyntheticRecording(Recording):
         return (self.truth(number) for number in range(self.count))
 
     def truth(self, number: int) -> TrackedFrame:
-        """The true hands of frame ``number``: confidence 1, error 0; ids count the hands of the script.
+        """The true hands of frame ``number``: confidence 1, error 0; ids count the hands
+        of the script.
 
         A hand that was never visible is not listed, unless it is partly visible.
         """

@@ -1,7 +1,9 @@
-"""Synthetic rows in any number: drawn block by block by worker processes, and as a data set on disk.
+"""Synthetic rows in any number: drawn block by block by worker processes, and as a
+data set on disk.
 
-A data set consists of parts of some thousand rows, and a list of them for each split. Existing parts of the same data
-are kept, so an interrupted run continues where it stopped, and a second run does nothing.
+A data set consists of parts of some thousand rows, and a list of them for each split. Existing
+parts of the same data are kept, so an interrupted run continues where it stopped, and a second
+run does nothing.
 """
 
 from __future__ import annotations
@@ -28,10 +30,12 @@ from netlib.files import atomic
 def generate(
     count: int, generator: Generator, pool: ProcessPoolExecutor | None = None, start: int = 0
 ) -> Iterator[Frames]:
-    """Frames ``start`` to ``start + count`` of a generator, in pieces of at most ``BLOCK``. Raises DataError.
+    """Frames ``start`` to ``start + count`` of a generator, in pieces of at most ``BLOCK``.
 
-    ``pool`` is made by ``processes``; the frames and their order do not depend on it. Processes are spawned, so a
-    script with a pool needs the usual ``if __name__ == "__main__":``.
+    Raises DataError.
+
+    ``pool`` is made by ``processes``; the frames and their order do not depend on it. Processes are
+    spawned, so a script with a pool needs the usual ``if __name__ == "__main__":``.
     """
     numbers = range(start // BLOCK, -(-(start + count) // BLOCK))
     with no_interrupt():
@@ -48,13 +52,14 @@ def generate(
         ) from None
 
 
-# ---------------------------------------------------------------------------------------------- processes
+# ---------------------------------------------------------------------------------------- processes
 
 
 @contextlib.contextmanager
 def processes(workers: int) -> Iterator[ProcessPoolExecutor | None]:
-    """A pool whose processes end with their parent; none for one worker. Submit within ``no_interrupt``; otherwise
-    Ctrl-C reaches them.
+    """A pool whose processes end with their parent; none for one worker.
+
+    Submit within ``no_interrupt``; otherwise Ctrl-C reaches them.
     """
     if workers == 1:
         yield None
@@ -91,7 +96,7 @@ def no_interrupt() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-# ---------------------------------------------------------------------------------------------- files
+# -------------------------------------------------------------------------------------------- files
 
 MADE_FROM = "synthetic"
 
@@ -103,7 +108,8 @@ class DataSet:
     sources  a generator and the number of its rows for each split
     force    write everything again, and replace data of another origin
 
-    Raises DataError where data of another origin or kind would be replaced, and if the disk is full.
+    Raises DataError where data of another origin or kind would be replaced, and if
+    the disk is full.
     """
 
     def __init__(
@@ -136,7 +142,8 @@ class DataSet:
         """Write the missing parts, then the lists. Raises DataError, OSError.
 
         workers  number of processes
-        advance  called with the number of further frames; its exceptions end the run and keep complete files only.
+        advance  called with the number of further frames; its exceptions end the run and keep
+                 complete files only.
         """
         if self.missing:
             for path in self.lists:

@@ -1,14 +1,17 @@
-"""A layer of type Python that draws scenes for the finder of hands, an endless stream in the order of their numbers.
+"""A layer of type Python that draws scenes for the finder of hands, an endless stream in the order
+of their numbers.
 
     python_param { module: "handpose.synthetic.finder_layer" layer: "FinderScenes" param_str: "1" }
 
-``param_str`` is the seed. The phase TEST repeats the first ``TEST_BLOCKS`` blocks of the split "test". A snapshot holds
-the number of the next block, so a resumed training sees the same scenes as one that was not interrupted.
+``param_str`` is the seed. The phase TEST repeats the first ``TEST_BLOCKS`` blocks of the split
+"test". A snapshot holds the number of the next block, so a resumed training sees the same scenes as
+one that was not interrupted.
 
 top[0]  frame  (BLOCK, 4, H, W)        ``channels_of``
 top[1]  class  (BLOCK, 1, H/2, W/2)    OTHER, HAND, PERSON, or UNKNOWN
 top[2]  heat   (BLOCK, 1, H/4, W/4)    1 at a hand's middle, less around it, or UNKNOWN
-top[3]  vote   (BLOCK, 3, H/4, W/4)    from the pixel's surface to the hand's middle, in VOTE_MM; 0 elsewhere
+top[3]  vote   (BLOCK, 3, H/4, W/4)    from the pixel's surface to the hand's middle, in
+                                       VOTE_MM; 0 elsewhere
 top[4]  own    (BLOCK, 3, H/4, W/4)    1 at the pixels that vote, else 0
 top[5]  right  (BLOCK, 1, H/4, W/4)    1 for a right hand, 0 for a left one, UNKNOWN elsewhere
 """

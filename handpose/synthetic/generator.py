@@ -10,12 +10,14 @@ A frame is made in four steps, each described by one dataclass of numbers:
 
 A ``Recipe`` holds the numbers of all four; ``recipes`` has the named ones.
 
-Labels are the skeleton's joints in half-cubes from the crop centre, camera axes (x right, y up, z away), clipped to
-[-1, 1]; ``dof`` the inputs of the model that posed the frame; ``bones`` the signed bone lengths of the frame. With the
-skeleton file's bones instead, the inputs give these joints only approximately (a hand: 4 mm on average).
+Labels are the skeleton's joints in half-cubes from the crop centre, camera axes
+(x right, y up, z away), clipped to [-1, 1]; ``dof`` the inputs of the model that posed the frame;
+``bones`` the signed bone lengths of the frame. With the skeleton file's bones instead, the inputs
+give these joints only approximately (a hand: 4 mm on average).
 
-Frames depend on the seed, the split and their number alone: each block of ``BLOCK`` frames has its own random
-generator, so neither the number of worker processes nor the number of frames changes a frame.
+Frames depend on the seed, the split and their number alone: each block of ``BLOCK`` frames has
+its own random generator, so neither the number of worker processes nor the number of frames
+changes a frame.
 """
 
 from __future__ import annotations
@@ -63,7 +65,9 @@ class Subject:
 
 @dataclass(frozen=True)
 class Recipe:
-    """All numbers that frames depend on, except for the seed. A block of frames has one of the views.
+    """All numbers that frames depend on, except for the seed.
+
+    A block of frames has one of the views.
 
     others  people in the test split only, in turn with the skeleton file's
     """

@@ -37,7 +37,8 @@ class BodySampler:
     skeleton  with the limits of the poses and the bones to vary; by default the prior's
 
     rotation     the DoFs of the rotations
-    translation  the DoFs along x, y, z of the joint that carries the crop centre; none without a centre
+    translation  the DoFs along x, y, z of the joint that carries the crop centre; none
+                 without a centre
     limbs        the other DoFs that are drawn, ascending
     """
 

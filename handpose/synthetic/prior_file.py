@@ -1,8 +1,10 @@
-"""The prior file: the distribution of poses, positions and sizes of a body, as text next to its skeleton file.
+"""The prior file: the distribution of poses, positions and sizes of a body, as text next to its
+skeleton file.
 
-``prototxt/hand/nyu_prior.prototxt`` is that of the hand; other bodies have other files. Angles of ``turn`` are in
-degrees and of the whole DoF (input + initial); all other values of DoFs are fractions of the range between the limits
-of its input, 0 at the lower and 1 at the upper. Lengths are in mm.
+``prototxt/hand/nyu_prior.prototxt`` is that of the hand; other bodies have other files. Angles
+of ``turn`` are in degrees and of the whole DoF (input + initial); all other values of DoFs are
+fractions of the range between the limits of its input, 0 at the lower and 1 at the upper.
+Lengths are in mm.
 
     turn     orientation of the body as a whole: normal, or for a fraction of bodies any angle
     proportion  bones that are longer or shorter together, such as all of a limb

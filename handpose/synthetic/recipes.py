@@ -21,8 +21,8 @@ from netlib.errors import NetlibError
 ONE_THICKNESS = SurfacePrior(thickness_std=0.0)
 # like NYU's second subject: smaller, with other proportions
 SECOND = Subject(cube_mm=261.0, bone_std=0.04, seed=2)
-# Hands of all ages, seen from all sides; the surface of their skeleton has the median thickness. An arm may come from
-# the camera's side.
+# Hands of all ages, seen from all sides; the surface of their skeleton has the median thickness. An
+# arm may come from the camera's side.
 PEOPLE_SURFACE = SurfacePrior(
     thickness_std=0.1,
     trunk_std=0.08,
@@ -36,16 +36,20 @@ PEOPLE_SURFACE = SurfacePrior(
 
 
 def any_roll() -> PosePrior:
-    """Hands in front of any camera: every roll, so that hands pointing down are as common as others, near and far."""
+    """Hands in front of any camera: every roll, so that hands pointing down are as common as
+    others, near and far.
+    """
     wide = prior_file.load().turned("palm_rot_z", any=0.6).turned("palm_rot_x", std=36.0)
     return wide.but(depth=RangeParameter(250.0, 1200.0), center_jitter=4.0, center_jitter_wide=10.0)
 
 
 def like_nyu() -> PosePrior:
-    """Hands as NYU shows them: most are between two gestures, and palms are turned as those of its test frames.
+    """Hands as NYU shows them: most are between two gestures, and palms are turned as those of
+    its test frames.
 
-    There half of the palms are turned by at most 46 degrees from the median one, a quarter by more than 79, a tenth by
-    more than 125 (of the hand fitted to the annotation); here it is 49, 71 and 118. The prior file's are turned more.
+    There half of the palms are turned by at most 46 degrees from the median one, a quarter by more
+    than 79, a tenth by more than 125 (of the hand fitted to the annotation); here it is 49, 71 and
+    118. The prior file's are turned more.
     """
     turned = (
         prior_file.load()
@@ -104,7 +108,10 @@ def recipe(name: str) -> Recipe:
 
 
 def recipe_of(prior: str | Path) -> Recipe:
-    """A body of a prior file, seen by the camera that the file names. Raises PrototxtError, NetlibError."""
+    """A body of a prior file, seen by the camera that the file names.
+
+    Raises PrototxtError, NetlibError.
+    """
     loaded = prior_file.load(prior)
     camera = CAMERAS[loaded.camera]
     sensor = sensor_of(camera)
@@ -114,7 +121,9 @@ def recipe_of(prior: str | Path) -> Recipe:
 
 
 def check_in_view(recipe: Recipe, seed: int) -> None:
-    """Raise NetlibError if most of a body is outside the crops, as when lengths are in mm instead of half-cubes."""
+    """Raise NetlibError if most of a body is outside the crops, as when lengths are in mm instead
+    of half-cubes.
+    """
     frames = Generator(seed, "train", recipe).block(0)
     outside = float((np.abs(frames.joint) >= 1).mean())  # the labels are clipped
     unseen = float((np.ptp(frames.depth, axis=(1, 2, 3)) == 0).mean())

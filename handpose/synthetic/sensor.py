@@ -2,14 +2,15 @@
 
     sense(rng, depth, far, KINECT, camera)
 
-The errors are applied in the order in which they arise: near surfaces cover what is behind their edges (``_spread``),
-matching takes the depth of a neighbour (``_shift``), light from both sides of an edge gives a depth between them
-(``_fly``), disparity or time is noisy and rounded (``_measure``), and some pixels at depth steps have no reading
-(``_drop``). After a change of this code synthetic frames differ: increase ``handpose.synthetic.generator.VERSION``.
+The errors are applied in the order in which they arise: near surfaces cover what is behind their
+edges (``_spread``), matching takes the depth of a neighbour (``_shift``), light from both sides of
+an edge gives a depth between them (``_fly``), disparity or time is noisy and rounded
+(``_measure``), and some pixels at depth steps have no reading (``_drop``). After a change of this
+code synthetic frames differ: increase ``handpose.synthetic.generator.VERSION``.
 
-``measure_frame`` adds what only whole frames show. Filters of stereo cameras smooth neighbouring surfaces together, so
-that fingers merge. At the edges of near surfaces, one of the two cameras does not see what lies behind. Readings are
-missing in patches and beyond the range, or wrong.
+``measure_frame`` adds what only whole frames show. Filters of stereo cameras smooth neighbouring
+surfaces together, so that fingers merge. At the edges of near surfaces, one of the two cameras does
+not see what lies behind. Readings are missing in patches and beyond the range, or wrong.
 """
 
 from __future__ import annotations
@@ -29,10 +30,12 @@ _BYTE_STD = 256 / 12**0.5  # deviation of a uniformly random byte
 
 @dataclass(frozen=True)
 class Sensor:
-    """By default a Kinect v1, which measures disparity (focal length x baseline / depth) by matching small windows.
+    """By default a Kinect v1, which measures disparity (focal length x baseline / depth) by
+    matching small windows.
 
-    Without a baseline it is a time-of-flight camera, whose noise grows with the squared depth, because light gets
-    weaker. Where there are two numbers, each frame draws its own between them, uniformly.
+    Without a baseline it is a time-of-flight camera, whose noise grows with the squared depth,
+    because light gets weaker. Where there are two numbers, each frame draws its own between
+    them, uniformly.
     """
 
     # px of the crop: standard deviation of the shift of a pixel
@@ -55,7 +58,9 @@ class Sensor:
     spread: tuple[float, float] = (0.0, 0.0)
 
     def settled(self, rng: np.random.Generator) -> Sensor:
-        """One camera of this kind: what each frame draws is drawn once, and the same in all frames."""
+        """One camera of this kind: what each frame draws is drawn once, and the same
+        in all frames.
+        """
         bounds: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(self)}
         if not self.spread[1]:
             # draw nothing, so that recordings of sensors without it do not change
@@ -80,7 +85,8 @@ CODED_LIGHT = Sensor(
     dropout=(0.0, 0.4),
     holes=(0.0, 0.02),
 )
-# Time of flight (Kinect v2, Azure Kinect): no blocks and no steps, noise of millimetres, flying pixels.
+# Time of flight (Kinect v2, Azure Kinect): no blocks and no steps, noise of millimetres,
+# flying pixels.
 TIME_OF_FLIGHT = Sensor(
     pixel_shift=(0.0, 0.3),
     block_shift=(0.0, 0.0),
@@ -205,7 +211,9 @@ def _time(rng: np.random.Generator, depth: Floats, far: Floats, sensor: Sensor) 
 
 
 def _fly(rng: np.random.Generator, depth: Floats, far: Floats, sensor: Sensor) -> None:
-    """Pixels at edges get a depth between their own and that of a neighbour, in place; never behind ``far``."""
+    """Pixels at edges get a depth between their own and that of a neighbour, in place; never
+    behind ``far``.
+    """
     _, H, W = depth.shape
     where = _at_edges(depth, sensor)
     frame, pixel = np.divmod(where, H * W)
@@ -255,7 +263,7 @@ def sensor_of(camera: Camera) -> Sensor:
     return {"nyu": KINECT, "sr305": CODED_LIGHT}.get(camera.name, TIME_OF_FLIGHT)
 
 
-# ---------------------------------------------------------------------------------------------- whole frames
+# ------------------------------------------------------------------------------------- whole frames
 
 FAR_MM = 8000.0  # the depth of pixels of a whole frame without a reading
 CLOSE_MM = 60.0  # surfaces nearer together are smoothed into one
@@ -290,7 +298,8 @@ def measure_frame(
     """
     sensor, smooths = KINDS[int(rng.integers(len(KINDS)))]
     height, width = depth.shape
-    # The sensors' pixels are smaller than these: as if the frame were one of a camera of three times the resolution.
+    # The sensors' pixels are smaller than these: as if the frame were one of a camera of three
+    # times the resolution.
     fine = Camera("fine", 3 * focal, 3 * focal, 0, 0, 3 * width, 3 * height)
     clean = np.minimum(depth, np.float32(FAR_MM))
     out = sense(rng, clean[None], np.array([FAR_MM]), sensor.settled(rng), fine)[0]
@@ -312,7 +321,9 @@ def measure_frame(
 
 
 def _merged(depth: Floats, sigma: float) -> Floats:
-    """Depth smoothed within surfaces that are close together, with the gaps between fingers filled."""
+    """Depth smoothed within surfaces that are close together, with the gaps between
+    fingers filled.
+    """
     # far gaps take the near depth
     closed = cv2.morphologyEx(depth, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     filled = np.where(depth - closed < CLOSE_MM, np.minimum(depth, closed), depth)
@@ -331,7 +342,9 @@ def _merged(depth: Floats, sigma: float) -> Floats:
 
 
 def _shadow(rng: np.random.Generator, depth: Floats, baseline_px: float) -> NDArray[np.bool_]:
-    """Pixels (H, W) whose surface a second camera, to the left or right, does not see behind a nearer one."""
+    """Pixels (H, W) whose surface a second camera, to the left or right, does not see
+    behind a nearer one.
+    """
     disparity = baseline_px / depth  # px mm / mm
     if mirrored := rng.random() < 0.5:
         disparity = disparity[:, ::-1]

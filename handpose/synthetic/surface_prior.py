@@ -14,7 +14,10 @@ from netlib.blob import Array
 
 @dataclass(frozen=True)
 class SurfacePrior:
-    """The variation of surfaces about the skeleton file's. A limb is a part of the surface alone, such as an arm."""
+    """The variation of surfaces about the skeleton file's.
+
+    A limb is a part of the surface alone, such as an arm.
+    """
 
     thickness_mean: float = 1.0  # normal: all radii of a body together, relative to its size
     thickness_std: float = 0.08
@@ -109,7 +112,9 @@ def _least_towards_camera(
     scale: Array,
     offset: Array,
 ) -> Array:
-    """Ends (N, K, 3) with drawn limbs: of the first draw that does not point at the camera, or the best."""
+    """Ends (N, K, 3) with drawn limbs: of the first draw that does not point at the
+    camera, or the best.
+    """
     whole, own = surface.whole, len(surface.skeleton.initial)
     free = own + np.flatnonzero(~whole.fixed[own:] & np.isfinite(surface.deviation[own:]))
     posed = np.zeros((len(inputs), len(whole.initial)))
@@ -137,7 +142,9 @@ def _least_towards_camera(
 def _piece(
     a: Array, b: Array, radii: Array, first: Array, last: Array
 ) -> tuple[Array, Array, Array]:
-    """The capsule (N, 3), (N, 3), (N, 2) from the part ``first`` (N,) of its length to the part ``last``."""
+    """The capsule (N, 3), (N, 3), (N, 2) from the part ``first`` (N,) of its length to the
+    part ``last``.
+    """
     along, wider = b - a, radii[:, 1] - radii[:, 0]
     return (
         a + first[:, None] * along,

@@ -1,11 +1,13 @@
-"""Whole depth frames of ordinary scenes, with labels: people with one or two hands, tables, objects, walls.
+"""Whole depth frames of ordinary scenes, with labels: people with one or two hands, tables,
+objects, walls.
 
-A scene is drawn from a hand outwards. The hand lies anywhere in the frame, turned anyhow; its forearm leads to the
-person's upper arm, shoulders, head, trunk and legs, and these to the other hand. The camera is on the person's head,
-or anywhere around. The table may be nearer than the hands; objects stand on it, hang in the air, or are held.
+A scene is drawn from a hand outwards. The hand lies anywhere in the frame, turned anyhow; its
+forearm leads to the person's upper arm, shoulders, head, trunk and legs, and these to the other
+hand. The camera is on the person's head, or anywhere around. The table may be nearer than the
+hands; objects stand on it, hang in the air, or are held.
 
-Frames have a focal length of about ``FOCAL_PX``. A block of ``BLOCK`` scenes depends on the seed, the split and its
-number alone. Axes are the camera's: x right, y up, z away, in mm.
+Frames have a focal length of about ``FOCAL_PX``. A block of ``BLOCK`` scenes depends on the seed,
+the split and its number alone. Axes are the camera's: x right, y up, z away, in mm.
 """
 
 from __future__ import annotations
@@ -52,7 +54,9 @@ BOX, CYLINDER, ELLIPSOID = 0, 1, 2
 
 
 class Scenes(NamedTuple):
-    """N frames. Hands that are hidden, cut off or hardly read are ``doubtful``: neither right nor wrong to find.
+    """N frames.
+
+    Hands that are hidden, cut off or hardly read are ``doubtful``: neither right nor wrong to find.
 
     depth      (N, HEIGHT, WIDTH) mm, 0 where nothing was read
     classes    (N, HEIGHT, WIDTH) OTHER, HAND or PERSON
@@ -101,7 +105,9 @@ class Person(NamedTuple):
 
 
 class Hands(NamedTuple):
-    """One hand for each of N frames: capsules, and places (N, 3) about the palm's middle before they are placed."""
+    """One hand for each of N frames: capsules, and places (N, 3) about the palm's middle before
+    they are placed.
+    """
 
     own: Capsules
     wrist: Array
@@ -177,7 +183,9 @@ class SceneGenerator:
 
 
 def draw_scenes(rng: np.random.Generator, sampler: BodySampler, count: int) -> tuple[Scenes, Array]:
-    """Scenes without errors of a sensor (depth infinite where there is nothing), and their focal lengths (N,)."""
+    """Scenes without errors of a sensor (depth infinite where there is nothing), and their
+    focal lengths (N,).
+    """
     cameras = Cameras(
         FOCAL_PX * rng.uniform(0.93, 1.07, count),
         WIDTH / 2 + rng.uniform(-60, 60, count),
@@ -234,7 +242,7 @@ def draw_scenes(rng: np.random.Generator, sampler: BodySampler, count: int) -> t
     return scenes, cameras.focal
 
 
-# ---------------------------------------------------------------------------------------------- hands and people
+# --------------------------------------------------------------------------------- hands and people
 
 
 def _draw_hands(rng: np.random.Generator, sampler: BodySampler, side: Array) -> Hands:
@@ -273,7 +281,9 @@ def _draw_hands(rng: np.random.Generator, sampler: BodySampler, side: Array) -> 
 def _people(
     rng: np.random.Generator, sampler: BodySampler, cameras: Cameras
 ) -> tuple[Hands, Hands, Person, Array, NDArray[np.bool_]]:
-    """Two placed hands, who they belong to, the palms (N, 2, 3), and which of the hands are there (N, 2)."""
+    """Two placed hands, who they belong to, the palms (N, 2, 3), and which of the hands
+    are there (N, 2).
+    """
     count = len(cameras.focal)
     z = np.exp(rng.uniform(np.log(230), np.log(1600), count))
     place = cameras.at(rng.uniform(6, WIDTH - 6, count), rng.uniform(6, HEIGHT - 6, count), z)
@@ -428,11 +438,13 @@ def _body(rng: np.random.Generator, person: Person) -> Capsules:
     return _shown(Capsules(a, b, ra, rb), shown)
 
 
-# ---------------------------------------------------------------------------------------------- surroundings
+# ------------------------------------------------------------------------------------- surroundings
 
 
 def _table(rng: np.random.Generator, person: Person, near: Array) -> tuple[Solids, Array, Array]:
-    """A board below ``near``, a point of its upper face, and its axes (N, 3, 3); the second is its normal."""
+    """A board below ``near``, a point of its upper face, and its axes (N, 3, 3); the second
+    is its normal.
+    """
     count = len(near)
     below = np.where(
         rng.random(count) < 0.35, rng.uniform(12, 60, count), rng.uniform(60, 350, count)
@@ -464,7 +476,9 @@ def _table(rng: np.random.Generator, person: Person, near: Array) -> tuple[Solid
 def _things(
     rng: np.random.Generator, near: Array, top: Array, table: Array, with_table: NDArray[np.bool_]
 ) -> tuple[Solids, Capsules]:
-    """Boxes, cylinders and ellipsoids, and sticks, cables, bundles like fingers: on the table or in the air."""
+    """Boxes, cylinders and ellipsoids, and sticks, cables, bundles like fingers: on the table
+    or in the air.
+    """
     count, solids, sticks = len(near), 20, 10
     kind = np.broadcast_to(np.repeat([BOX, CYLINDER, ELLIPSOID], (8, 8, 4)), (count, solids))
     half = np.exp(rng.uniform(np.log(12), np.log(160), (count, solids, 3)))
@@ -506,7 +520,9 @@ def _put(
     with_table: NDArray[np.bool_],
     height: Array,
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Middles (N, M, 3) of things whose half heights are (N, M), and which of them stand on the table."""
+    """Middles (N, M, 3) of things whose half heights are (N, M), and which of them
+    stand on the table.
+    """
     shape = height.shape
     on = with_table[:, None] & (rng.random(shape) < 0.65)
     angle = rng.uniform(0, 2 * np.pi, (*shape, 1))
@@ -521,7 +537,9 @@ def _put(
 
 
 def _held(rng: np.random.Generator, hand: Hands, palm: Array, there: NDArray[np.bool_]) -> Solids:
-    """What the hands hold, up to the palm and the tips of the fingers; and the wider top of some bottles."""
+    """What the hands hold, up to the palm and the tips of the fingers; and the wider top
+    of some bottles.
+    """
     count = len(palm)
     axis = _unit(hand.across + 0.15 * rng.normal(size=(count, 3)))
     away = rng.uniform(26, 85, count)
@@ -574,7 +592,9 @@ def _planes(
 
 
 def _beyond(rng: np.random.Generator, near: Array) -> Solids:
-    """Large round things behind the hands, of which a camera's range may leave a patch as large as a hand."""
+    """Large round things behind the hands, of which a camera's range may leave a patch as
+    large as a hand.
+    """
     count, most = len(near), 5
     away = rng.uniform((-450, -350, 180), (450, 350, 900), (count, most, 3))
     half = np.exp(rng.uniform(np.log(50), np.log(300), (count, most, 3)))
@@ -584,12 +604,14 @@ def _beyond(rng: np.random.Generator, near: Array) -> Solids:
 
 
 def _range(rng: np.random.Generator, palm: Array) -> Array:
-    """The depth (N,) in mm from which nothing is read: some cameras end a little behind the hand."""
+    """The depth (N,) in mm from which nothing is read: some cameras end a little
+    behind the hand.
+    """
     behind = np.exp(rng.uniform(np.log(80), np.log(1200), len(palm)))
     return np.where(rng.random(len(palm)) < 0.35, palm[:, 2] + behind, np.inf)
 
 
-# ---------------------------------------------------------------------------------------------- depth of shapes
+# ---------------------------------------------------------------------------------- depth of shapes
 
 
 def _render(capsules: Capsules, rays: tuple[Floats, Floats]) -> Floats:
@@ -597,7 +619,9 @@ def _render(capsules: Capsules, rays: tuple[Floats, Floats]) -> Floats:
 
 
 def _plane_depth(normal: Array, offset: Array, rays: tuple[Floats, Floats]) -> Floats:
-    """Depth (N, H, W) of the planes of points p with normal . p = offset; infinite where a ray misses."""
+    """Depth (N, H, W) of the planes of points p with normal . p = offset; infinite
+    where a ray misses.
+    """
     x, y = rays
     n = normal.astype(np.float32)[:, :, None, None]
     slope = n[:, 0] * x[:, None, :] - n[:, 1] * y[:, :, None] + n[:, 2]
@@ -628,7 +652,9 @@ def _solid_depth(solids: Solids, rays: tuple[Floats, Floats]) -> Floats:
 
 
 def _entry(kind: int, center: Array, axes: Array, half: Array, x: Floats, y: Floats) -> Floats:
-    """Depth (h, w) at which rays enter a solid, computed where it is a cube, cylinder or sphere of half length 1."""
+    """Depth (h, w) at which rays enter a solid, computed where it is a cube, cylinder or sphere of
+    half length 1.
+    """
     turned = (axes / half).T.astype(np.float32)
     o = -(turned @ center.astype(np.float32))
     d = [t[0] * x[None, :] - t[1] * y[:, None] + t[2] for t in turned]
@@ -663,7 +689,7 @@ def _only(depth: Floats, there: NDArray[np.bool_]) -> Floats:
     return np.where(there[:, None, None], depth, np.float32(np.inf))
 
 
-# ---------------------------------------------------------------------------------------------- labels, directions
+# ------------------------------------------------------------------------------- labels, directions
 
 
 def _mostly_seen(whole: Floats, seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -672,7 +698,9 @@ def _mostly_seen(whole: Floats, seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _judged(scenes: Scenes) -> Scenes:
-    """The scenes with those hands present that are read well enough too, and the others doubtful."""
+    """The scenes with those hands present that are read well enough too, and the
+    others doubtful.
+    """
     u, v = np.moveaxis(scenes.middle_px, -1, 0)
     z = scenes.middle[..., 2]
     inside = (u > 1) & (u < WIDTH - 2) & (v > 1) & (v < HEIGHT - 2)

@@ -32,16 +32,18 @@ KEPT = 0.7  # damping of the expected motion
 NEW = 0.6  # weight of the last two frames in the velocity
 # 4 m/s at 30 frames per second: a pose that is found farther away is no motion of the hand
 MAX_JUMP_MM = 130.0
-# The side is decided by the mean log-ratio of the costs of the fits as either side. On real recordings a single ratio
-# has the right sign in 64% to 100% of the frames, and the mean of the first second always.
-# s of comparisons: at least, at most; minimum number
+# The side is decided by the mean log-ratio of the costs of the fits as either side. On real
+# recordings a single ratio has the right sign in 64% to 100% of the frames, and the mean of the
+# first second always. s of comparisons: at least, at most; minimum number
 MIN_COMPARED_S, MAX_COMPARED_S, MIN_COMPARED = 1.0, 3.0, 6
 CLEAR = 0.1  # mean ratio that decides before the maximum
 MAX_SIDE_CONFIDENCE = 0.99  # of a side that is not decided
 
 
 class SideState:
-    """The state of a hand as one side: its last pose, its velocity (V,) (``WorldPose``), and its filter."""
+    """The state of a hand as one side: its last pose, its velocity (V,) (``WorldPose``),
+    and its filter.
+    """
 
     def __init__(self, estimate: Hand, time: float) -> None:
         self.estimate, self.time = estimate, time
@@ -58,8 +60,8 @@ class SideState:
     def take(self, estimate: Hand, time: float) -> None:
         """Add a pose.
 
-        A pose whose fit did not start from the expected one changes only the velocity of the place, to that of the
-        mean of the joints; and nothing if it is too far away.
+        A pose whose fit did not start from the expected one changes only the velocity of the place,
+        to that of the mean of the joints; and nothing if it is too far away.
         """
         way, new = _mean_joint(estimate) - _mean_joint(self.estimate), None
         if estimate.is_tracked:
@@ -198,7 +200,9 @@ class HandTrack:
         return np.asarray(self.best.estimate.xyz.mean(axis=0))
 
     def regions(self, time: float) -> list[SearchRegion]:
-        """The search regions in a frame; with and without the network, whose last use is recorded."""
+        """The search regions in a frame; with and without the network, whose last
+        use is recorded.
+        """
         asked = self.time < self._seen or not self.is_decided or time - self._asked >= LATER_S
         self._asked = time if asked else self._asked
         regions = []
@@ -212,8 +216,8 @@ class HandTrack:
     ) -> list[SearchRegion]:
         """Further search regions for a full fit, if the pose or the side is uncertain.
 
-        They are about the palm that the network predicts from the finder's place, or from the crop without one; or else
-        about the last pose.
+        They are about the palm that the network predicts from the finder's place, or from the crop
+        without one; or else about the last pose.
         """
         sure = max((estimate.chance for estimate in estimates), default=0.0)
         pause = LATER_S if self.is_decided and sure >= ENOUGH else SOON_S
@@ -233,7 +237,9 @@ class HandTrack:
         ]
 
     def take(self, estimates: Sequence[Hand], others: Sequence[Hand], time: float) -> bool:
-        """Add the poses found in its regions and in others, the best for each side; True if one is good enough."""
+        """Add the poses found in its regions and in others, the best for each side; True if one
+        is good enough.
+        """
         seconds, self._seen = time - self._seen, time
         best = _best([*estimates, *others])
         self._compare(best, time)

@@ -1,20 +1,23 @@
-"""What later frames of a recording show: the sides of hands, their poses without lag, and errors that last.
+"""What later frames of a recording show: the sides of hands, their poses without lag, and
+errors that last.
 
 Frames are held until this is known.
 
-Sides. A live track has to report a hand before its side is decided. In a recording both sides were tracked in the
-frames before the decision, and the pose of the decided one replaces the assumed one.
+Sides. A live track has to report a hand before its side is decided. In a recording both sides were
+tracked in the frames before the decision, and the pose of the decided one replaces the assumed one.
 
-Poses. The filter of ``smoothing`` follows a moving hand with a delay, because it only knows earlier frames. Run from
-the future to the past, the same filter is ahead by about the same delay. The mean of both has none, and less jitter
-than either. A run of frames ends where a hand is missing or changes its side: the filters of the track start again
-there.
+Poses. The filter of ``smoothing`` follows a moving hand with a delay, because it only knows earlier
+frames. Run from the future to the past, the same filter is ahead by about the same delay. The mean
+of both has none, and less jitter than either. A run of frames ends where a hand is missing or
+changes its side: the filters of the track start again there.
 
-Presence. A hand that is doubtful at first is the same as one that is sure, or has a pose, a moment later.
+Presence. A hand that is doubtful at first is the same as one that is sure, or has a pose,
+a moment later.
 
-Errors last, since a track follows a wrong finger for a while, but the image of a single frame may not show it. So the
-expected errors of hands become means over the time around each frame, and no confidence is above that mean. Those of
-fingers remain: a finger that is hidden for a moment is a guess for that moment.
+Errors last, since a track follows a wrong finger for a while, but the image of a single frame may
+not show it. So the expected errors of hands become means over the time around each frame, and no
+confidence is above that mean. Those of fingers remain: a finger that is hidden for a moment is a
+guess for that moment.
 """
 
 from __future__ import annotations
@@ -36,22 +39,26 @@ from handpose.tracking.track import TrackedFrame, TrackedHand
 MAX_UNDECIDED_S, MAX_UNDECIDED = 4.0, 150
 # probability of a side that is reported at the end of a recording, before it was decided
 LIKELY_SIDE = 0.69
-# Frames are released once this time, in s, or number of frames after them is known. Twice as much is held, so that
-# frames are filtered backwards twice at most. On two synthetic recordings (the scripts `gestures` and `left`, seeds 5
-# and 6), one second gives the jitter at rest of the whole recording, 0.33 and 0.16 mm; half a second 0.35 and 0.18 mm.
+# Frames are released once this time, in s, or number of frames after them is known. Twice as much
+# is held, so that frames are filtered backwards twice at most. On two synthetic recordings
+# (the scripts `gestures` and `left`, seeds 5 and 6), one second gives the jitter at rest of the
+# whole recording, 0.33 and 0.16 mm; half a second 0.35 and 0.18 mm.
 AHEAD_S, AHEAD = 1.0, 60
-# The expected errors are means over this time, in s, before and after a frame. Of 0, 0.3, 0.5, 0.7 and 1 s, on six real
-# recordings (docs/fit.md), 0.5 and 0.7 have the highest correlation with the true errors.
+# The expected errors are means over this time, in s, before and after a frame. Of 0, 0.3, 0.5,
+# 0.7 and 1 s, on six real recordings (docs/fit.md), 0.5 and 0.7 have the highest correlation with
+# the true errors.
 LASTING_S = 0.5
 
 T = TypeVar("T")
 
 
 class LaterFrames(Generic[T]):
-    """Holds frames, each with an item that belongs to it, such as its image, until later ones are known.
+    """Holds frames, each with an item that belongs to it, such as its image, until later
+    ones are known.
 
     model           of the hands' surfaces, which are moved with the poses
-    min_confidence  as for ``SureHands``, which come last, because decided sides and smoothing change the confidence
+    min_confidence  as for ``SureHands``, which come last, because decided sides and smoothing
+                    change the confidence
     at_once         release frames without waiting for later ones
     """
 
@@ -65,7 +72,9 @@ class LaterFrames(Generic[T]):
         self._judged: list[tuple[float, TrackedHand]] = []
 
     def add(self, item: T, frame: TrackedFrame) -> list[tuple[T, TrackedFrame]]:
-        """Add the next frame. Returns those that need not be held any longer, in order, smoothed in both directions.
+        """Add the next frame.
+
+        Returns those that need not be held any longer, in order, smoothed in both directions.
 
         Hands whose poses were not smoothed are not changed, but for their side.
         """
@@ -162,7 +171,9 @@ class LaterFrames(Generic[T]):
         return [(item, self.sure_hands(frame)) for item, frame in ready]
 
     def _between(self, hand: TrackedHand, backward: WorldPose | None) -> TrackedHand:
-        """The hand at the mean of its smoothed pose and this one, with the same error and confidence."""
+        """The hand at the mean of its smoothed pose and this one, with the same error
+        and confidence.
+        """
         if hand.poses is None or backward is None:
             return hand
         model, poses, mirror = self._model, hand.poses, mirror_of(hand.hand)
@@ -181,7 +192,9 @@ class LaterFrames(Generic[T]):
         )
 
     def _judged_around(self, hand: TrackedHand, time: float) -> TrackedHand:
-        """The hand with the mean of its errors around this time; unchanged if it was not smoothed or not judged."""
+        """The hand with the mean of its errors around this time; unchanged if it was not smoothed
+        or not judged.
+        """
         if hand.poses is None or np.isnan(hand.error_mm):
             return hand
         around = [

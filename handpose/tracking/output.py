@@ -91,7 +91,9 @@ def _as_sides(
 def variables_of(
     model: CapsuleModel, poses: Sequence[WorldPose], center: Array, size: float | None
 ) -> Array:
-    """The model's variables (N, V) of poses in crops with these centres (N, 3), of the known size if there is one."""
+    """The model's variables (N, V) of poses in crops with these centres (N, 3), of the known size
+    if there is one.
+    """
     x = np.stack([crop_variables(model, *pose) for pose in zip(poses, center)])
     if size is not None:
         x[:, SIZE] = np.log(size)  # instead of a filtered one

@@ -1,7 +1,7 @@
 """Predict and fit hands in search regions of a depth image.
 
-The regions of several hands are processed together, because the arrays of one hand are so small that most of the time
-would be overhead.
+The regions of several hands are processed together, because the arrays of one hand are so small
+that most of the time would be overhead.
 """
 
 from __future__ import annotations
@@ -28,13 +28,15 @@ from netlib.blob import Array
 from netlib.errors import DataError
 
 ARM_PLACES = 5  # along a forearm
-# The minimum share of an expected surface without a reading, and the minimum share of the crop's readings that it
-# explains: otherwise the hand itself has moved. In the ordinary frames of CVAR's P1, P3, P4, P7 and of hpx the first is
-# below 0.06 in 99% and at most 0.15, though 75% of a crop are background without readings. The second was chosen on
-# frames of P1, P4 and P6 of which a part was not read.
+# The minimum share of an expected surface without a reading, and the minimum share of the crop's
+# readings that it explains: otherwise the hand itself has moved. In the ordinary frames of CVAR's
+# P1, P3, P4, P7 and of hpx the first is below 0.06 in 99% and at most 0.15, though 75% of a crop
+# are background without readings. The second was chosen on frames of P1, P4 and P6 of which a
+# part was not read.
 UNREAD, EXPLAINED = 0.15, 0.5
 AROUND_MM = 15.0  # pixels without a reading this close to it may be of it
-# minimum share of the expected surface behind nearer readings: fewer are reflections, mostly next to it
+# minimum share of the expected surface behind nearer readings: fewer are reflections,
+# mostly next to it
 HIDING = 0.08
 
 
@@ -60,8 +62,9 @@ class PoseEstimator:
         """The hand in each region; None if it is outside the image. Raises NetlibError.
 
         plan      of the fit; by default the predictor's
-        readings  the image with those readings that are nearer than the camera measures: what is in front of a
-                  region's cube and of the expected body hides a part of it. By default it is background
+        readings  the image with those readings that are nearer than the camera measures: what is in
+                  front of a region's cube and of the expected body hides a part of it. By default
+                  it is background
         """
         candidates: dict[int, Candidate] = {}
         for i, region in enumerate(regions):
@@ -87,7 +90,8 @@ class PoseEstimator:
     def _with_unknown(
         self, shown: Floats, readings: Floats, region: SearchRegion, body: Capsules
     ) -> Floats:
-        """A region's crop with the pixels at the near face that do not show what an expected body has there.
+        """A region's crop with the pixels at the near face that do not show what an expected
+        body has there.
 
         These have readings of something in front of it, or none although the body was read.
         """
@@ -105,7 +109,9 @@ class PoseEstimator:
         return crop
 
     def _explained(self, crop: Floats, body: Capsules, center_uvd: Array) -> float:
-        """The share of a crop's readings that are on the surface of an expected body; 0 without any."""
+        """The share of a crop's readings that are on the surface of an expected body;
+        0 without any.
+        """
         seen = crop < BACKGROUND
         on = seen & (
             np.abs(crop - self._rendered(body, center_uvd)) <= APART_MM / (self.cube_mm / 2)
@@ -124,7 +130,8 @@ class PoseEstimator:
         return self.camera.project(center * mirror_of(side))
 
     def reason(self, depth: Floats, body: WorldPose, side: Side, confidence: float) -> str:
-        """The reason why a hand that was expected as this body is not in an image, with all readings, mm.
+        """The reason why a hand that was expected as this body is not in an image, with
+        all readings, mm.
 
         confidence  of the best pose found there
         """
@@ -139,14 +146,18 @@ class PoseEstimator:
         return self.model.capsules(x, body.place[None]).mirrored(mirror_of(side))
 
     def palm_at(self, depth: Floats, start: Array, side: Side) -> Array:
-        """The crop centre (3,) that the network gives from a start, px, px, mm; the start outside the image."""
+        """The crop centre (3,) that the network gives from a start, px, px, mm; the start
+        outside the image.
+        """
         try:
             return self._pipeline.palm_at(depth, self.camera, start, side)
         except DataError:
             return start
 
     def arm(self, hand: Hand) -> Array:
-        """Positions (A, 3) in mm, camera axes, along the capsules of the surface alone: the forearm of a hand."""
+        """Positions (A, 3) in mm, camera axes, along the capsules of the surface alone: the
+        forearm of a hand.
+        """
         capsules, limbs = hand.capsules(in_space=True), self.model.surface.limbs
         a, b = capsules.a[0, limbs], capsules.b[0, limbs]
         places = a[:, None] + np.linspace(0, 1, ARM_PLACES)[:, None] * (b - a)[:, None]

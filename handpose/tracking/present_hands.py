@@ -1,4 +1,6 @@
-"""Hands that a finder sees and that have no sure pose: where they are, and when a pose is tried there again."""
+"""Hands that a finder sees and that have no sure pose: where they are, and when a pose is
+tried there again.
+"""
 
 from __future__ import annotations
 
@@ -16,18 +18,22 @@ from netlib.blob import Array
 SAME_MM = 110.0
 STILL = 0.5  # part of the minimum presence that is enough for a hand that was there before
 LOOK = 0.5  # weight of the last look in the mean presence
-# Seconds between two runs of a slow step: a search for another hand, a pose at a place, a full fit of an uncertain
-# hand, a prediction that competes with the tracked pose; the same while there is no hand, no pose or no decided side.
+# Seconds between two runs of a slow step: a search for another hand, a pose at a place, a full fit
+# of an uncertain hand, a prediction that competes with the tracked pose; the same while there is no
+# hand, no pose or no decided side.
 LATER_S, SOON_S = 0.2, 0.1
 MAX_PAUSE = 4.0  # s: pauses at one place are doubled after each try
-# A mean presence from which a place is a hand also beside a hand with joints. On two recordings of one hand (CVAR's P4
-# and P6), places without a hand, such as a keyboard, a head and a monitor, reach 0.67. A second hand laid into these
-# recordings has 0.71 to 0.85 where its pose is not found, but down to 0.37 at a distance of 0.7 m.
+# A mean presence from which a place is a hand also beside a hand with joints. On two recordings of
+# one hand (CVAR's P4 and P6), places without a hand, such as a keyboard, a head and a monitor,
+# reach 0.67. A second hand laid into these recordings has 0.71 to 0.85 where its pose is not found,
+# but down to 0.37 at a distance of 0.7 m.
 SURE_PRESENCE = 0.75
 
 
 class Taken(NamedTuple):
-    """A place (3,) in mm where only a hand with a higher presence than ``evidence`` is another one."""
+    """A place (3,) in mm where only a hand with a higher presence than ``evidence``
+    is another one.
+    """
 
     place: Array
     evidence: float
@@ -35,7 +41,8 @@ class Taken(NamedTuple):
 
 @dataclass
 class PresentPlace:
-    """A hand as the finder saw it last, at ``time`` in s; a pose is tried from ``try_at`` on, then after ``pause``.
+    """A hand as the finder saw it last, at ``time`` in s; a pose is tried from ``try_at`` on, then
+    after ``pause``.
 
     presence      mean of the last looks
     highest       its maximum so far
@@ -55,9 +62,10 @@ class PresentPlace:
     def is_sure(self) -> bool:
         """True if it is reported also beside a hand with joints.
 
-        Motion is no evidence: in one second, a tenth of the places without a hand move by more than 57 mm on P4 and 60
-        on P6, with what the finder sees of them, and a tenth of those on a moving second hand by more than 59 to 71 mm.
-        Nor is a pose that is too doubtful to be followed: in a further recording (hpx), an upper arm has such ones.
+        Motion is no evidence: in one second, a tenth of the places without a hand move by more than
+        57 mm on P4 and 60 on P6, with what the finder sees of them, and a tenth of those on a
+        moving second hand by more than 59 to 71 mm. Nor is a pose that is too doubtful to be
+        followed: in a further recording (hpx), an upper arm has such ones.
         """
         return self.highest >= SURE_PRESENCE or self.was_followed
 

@@ -22,8 +22,8 @@ def uncertain(confidence: float) -> str:
 
 
 MIN_VISIBLE = 0.03  # minimum share of foreground in a crop
-# A reason is given from this share on: of the hand's own surface or its crop that is behind nearer objects or without a
-# reading, or of its joints that are outside the image.
+# A reason is given from this share on: of the hand's own surface or its crop that is behind nearer
+# objects or without a reading, or of its joints that are outside the image.
 PART = 0.25
 # share of the surface outside the image: what is not read of the hand may be there, too
 LEAVING = 0.05
@@ -38,7 +38,8 @@ def reason(
     support: Support,
     confidence: float,
 ) -> str:
-    """The reason why a hand was not found where it was expected, with joints (K, 3) in mm, camera axes.
+    """The reason why a hand was not found where it was expected, with joints (K, 3) in
+    mm, camera axes.
 
     depth       mm, with the readings that are nearer than the camera measures
     center_uvd  (3,) px, px, mm: centre of its crop, with an edge of ``cube_mm``
@@ -68,7 +69,9 @@ def reason(
 
 
 def _edges_left(camera: Camera, xyz: Array, share: float = PART) -> str | None:
-    """The edges of the image beyond which joints (K, 3) are, in words; None if no more than this share is outside."""
+    """The edges of the image beyond which joints (K, 3) are, in words; None if no more than this
+    share is outside.
+    """
     before = xyz[:, 2] > 0
     if not before.all():
         return ""

@@ -8,10 +8,12 @@ from handpose.body.sides import Side
 from handpose.tracking.reasons import uncertain
 from handpose.tracking.track import PresentHand, TrackedFrame
 
-# Number of frames with joints that make a hand one that can be lost. In recordings of one hand and of two, the hands
-# that are lost have 17 or more, a hand that is found twice in its first frame has 1.
+# Number of frames with joints that make a hand one that can be lost. In recordings of one
+# hand and of two, the hands that are lost have 17 or more, a hand that is found twice in its
+# first frame has 1.
 MIN_GIVEN = 5
-# s, for which a hand counts as one with joints after it had them: twice as long as a track goes on without a pose.
+# s, for which a hand counts as one with joints after it had them: twice as long as a track goes on
+# without a pose.
 RECENT_S = 2.0
 
 
@@ -30,12 +32,14 @@ class Given:
 
 
 class SureHands:
-    """Reports the hands of the frames of a track, in their order, by their confidence; the tracker follows all on.
+    """Reports the hands of the frames of a track, in their order, by their confidence; the tracker
+    follows all on.
 
-    A hand below the minimum confidence is present, without its joints; one whose confidence is unknown is not below. A
-    hand is listed as lost only if its joints were given in ``MIN_GIVEN`` frames before. A finder sees hands in many
-    things: beside a hand with joints, and for ``RECENT_S`` after one that can be lost, only those present hands are
-    reported that are sure; where no hand has joints, all are. A minimum of 0 changes nothing.
+    A hand below the minimum confidence is present, without its joints; one whose confidence is
+    unknown is not below. A hand is listed as lost only if its joints were given in ``MIN_GIVEN``
+    frames before. A finder sees hands in many things: beside a hand with joints, and for
+    ``RECENT_S`` after one that can be lost, only those present hands are reported that are sure;
+    where no hand has joints, all are. A minimum of 0 changes nothing.
 
     frames  number of frames with a hand below the minimum
     """

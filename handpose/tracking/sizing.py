@@ -1,9 +1,9 @@
 """Estimate the size of a hand from its first seconds; then size and bones are constant.
 
-In one frame, a larger hand farther away looks nearly the same, and a bent limb looks like a short one. All frames of a
-person have the same size, so several are fitted again with each of some sizes, each from its own fit. The result is the
-size with the least total cost, by a parabola through the three lowest. Frames count robustly, because some are fitted
-wrongly at any size.
+In one frame, a larger hand farther away looks nearly the same, and a bent limb looks like a short
+one. All frames of a person have the same size, so several are fitted again with each of some sizes,
+each from its own fit. The result is the size with the least total cost, by a parabola through the
+three lowest. Frames count robustly, because some are fitted wrongly at any size.
 """
 
 from __future__ import annotations
@@ -33,7 +33,10 @@ STAGES = (Stage(15, 4), Stage(10, 3))
 
 
 def checked(size: float) -> float:
-    """The size relative to the skeleton. Raises DataError if hands of this size cannot be fitted."""
+    """The size relative to the skeleton.
+
+    Raises DataError if hands of this size cannot be fitted.
+    """
     if not MIN_SIZE <= size <= MAX_SIZE:
         raise DataError(f"size {size:g}, expected {MIN_SIZE} to {MAX_SIZE} times the skeleton's")
     return size
@@ -77,8 +80,9 @@ def size_of(
     """The size, relative to the skeleton, of the hand in all frames, fitted as x (N, V).
 
     sizes      to be tried: at least three, with equal steps of their logarithms
-    deviation  of the logarithm of people's sizes about that of TYPICAL_SIZE. This prior counts as much as one frame,
-               however many there are, because the model differs from a hand in the same way in all of them.
+    deviation  of the logarithm of people's sizes about that of TYPICAL_SIZE. This prior counts as
+               much as one frame, however many there are, because the model differs from a hand in
+               the same way in all of them.
     """
     # Weak priors: strong ones about poses that were fitted with another size would keep that size.
     objective = Objective(
@@ -98,7 +102,9 @@ def size_of(
 
 
 def lowest(sizes: Array, values: Array) -> float:
-    """The minimum of a parabola through the lowest value and its neighbours, over the logarithm of the size."""
+    """The minimum of a parabola through the lowest value and its neighbours, over the
+    logarithm of the size.
+    """
     i = int(np.clip(values.argmin(), 1, len(sizes) - 2))
     before, here, after = values[i - 1 : i + 2]
     curve = before - 2 * here + after

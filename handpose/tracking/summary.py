@@ -12,9 +12,9 @@ from handpose.tracking.track import TrackedFrame, side_name
 from layers.hand.skeleton import Skeleton
 
 LENGTH_MM = 217.0  # from the wrist to the tip of the middle finger, of a hand of size 1
-# Sizes of the hands of adults: 99% are between the first and the last. With right focal lengths the five real
-# recordings of one hand have 0.74 to 0.85; 20% too small, 0.93 to 1.10 and a lower confidence; 25% too large, 0.66 to
-# 0.76.
+# Sizes of the hands of adults: 99% are between the first and the last. With right focal lengths the
+# five real recordings of one hand have 0.74 to 0.85; 20% too small, 0.93 to 1.10 and a lower
+# confidence; 25% too large, 0.66 to 0.76.
 SMALL, LARGE, LARGEST = 0.70, 0.92, 1.0
 SURE = 93  # per cent: a large hand with this confidence is no doubt
 MIN_FRAMES = 15  # fewer give no size

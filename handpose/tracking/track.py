@@ -1,7 +1,7 @@
 """Tracks of hands: what a tracker outputs for every frame, and the truth of a synthetic recording.
 
-A hand has inputs of the skeleton, bones, and an origin. The inputs of a left hand are those of its mirror image, a
-right hand; ``joints_of`` computes its joints.
+A hand has inputs of the skeleton, bones, and an origin. The inputs of a left hand are those of its
+mirror image, a right hand; ``joints_of`` computes its joints.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from layers.hand.bodies import kinematics_of
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 
-# Beginnings of the reasons why a hand is missing from a frame, for trackers and for synthetic truth.
+# Beginnings of the reasons why a hand is missing from a frame, for trackers and for
+# synthetic truth.
 LEFT = "left the image"
 HIDDEN = "hidden"
 PARTLY = "partly in sight"  # in synthetic recordings: such frames are not scored
@@ -69,19 +70,23 @@ class TrackedHand:
     hand        "right" or "left"
     confidence  probability that the joints' mean error is below 30 mm; NaN if it was not measured
     error_mm    expected error; NaN likewise
-    inputs      (D,) of the skeleton: radians, and lengths in units; for a left hand, those of its mirror image; NaN
-                without a fit
+    inputs      (D,) of the skeleton: radians, and lengths in units; for a left hand, those of its
+                mirror image; NaN without a fit
     bones       (K,) signed lengths in units, as ``Skeleton.bones``; NaN without a fit
-    origin_mm   (3,) origin of the inputs, camera axes: the middle of its crop, for a left hand not mirrored
+    origin_mm   (3,) origin of the inputs, camera axes: the middle of its crop, for a left
+                hand not mirrored
     xyz         (K, 3) mm, camera axes: x right, y up, z away
     center_uvd  (3,) px, px, mm: centre of its crop
     cube_mm     edge of that crop's cube
     capsules    its surface in mm, camera axes; None if unknown
-    side_confidence  probability that it is a ``hand``; below 1 while the side is undecided, and ``hand`` is assumed
+    side_confidence  probability that it is a ``hand``; below 1 while the side is undecided, and
+                     ``hand`` is assumed
     other       the same hand as one of the other side, while the side is undecided
-    finger_error_mm  (5,) expected error of each finger, from the thumb on: mean over PIP joint, DIP joint and tip; NaN
+    finger_error_mm  (5,) expected error of each finger, from the thumb on: mean over PIP joint, DIP
+                     joint and tip; NaN
                 where it is unknown
-    raw_xyz     (K, 3) mm, likewise: the joints before smoothing; None if poses are not smoothed, or if unknown
+    raw_xyz     (K, 3) mm, likewise: the joints before smoothing; None if poses are not
+                smoothed, or if unknown
     poses       before and after smoothing; None likewise
     presence    probability that it is a hand; NaN if unknown
     """
@@ -116,7 +121,8 @@ class TrackedHand:
 
 
 class LostHand(NamedTuple):
-    """A hand that was reported before, and is not found in this frame, or not with enough confidence.
+    """A hand that was reported before, and is not found in this frame, or not with
+    enough confidence.
 
     hand    None if its side was never decided
     since   s, when it was reported last
@@ -138,7 +144,8 @@ class PresentHand(NamedTuple):
     place       (3,) mm, camera axes: its middle
     reason      one line
     mask        (height, width) its pixels in the frame; None if unknown
-    is_sure     False if only a low presence says that it is a hand; then it is not reported beside one with joints
+    is_sure     False if only a low presence says that it is a hand; then it is not reported beside
+                one with joints
     """
 
     id: int

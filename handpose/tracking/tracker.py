@@ -5,9 +5,10 @@ with open_recording("frames") as recording:
     for frame in tracker.follow(recording):
         print(frame.time, [hand.xyz for hand in frame.hands], [hand.reason for hand in frame.lost])
 
-The fit of a hand starts from the pose extrapolated from its motion, at intervals also from the network's prediction,
-and the better result is used. While fewer hands than allowed have a sure pose, the finder looks for more. What it sees
-is present; a hand is followed once there is a pose, too.
+The fit of a hand starts from the pose extrapolated from its motion, at intervals also from
+the network's prediction, and the better result is used. While fewer hands than allowed have a
+sure pose, the finder looks for more. What it sees is present; a hand is followed once there
+is a pose, too.
 """
 
 from __future__ import annotations
@@ -50,16 +51,20 @@ from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
 
 MAX_HANDS = 100  # larger numbers of hands are invalid
-# A place is fitted accurately only if a first fast fit has this confidence, and a hand is followed from this product of
-# presence and confidence on: in twelve real recordings true hands begin with 0.31 or more, and all but a person's elbow
-# has up to 0.25. Beside a followed hand another one needs this confidence; the elbow has up to 0.64.
+# A place is fitted accurately only if a first fast fit has this confidence, and a hand is followed
+# from this product of presence and confidence on: in twelve real recordings true hands begin with
+# 0.31 or more, and all but a person's elbow has up to 0.25. Beside a followed hand another one
+# needs this confidence; the elbow has up to 0.64.
 ENOUGH_FIRST, ENOUGH_BOTH, BESIDE = ENOUGH / 3, 0.27, 0.7
 # of a tracked hand: its last pose replaces the turned crops
 AGAIN = dataclasses.replace(ACCURATE, quarters=(0,))
 
 
 def load_tracker(camera: Camera, *, fit: Fit = "fast", seed: int = 0, **options: object) -> Tracker:
-    """A tracker with the packaged weights; ``seed`` of its fits, other options as ``Tracker``. Raises NetlibError."""
+    """A tracker with the packaged weights; ``seed`` of its fits, other options as ``Tracker``.
+
+    Raises NetlibError.
+    """
     return Tracker(load_predictor(camera, fit=fit, seed=seed), **options)  # type: ignore[arg-type]
 
 
@@ -69,12 +74,15 @@ class Tracker:
     predictor  with a finder, a fit, and a camera of the frames' size
     hands      maximum number at a time
     smooth     smooth poses over time
-    size       of all hands, relative to the skeleton; by default each is estimated from its first seconds
+    size       of all hands, relative to the skeleton; by default each is estimated from
+               its first seconds
     surface    output each hand's surface, too
     min_presence    below it a found place is no hand
-    min_confidence  below it a hand is not reported (``SureHands``); 0 for all hands that are followed
+    min_confidence  below it a hand is not reported (``SureHands``); 0 for all hands
+                    that are followed
 
-    Raises NetlibError for an unsuitable predictor or number of hands, DataError for a size that cannot be fitted.
+    Raises NetlibError for an unsuitable predictor or number of hands, DataError for a size that
+    cannot be fitted.
     """
 
     def __init__(
@@ -123,7 +131,9 @@ class Tracker:
             yield self.step(frame)
 
     def step(self, frame: DepthFrame) -> TrackedFrame:
-        """The hands of the next frame. Raises DataError for another size, or a time that is not later; NetlibError.
+        """The hands of the next frame.
+
+        Raises DataError for another size, or a time that is not later; NetlibError.
 
         Raises UnitError for the first frame with readings if these are in metres or negative.
         """
@@ -141,7 +151,9 @@ class Tracker:
         return self._sure(self._report(frame.number, time))
 
     def _accept(self, frame: DepthFrame) -> tuple[Floats, Floats, float]:
-        """Check a frame; returns its readings (H, W) in mm, those that the camera can measure, and its time."""
+        """Check a frame; returns its readings (H, W) in mm, those that the camera can
+        measure, and its time.
+        """
         readings, time = np.asarray(depth_image(frame.depth), dtype=np.float32), frame.time
         check_size(readings, self.camera)
         if not self._read:
@@ -193,7 +205,9 @@ class Tracker:
         }
 
     def _drop_doubles(self) -> None:
-        """Drop one of two tracks at the same place: the one seen earlier, otherwise the worse one."""
+        """Drop one of two tracks at the same place: the one seen earlier, otherwise
+        the worse one.
+        """
         for track in sorted(
             self.tracks, key=lambda one: (-one.time, one.best.estimate.selection_cost)
         ):
@@ -207,7 +221,9 @@ class Tracker:
                         self._merge(track, other)
 
     def _merge(self, track: HandTrack, other: HandTrack) -> None:
-        """Forget a track that followed the same hand as one that goes on, under the id of the older one."""
+        """Forget a track that followed the same hand as one that goes on, under the id of
+        the older one.
+        """
         del self.known[other.id]
         if other.begun < track.begun:
             del self.known[track.id]
@@ -263,7 +279,9 @@ class Tracker:
         return taken
 
     def _drop_less_present(self) -> None:
-        """Drop the least evident of as many tracks as are wanted if another hand is sure and more present."""
+        """Drop the least evident of as many tracks as are wanted if another hand is sure
+        and more present.
+        """
         for place in filter(lambda one: one.is_sure, self.present.there):
             if len(self.tracks) < self.limit:
                 break
@@ -274,7 +292,9 @@ class Tracker:
     def _seen_at(
         self, hand: FoundHand, depth: Floats, readings: Floats, size: float | None
     ) -> list[Hand]:
-        """The poses of a found hand as one of each side; none if a fast fit has little confidence."""
+        """The poses of a found hand as one of each side; none if a fast fit has
+        little confidence.
+        """
         try:
             start = self.camera.project(hand.middle)
             first = self.predictor.pipeline.in_frame(depth, self.camera, start, unmoved_too=True)
@@ -320,7 +340,9 @@ class Tracker:
         return float("right" in sides) - float("left" in sides)
 
     def _id_of(self, side: Side, new: int) -> int:
-        """The id of a new hand: that of the last lost hand of this side, otherwise a ``new`` one."""
+        """The id of a new hand: that of the last lost hand of this side, otherwise
+        a ``new`` one.
+        """
         lost = [id for id in self._lost() if self.known[id].decided in (side, None)]
         return max(lost, key=lambda id: self.known[id].since) if lost else new
 

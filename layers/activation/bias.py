@@ -2,7 +2,8 @@
 
 bottom[0]  x     any shape
 bottom[1]  b     optional: used instead of the parameter
-params[0]  bias  shape of x's axes ``axis`` to ``axis + num_axes``; default one per channel; initially 0
+params[0]  bias  shape of x's axes ``axis`` to ``axis + num_axes``; default one per
+                 channel; initially 0
 top[0]     y     shape of x, may be the same blob
 
 y  = x + b
@@ -33,7 +34,8 @@ class BiasParameter:
 
 
 class Broadcast(Layer):
-    """Base class of Bias and Scale: a parameter, or a second bottom, is broadcast over some axes of x.
+    """Base class of Bias and Scale: a parameter, or a second bottom, is broadcast over
+    some axes of x.
 
     axis    its first axis in x
     wide    its shape for broadcasting

@@ -9,7 +9,8 @@ dx = dy slope(x)
 A subclass defines these two formulas as ``_write`` and ``_slope``. They are computed in
 blocks that stay in the cache with their temporary arrays.
 
-Kept for backward: ``x``, because in place y overwrites it. With ``from_y``, the slope is computed from y instead.
+Kept for backward: ``x``, because in place y overwrites it. With ``from_y``, the slope is computed
+from y instead.
 """
 
 from __future__ import annotations
@@ -30,7 +31,9 @@ class Elementwise(Layer):
     from_y = False
 
     def _write(self, x: Array, y: Array) -> None:
-        """Compute y for some values of x. y may be x itself, so x is not read after a part of y was written."""
+        """Compute y for some values of x. y may be x itself, so x is not read after a part of
+        y was written.
+        """
         raise NotImplementedError(f"{type(self).__name__} has no _write")
 
     def _slope(self, x: Array) -> Array:
@@ -69,7 +72,9 @@ def negative(x: Array) -> Array:
 
 
 def sigmoid(x: Array, beta: float = 1.0, out: Array | None = None) -> Array:
-    """1 / (1 + exp(-beta x)), by tanh, which NumPy computes faster and cannot overflow; ``out`` may be x itself."""
+    """1 / (1 + exp(-beta x)), by tanh, which NumPy computes faster and cannot overflow; ``out``
+    may be x itself.
+    """
     y = np.multiply(x, beta / 2, out=np.empty_like(x) if out is None else out)
     np.tanh(y, out=y)
     y *= 0.5

@@ -3,7 +3,8 @@
 bottom[0]  x  any shape
 top[0]     y  same shape, may be the same blob
 
-y  = ln(shift + scale x) / ln(base)        NaN or infinite where shift + scale x is not positive, as in Caffe
+y  = ln(shift + scale x) / ln(base)
+     NaN or infinite where shift + scale x is not positive, as in Caffe
 dx = dy scale / (shift + scale x) / ln(base)
 """
 

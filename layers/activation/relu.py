@@ -6,8 +6,8 @@ top[0]     y  same shape, may be the same blob
 y  = x where x > 0, slope x elsewhere
 dx = dy where x > 0, slope dy elsewhere (as in Caffe, also at 0)
 
-In place, backward reads y instead of x. The sign is the same unless the slope is negative or another layer in place has
-changed it.
+In place, backward reads y instead of x. The sign is the same unless the slope is negative or
+another layer in place has changed it.
 """
 
 from __future__ import annotations

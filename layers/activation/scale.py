@@ -1,8 +1,10 @@
-"""Scale: multiply by a learned gain (or by a second bottom) that is broadcast over some axes, and add a bias.
+"""Scale: multiply by a learned gain (or by a second bottom) that is broadcast over some axes,
+and add a bias.
 
 bottom[0]  x     any shape
 bottom[1]  gain  optional: used instead of the parameter
-params[0]  gain  shape of x's axes ``axis`` to ``axis + num_axes``; default one per channel; initially 1
+params[0]  gain  shape of x's axes ``axis`` to ``axis + num_axes``; default one per
+                 channel; initially 1
 params[-1] bias  same shape, with ``bias_term: true``
 top[0]     y     shape of x, may be the same blob
 

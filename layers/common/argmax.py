@@ -1,11 +1,11 @@
 """ArgMax: indices of the largest values.
 
 bottom[0]  x  (N, ...)
-top[0]     y  without ``axis``: (N, 1, k), padded with axes of size 1 to the number of axes of x: per item the indices
-              of its k = ``top_k`` largest values among all of its values, from 0, largest first;
-              with ``out_max_val``: (N, 2, k): the indices, then the values
-              with ``axis``: the shape of x, but k along ``axis``: the indices along it, or with ``out_max_val`` the
-              values instead
+top[0]     y  without ``axis``: (N, 1, k), padded with axes of size 1 to the number of axes of x:
+              per item the indices of its k = ``top_k`` largest values among all of its values, from
+              0, largest first; with ``out_max_val``: (N, 2, k): the indices, then the values with
+              ``axis``: the shape of x, but k along ``axis``: the indices along it, or with
+              ``out_max_val`` the values instead
 
 Ties are in the order of decreasing index, as in Caffe. There is no gradient.
 """

@@ -1,4 +1,5 @@
-"""Axpy: a x + y with one factor per channel; the last step of a "squeeze and excitation" block (SENet).
+"""Axpy: a x + y with one factor per channel; the last step of a "squeeze and excitation"
+block (SENet).
 
 bottom[0]  a  (N, C) or (N, C, 1, 1)
 bottom[1]  x  (N, C, H, W)

@@ -6,9 +6,9 @@ top[0]     y  same shape, may be the same blob
 TRAIN  y = x keep / (1 - p),   dx = dy keep / (1 - p)      keep = 1 with probability 1 - p, else 0
 TEST   y = x,                  dx = dy
 
-Kept for backward: ``factor`` = keep / (1 - p). The scale in TRAIN preserves the mean, so TEST needs none. With
-``scale_train: false`` (Fast R-CNN), TEST scales instead: y = x keep in TRAIN, y = x (1 - p) in TEST. With
-``sample_weights_test`` (Bayesian SegNet), TEST computes what TRAIN does.
+Kept for backward: ``factor`` = keep / (1 - p). The scale in TRAIN preserves the mean, so TEST needs
+none. With ``scale_train: false`` (Fast R-CNN), TEST scales instead: y = x keep in TRAIN, y = x
+(1 - p) in TEST. With ``sample_weights_test`` (Bayesian SegNet), TEST computes what TRAIN does.
 """
 
 from __future__ import annotations

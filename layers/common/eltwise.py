@@ -7,9 +7,9 @@ PROD  y = product of x_i               dx_i = dy times the product of the others
 SUM   y = sum of coeff_i x_i           dx_i = coeff_i dy
 MAX   y = maximum of x_i               dx_i = dy for the maximum, else 0
 
-Ties in MAX, as in Caffe: x_1 precedes x_0, otherwise the lower index precedes. ``stable_prod_grad: false`` computes the
-product of the others as y / x_i, which is faster, but NaN where x_i is 0. Kept for backward: ``winner``, the index of
-the maximum.
+Ties in MAX, as in Caffe: x_1 precedes x_0, otherwise the lower index precedes.
+``stable_prod_grad: false`` computes the product of the others as y / x_i, which is faster, but NaN
+where x_i is 0. Kept for backward: ``winner``, the index of the maximum.
 """
 
 from __future__ import annotations

@@ -1,4 +1,6 @@
-"""Embed: look up learned vectors by index. Equivalent to InnerProduct of one-hot vectors, but faster.
+"""Embed: look up learned vectors by index.
+
+Equivalent to InnerProduct of one-hot vectors, but faster.
 
 bottom[0]  i  any shape: integers from 0 to K - 1, with K = ``input_dim``
 params[0]  w  (K, O)

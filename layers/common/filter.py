@@ -6,8 +6,8 @@ top[i]      y_i  (M, ...), one for each x_i: the M kept items, in order; M may b
 
 dx_i = dy_i for kept items, 0 for the others;     s has no gradient
 
-``forward`` determines M and reshapes the tops. Before that they have room for all N items, so that later layers can be
-set up. Kept for backward: ``passed``, the indices of the kept items.
+``forward`` determines M and reshapes the tops. Before that they have room for all N items, so that
+later layers can be set up. Kept for backward: ``passed``, the indices of the kept items.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Flatten: join several axes into one.
 
 bottom[0]  x  any shape
-top[0]     y  axes ``axis`` to ``end_axis`` (inclusive) joined, by default all but the first; if ``end_axis`` is the
-              axis before ``axis``, an axis of size 1 is inserted instead
+top[0]     y  axes ``axis`` to ``end_axis`` (inclusive) joined, by default all but the first; if
+              ``end_axis`` is the axis before ``axis``, an axis of size 1 is inserted instead
 
 y = x,  dx = dy, reshaped
 """

@@ -1,6 +1,7 @@
 """InnerProduct: every output is a weighted sum of all inputs of an item ("fully connected" layer).
 
-bottom[0]  x  (..., I)   axes before ``axis`` count the M items, the others are flattened to I inputs
+bottom[0]  x  (..., I)   axes before ``axis`` count the M items, the others are
+                         flattened to I inputs
 params[0]  w  (O, I), or (I, O) with ``transpose``
 params[1]  b  (O,)       unless ``bias_term: false``
 top[0]     y  (..., O)

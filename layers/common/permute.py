@@ -1,11 +1,13 @@
 """Permute: put the axes in another order (SSD).
 
 bottom[0]  x  any shape
-top[0]     y  axis i of y is axis order[i] of x; axes that ``order`` does not name follow in their sequence
+top[0]     y  axis i of y is axis order[i] of x; axes that ``order`` does not name follow in
+              their sequence
 
 y = x with its axes in this order;  dx = dy with its axes in the inverse order
 
-With ``order: 0 order: 2 order: 3 order: 1``, y[n, h, w, c] = x[n, c, h, w]: all numbers of one position are neighbours.
+With ``order: 0 order: 2 order: 3 order: 1``, y[n, h, w, c] = x[n, c, h, w]: all numbers of one
+position are neighbours.
 """
 
 from __future__ import annotations

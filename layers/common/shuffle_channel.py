@@ -3,9 +3,11 @@
 bottom[0]  x  (N, C, ...)
 top[0]     y  (N, C, ...)
 
-The channels are numbered by their group i of G and their place j of C / G in it. The two are exchanged:
+The channels are numbered by their group i of G and their place j of C / G in it. The two
+are exchanged:
 
-y[n, j G + i]      = x[n, i C / G + j]         a transpose of (N, G, C / G, ...) to (N, C / G, G, ...)
+y[n, j G + i]      = x[n, i C / G + j]
+                     a transpose of (N, G, C / G, ...) to (N, C / G, G, ...)
 dx[n, i C / G + j] = dy[n, j G + i]
 """
 

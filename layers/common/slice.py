@@ -1,7 +1,8 @@
 """Slice: split a blob along an axis.
 
 bottom[0]  x    any shape
-top[i]     y_i  the parts between the ``slice_point``s, of which the last may be empty; by default equal parts
+top[i]     y_i  the parts between the ``slice_point``s, of which the last may be empty; by
+                default equal parts
 
 dx = the dy_i in sequence
 """

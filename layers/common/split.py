@@ -1,4 +1,6 @@
-"""Split: copy a blob for several readers. The net inserts this layer automatically (netlib/proto/net_parameter.py).
+"""Split: copy a blob for several readers.
+
+The net inserts this layer automatically (netlib/proto/net_parameter.py).
 
 bottom[0]  x    any shape
 top[i]     y_i  same shape

@@ -3,9 +3,9 @@
 top[0]  data   (batch_size, C, H, W)  images, transformed (transform.py)
 top[1]  label  (batch_size,)          if there is a second top
 
-An entry is a Datum (images.py): bytes, floats, or an encoded image, which OpenCV decodes. Entries are read in the order
-of their keys, starting over after the last. The first image of a batch determines its size; the others must have the
-same, unless they are cropped.
+An entry is a Datum (images.py): bytes, floats, or an encoded image, which OpenCV decodes. Entries
+are read in the order of their keys, starting over after the last. The first image of a batch
+determines its size; the others must have the same, unless they are cropped.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ class Data(Reader):
         what = f"{self.path}: entry {self.cursor.key.decode(errors='backslashreplace')!r}"
         return *decode_datum(self.cursor.value(), self.transformer.color, what), what
 
-    # ------------------------------------------------------------------------------------------ for resume
+    # ----------------------------------------------------------------------------------- for resume
 
     def state(self) -> dict[str, Any]:
         return {**super().state(), "key": self.key.hex(), "database": self._identity()}

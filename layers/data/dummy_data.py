@@ -1,7 +1,7 @@
 """DummyData: constant or random values, for testing a net without data.
 
-top[i]  shape and values from ``dummy_data_param { shape { ... } data_filler { ... } }``, one for each top or one
-        for all; constants are written once, random values for every batch
+top[i]  shape and values from ``dummy_data_param { shape { ... } data_filler { ... } }``, one for
+        each top or one for all; constants are written once, random values for every batch
 """
 
 from __future__ import annotations

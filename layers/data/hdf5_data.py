@@ -1,12 +1,14 @@
 """HDF5Data: batches from HDF5 files.
 
-top[i]  rows of the data set with the name of the top, (batch_size, ...), converted to the net's dtype
+top[i]  rows of the data set with the name of the top, (batch_size, ...), converted to
+        the net's dtype
 
-``source`` is a list, one file per line. Rows are read in order; batches continue across files and start over after the
-last one. With ``shuffle``, every pass visits the files, and the rows of each file, in a new order.
+``source`` is a list, one file per line. Rows are read in order; batches continue across files and
+start over after the last one. With ``shuffle``, every pass visits the files, and the rows of each
+file, in a new order.
 
-The order is a pure function of a *cursor* (pass, file, row) and the layer's seed, so the cursor is all that a snapshot
-needs to continue with the next row.
+The order is a pure function of a *cursor* (pass, file, row) and the layer's seed, so the cursor is
+all that a snapshot needs to continue with the next row.
 """
 
 from __future__ import annotations
@@ -87,8 +89,9 @@ class HDF5Data(Reader):
         self.cursor = self.read(self.cursor, [blob.data for blob in top])
 
     def read(self, cursor: Cursor, batch: list[Array]) -> Cursor:
-        """Fill ``batch`` with the rows from ``cursor`` on, or with this rank's shard of them; returns the cursor after
-        them."""
+        """Fill ``batch`` with the rows from ``cursor`` on, or with this rank's shard of them;
+        returns the cursor after them.
+        """
         done, size = 0, len(batch[0]) * self.shard.count
         while done < size:
             turn, place, row = cursor
@@ -106,12 +109,14 @@ class HDF5Data(Reader):
         return cursor
 
     def order(self, count: int, turn: int, stream: int) -> Array:
-        """Order in which a pass visits the files (stream 0), or the rows of its n-th file (stream n)."""
+        """Order in which a pass visits the files (stream 0), or the rows of its n-th
+        file (stream n).
+        """
         if not self.param.shuffle or count == 1:
             return np.arange(count)
         return np.random.default_rng([self.seed, turn, stream]).permutation(count)
 
-    # ------------------------------------------------------------------------------------------ for resume and tools
+    # ------------------------------------------------------------------------- for resume and tools
 
     def state(self) -> dict[str, Any]:
         return {"seed": self.seed, "cursor": list(self.cursor), "files": self._identity()}

@@ -3,9 +3,9 @@
 bottom[0]  (N, ...)  written to the data set "data"
 bottom[1]  (N, ...)  written to the data set "label"
 
-Both are written with four axes, as in Caffe: axes of size 1 are appended. A file holds one batch, that of the first
-forward; a second forward is an error, as in Caffe. The file is written atomically. A file that a data layer of this
-process reads is rejected.
+Both are written with four axes, as in Caffe: axes of size 1 are appended. A file holds one batch,
+that of the first forward; a second forward is an error, as in Caffe. The file is written
+atomically. A file that a data layer of this process reads is rejected.
 
 dx_i = 0
 """

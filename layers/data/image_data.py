@@ -1,15 +1,17 @@
 """ImageData: batches of image files.
 
-top[0]  data   (batch_size, C, H, W)  images, transformed (transform.py), in BGR order, or grey if not is_color
+top[0]  data   (batch_size, C, H, W)  images, transformed (transform.py), in BGR order, or grey
+                                      if not is_color
 top[1]  label  (batch_size,)
 
-``source`` is a list with one ``path label`` per line. The path is everything before the last space; ``root_folder`` is
-prepended to it without a slash. Images are resized to ``new_height`` x ``new_width`` if given. The first image of a
-batch determines its size; the others must have the same, unless they are resized or cropped.
+``source`` is a list with one ``path label`` per line. The path is everything before the last space;
+``root_folder`` is prepended to it without a slash. Images are resized to ``new_height`` x
+``new_width`` if given. The first image of a batch determines its size; the others must have the
+same, unless they are resized or cropped.
 
-Images are read in the order of the list, starting over after the last. With ``shuffle``, every pass has a new order, a
-pure function of the layer's seed and the number of the pass, so a *cursor* (pass, index) is all that a snapshot needs
-to continue with the next image.
+Images are read in the order of the list, starting over after the last. With ``shuffle``, every pass
+has a new order, a pure function of the layer's seed and the number of the pass, so a *cursor*
+(pass, index) is all that a snapshot needs to continue with the next image.
 """
 
 from __future__ import annotations
@@ -108,7 +110,9 @@ class ImageData(Reader):
         self.cursor = cursor
 
     def skip_batch(self) -> list[tuple[int, int]]:
-        """Move the cursor behind the next batch without reading it; returns its rows, and the index of each item."""
+        """Move the cursor behind the next batch without reading it; returns its rows, and the
+        index of each item.
+        """
         batch, self.cursor = self._next_batch()
         return batch
 
@@ -139,7 +143,7 @@ class ImageData(Reader):
             return np.arange(len(self.items))
         return np.random.default_rng([self.seed, turn]).permutation(len(self.items))
 
-    # ------------------------------------------------------------------------------------------ for resume
+    # ----------------------------------------------------------------------------------- for resume
 
     def state(self) -> dict[str, Any]:
         return {

@@ -1,4 +1,5 @@
-"""Decoding of image files with OpenCV, and of the entries of Caffe's databases (Datum), as in Caffe.
+"""Decoding of image files with OpenCV, and of the entries of Caffe's databases
+(Datum), as in Caffe.
 
 Images are bytes (H, W, C) in BGR order.
 """
@@ -54,7 +55,9 @@ def planes(image: Array) -> Array:
 
 
 def decode_datum(data: bytes, color: bool | None, what: str) -> tuple[Array, int]:
-    """Decode values (C, H, W) and label of a Datum: bytes, floats or an encoded image. Raises DataError.
+    """Decode values (C, H, W) and label of a Datum: bytes, floats or an encoded image.
+
+    Raises DataError.
 
     ``color`` selects how images are decoded: True in colour, False in grey, None unchanged.
     """

@@ -1,26 +1,27 @@
 """LMDB: a reader of database files, page by page. The file is not trusted; damage raises DataError.
 
-The file is a sequence of pages of one size. Numbers are little endian, as on 64-bit machines; sizes in bytes:
+The file is a sequence of pages of one size. Numbers are little endian, as on 64-bit machines;
+sizes in bytes:
 
-    page      page number 8 | - 2 | kind 2 | lower 2 | upper 2 | offset of each node 2, up to lower |
-              unused | the nodes, from upper to the end of the page
+    page      page number 8 | - 2 | kind 2 | lower 2 | upper 2 | offset of each node 2, up to
+              lower | unused | the nodes, from upper to the end of the page
     meta      pages 0 and 1, from byte 16 on: magic 4 | version 4 | - 16 | tree of free pages 48 |
-              tree of entries 48 | number of the last page 8 | transaction number 8
-              A transaction writes new pages and then one of these two; the one with the higher number is current.
-    tree      (in the first tree) page size 4 | flags 2 | depth 2 | branch, leaf, overflow pages 8 each |
-              entries 8 | number of the root page 8
-    branch    per node: page number, low 4 and high 2 | length of the key 2 | key
-              Keys from this one up to that of the next node are below it. The key of the first node is ignored.
+              tree of entries 48 | number of the last page 8 | transaction number 8 A transaction
+              writes new pages and then one of these two; the one with the higher number is current.
+    tree      (in the first tree) page size 4 | flags 2 | depth 2 | branch, leaf, overflow pages 8
+              each | entries 8 | number of the root page 8
+    branch    per node: page number, low 4 and high 2 | length of the key 2 | key Keys from this one
+              up to that of the next node are below it. The key of the first node is ignored.
     leaf      per node: length of the value 4 | flags 2 | length of the key 2 | key | value
               With flag 1, instead of the value: number of the page where it starts 8
     overflow  page number 8 | - 2 | kind 2 | number of consecutive pages 4 | value
 
-Offsets are sorted by key. All leaves are at the depth of the tree. A page must contain its own number, be of the kind
-that its depth requires, and hold only keys between those that lead to it. Therefore no page can be visited twice, and
-every walk through the database ends.
+Offsets are sorted by key. All leaves are at the depth of the tree. A page must contain its own
+number, be of the kind that its depth requires, and hold only keys between those that lead to it.
+Therefore no page can be visited twice, and every walk through the database ends.
 
-The file is read, not memory-mapped, so a file truncated while in use causes an error instead of a crash.
-Reference: LMDB 0.9, mdb.c.
+The file is read, not memory-mapped, so a file truncated while in use causes an error instead of a
+crash. Reference: LMDB 0.9, mdb.c.
 """
 
 from __future__ import annotations
@@ -85,12 +86,17 @@ class Database:
             )
 
     def damaged(self, number: int, what: str) -> DataError:
-        """Return the error for a damaged page. Raises DataError if the file was changed while in use."""
+        """Return the error for a damaged page.
+
+        Raises DataError if the file was changed while in use.
+        """
         self.source.check()
         return DataError(f"{self.path}: page {number}: {what}; the database is damaged")
 
     def _meta_page(self, number: int, offset: int) -> tuple[int, ...]:
-        """Transaction, page size, flags, depth of the tree, number of pages in use, number of entries, and root."""
+        """Transaction, page size, flags, depth of the tree, number of pages in use, number of
+        entries, and root.
+        """
         raw = self.source.read(offset, HEADER.size + META.size)
         own, _, kind, _, _ = HEADER.unpack_from(raw)
         magic, version, free, entries, _, transaction = META.unpack_from(raw, HEADER.size)
@@ -107,7 +113,8 @@ class Database:
         return transaction, page_size, flags, depth, 2 + sum(pages), count, root
 
     def entries_from(self, start: bytes) -> Iterator[tuple[bytes, Any]]:
-        """Yield the entries whose keys are not below ``start``, in order; with an empty one their number is checked.
+        """Yield the entries whose keys are not below ``start``, in order; with an empty one their
+        number is checked.
 
         A value is the bytes, or the number of the page where they start and their number.
         """
@@ -123,7 +130,9 @@ class Database:
     def _below(
         self, start: bytes, number: int, level: int, begin: bytes, end: bytes | None
     ) -> Iterator[Any]:
-        """Yield these entries of a page at a level above the leaves, with keys from ``begin`` up to ``end``."""
+        """Yield these entries of a page at a level above the leaves, with keys from ``begin``
+        up to ``end``.
+        """
         keys, values = self._page(number, level, begin, end)
         first = max(bisect_right(keys, start) - 1, 0)
         for key, after, value in zip(keys[first:], [*keys[first + 1 :], end], values[first:]):
@@ -135,7 +144,9 @@ class Database:
     def _page(
         self, number: int, level: int, begin: bytes, end: bytes | None
     ) -> tuple[list[bytes], list[Any]]:
-        """Read a page: its keys, and the numbers of the pages below it, or the values of its entries."""
+        """Read a page: its keys, and the numbers of the pages below it, or the values
+        of its entries.
+        """
         raw = self._read(number, 1, 0, self._page_size)
         own, _, kind, lower, upper = HEADER.unpack_from(raw)
         name, expected = ("branch", BRANCH) if level else ("leaf", LEAF)
@@ -195,7 +206,9 @@ class Database:
 
 
 class Cursor:
-    """A position in a database; undefined before the first move and after an error. Reading can raise DataError.
+    """A position in a database; undefined before the first move and after an error.
+
+    Reading can raise DataError.
 
     key  key of the current entry
     """
@@ -206,7 +219,10 @@ class Cursor:
         self.key, self._value = b"", b""
 
     def value(self) -> bytes:
-        """Value of the current entry. Raises DataError, also if the file was changed since it was opened."""
+        """Value of the current entry.
+
+        Raises DataError, also if the file was changed since it was opened.
+        """
         value = (
             self._database.value(*self._value) if isinstance(self._value, tuple) else self._value
         )

@@ -3,9 +3,9 @@
 top[0]  data   (batch_size, channels, height, width)
 top[1]  label  (batch_size, 1, 1, 1)
 
-``set_input_arrays`` sets the arrays; the number of items must be a multiple of ``batch_size``. Every forward reads the
-next batch, starting over after the last. As in Caffe, the arrays are not transformed. They are not copied, so later
-changes to them affect the following batches.
+``set_input_arrays`` sets the arrays; the number of items must be a multiple of ``batch_size``.
+Every forward reads the next batch, starting over after the last. As in Caffe, the arrays are not
+transformed. They are not copied, so later changes to them affect the following batches.
 """
 
 from __future__ import annotations
@@ -57,7 +57,10 @@ class MemoryData(Layer):
             )
 
     def set_input_arrays(self, data: ArrayLike, labels: ArrayLike) -> None:
-        """Set the arrays to read: data (N, C, H, W), labels (N,) or (N, 1, 1, 1). Raises LayerError."""
+        """Set the arrays to read: data (N, C, H, W), labels (N,) or (N, 1, 1, 1).
+
+        Raises LayerError.
+        """
         p, x, t = self.param, np.asarray(data), np.asarray(labels)
         for what, array, shape in (
             ("data", x, (p.channels, p.height, p.width)),

@@ -17,7 +17,10 @@ class Reader(Layer):
     shard: Shard = EVERY_ROW
 
     def batch_of(self) -> int:
-        """Number of rows to read for the ``batch_size``: this rank's part if ranks divide it. Raises LayerError."""
+        """Number of rows to read for the ``batch_size``: this rank's part if ranks divide it.
+
+        Raises LayerError.
+        """
         if self.param.batch_size == 0:
             raise self.fail("batch_size must be at least 1", "batch_size")
         try:

@@ -4,9 +4,10 @@ An image x is (C, H, W), bytes or floats. The result is
 
     y = scale (x - mean)
 
-then cropped to ``crop_size`` x ``crop_size`` and mirrored left to right at random. The mean is an image of the size of
-x, or one number per channel, or one for all. The crop is random in phase TRAIN, central in TEST (rounded to the top and
-left); images are mirrored in both phases, as in Caffe.
+then cropped to ``crop_size`` x ``crop_size`` and mirrored left to right at random. The mean
+is an image of the size of x, or one number per channel, or one for all. The crop is random in
+phase TRAIN, central in TEST (rounded to the top and left); images are mirrored in both
+phases, as in Caffe.
 """
 
 from __future__ import annotations

@@ -6,21 +6,24 @@ bottom[2]  priors       (1, 2, P 4)    boxes and variances of PriorBox
 bottom[3]  ignored
 top[0]     detections   (1, 1, D, 7)   item, label, confidence, xmin, ymin, xmax, ymax
 
-1. A location l moves and scales its prior p, with variance v (with ``variance_encoded_in_target`` v = 1):
+1. A location l moves and scales its prior p, with variance v (with
+   ``variance_encoded_in_target`` v = 1):
 
    CORNER       corner = corner of p + v l
    CORNER_SIZE  corner = corner of p + v l * size of p
    CENTER_SIZE  centre = centre of p + v l * size of p,    size = size of p * exp(v l)
 
    ``clip`` limits the corners to [0, 1].
-2. For each class except the background: of the boxes whose confidence exceeds ``confidence_threshold``, the ``top_k``
-   with the highest confidence.
-3. Non-maximum suppression in this order: a box is dropped if its overlap (intersection / union) with a kept box exceeds
-   ``nms_threshold``. With eta < 1, each kept box multiplies the threshold by eta while it is above 0.5.
+2. For each class except the background: of the boxes whose confidence exceeds
+   ``confidence_threshold``, the ``top_k`` with the highest confidence.
+3. Non-maximum suppression in this order: a box is dropped if its overlap (intersection / union)
+   with a kept box exceeds ``nms_threshold``. With eta < 1, each kept box multiplies the threshold
+   by eta while it is above 0.5.
 4. Of the boxes of all classes of an item, the ``keep_top_k`` with the highest confidence.
 
-Rows are sorted by item, label and confidence. If there is no detection in the batch, each item has a row of -1 behind
-its number. Negative top_k and keep_top_k: all. Of equal confidences the first comes first.
+Rows are sorted by item, label and confidence. If there is no detection in the batch, each item
+has a row of -1 behind its number. Negative top_k and keep_top_k: all. Of equal confidences the
+first comes first.
 
 ``forward`` determines D and reshapes the top; before that it has one row. There is no gradient.
 """
@@ -201,7 +204,9 @@ class DetectionOutput(Layer):
 
 
 def best(scores: Array, threshold: float | None, count: int) -> Array:
-    """Indices of the ``count`` highest scores above the threshold, highest first; of equal ones the first first."""
+    """Indices of the ``count`` highest scores above the threshold, highest first; of equal ones
+    the first first.
+    """
     chosen = np.flatnonzero(scores > (np.finfo(np.float32).min if threshold is None else threshold))
     if 0 < count < len(chosen):
         lowest = -np.partition(-scores[chosen], count - 1)[count - 1]
@@ -241,7 +246,9 @@ def suppress(boxes: Array, threshold: float, eta: float = 1) -> list[int]:
 
 
 def overlap(a: Array, b: Array) -> Array:
-    """Intersection / union of each box of a (K, 4) with each of b (M, 4): (K, M); NaN if both are empty."""
+    """Intersection / union of each box of a (K, 4) with each of b (M, 4): (K, M); NaN if
+    both are empty.
+    """
     (x1, y1, x2, y2), (u1, v1, u2, v2) = (
         np.ascontiguousarray(a.T)[:, :, None],
         np.ascontiguousarray(b.T),

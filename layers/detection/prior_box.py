@@ -1,23 +1,27 @@
 """PriorBox: the default boxes of a feature map, which DetectionOutput moves and scales (SSD).
 
 bottom[0]  map    (N, C, H, W); only H and W are used
-bottom[1]  image  (N, C, height, width); its size is used unless given by ``img_size``, or ``img_h`` and ``img_w``
+bottom[1]  image  (N, C, height, width); its size is used unless given by ``img_size``, or
+                  ``img_h`` and ``img_w``
 top[0]     y      (1, 2, H W P 4): y[0, 0] the boxes, y[0, 1] their variances
 
 Position (h, w) of the map has P boxes with their centre at
 
-    x = (w + offset) step_w,    y = (h + offset) step_h        step = size of the image / size of the map, or given
+    x = (w + offset) step_w,    y = (h + offset) step_h
+    step = size of the image / size of the map, or given
 
 For each min_size m these are, in sequence, width x height
 
     m x m,    √(m M) x √(m M) with max_size M,    m √r x m / √r for each ratio r other than 1
 
-where each ``aspect_ratio`` is followed by its inverse (``flip``), and a ratio that already occurred is skipped. A box
-is (xmin, ymin, xmax, ymax), divided by the width and height of the image; ``clip`` limits it to [0, 1].
+where each ``aspect_ratio`` is followed by its inverse (``flip``), and a ratio that already occurred
+is skipped. A box is (xmin, ymin, xmax, ymax), divided by the width and height of the image;
+``clip`` limits it to [0, 1].
 
 The top does not depend on the values of the bottoms, so their gradients are 0.
 
-Fractions of min_size and max_size are kept, as in OpenCV and later forks; the SSD branch itself truncates them.
+Fractions of min_size and max_size are kept, as in OpenCV and later forks; the SSD branch itself
+truncates them.
 """
 
 from __future__ import annotations
@@ -87,7 +91,10 @@ class PriorBox(ZeroGradient):
         self.step = self._pair("step", "step_h", "step_w")
 
     def _pair(self, both: str, height: str, width: str) -> tuple[float, float] | None:
-        """The values of an option for height and width; None if it is not given. Raises LayerError."""
+        """The values of an option for height and width; None if it is not given.
+
+        Raises LayerError.
+        """
         one, pair = (
             getattr(self.param, both),
             (getattr(self.param, height), getattr(self.param, width)),

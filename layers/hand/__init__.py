@@ -1,1 +1,3 @@
-"""Layers for articulated bodies such as hands: augmentation, forward kinematics, physical limits."""
+"""Layers for articulated bodies such as hands: augmentation, forward kinematics,
+physical limits.
+"""

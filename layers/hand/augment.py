@@ -1,22 +1,27 @@
 """HandAugment: rotate, scale and shift depth crops and their joints at random during training.
 
 bottom[0]  depth  (N, 1, S, S)  crops in [-1, 1], background 1
-bottom[1]  joint  (N, 3 K)      x y z of each joint, in half-cubes from the crop centre; x right, y up, z away
+bottom[1]  joint  (N, 3 K)      x y z of each joint, in half-cubes from the crop centre; x
+                                right, y up, z away
 top[0], top[1]    same shapes, may be the same blobs
 
-TRAIN, with a random angle a (counter-clockwise), factor s, shift (u right, v down) and step d per item:
+TRAIN, with a random angle a (counter-clockwise), factor s, shift (u right, v down) and
+step d per item:
 
     a pixel at (c, r) from the centre moves to  s (c cos a + r sin a, r cos a - c sin a) + (u, v)
     its depth z becomes                         s z + d, clipped to [-1, 1], except background
-    a joint (x, y, z) moves to                  s (x cos a - y sin a, x sin a + y cos a, z) + (u', -v', d)
+    a joint (x, y, z) moves to                  s (x cos a - y sin a, x sin a + y cos a,
+                                                z) + (u', -v', d)
 
-with u' = u / (S/2), v' = v / (S/2), because a half-cube has S/2 pixels. Joints are clipped to [-1, 1], as in the data.
-The factor scales the hand in all three directions, which is equivalent to a smaller cube around it. Pixels are sampled
-by nearest neighbour, because averaging depths across an edge gives points in free space. Beyond the crop its border is
-repeated, so that an arm continues. The projection is treated as orthographic; over the depth of a hand, perspective
-would change the shift by up to a fifth, less than a pixel.
+with u' = u / (S/2), v' = v / (S/2), because a half-cube has S/2 pixels. Joints are clipped to
+[-1, 1], as in the data. The factor scales the hand in all three directions, which is equivalent to
+a smaller cube around it. Pixels are sampled by nearest neighbour, because averaging depths across
+an edge gives points in free space. Beyond the crop its border is repeated, so that an arm
+continues. The projection is treated as orthographic; over the depth of a hand, perspective would
+change the shift by up to a fifth, less than a pixel.
 
-TEST  the tops are copies of the bottoms. There is no gradient: place the layer directly after the data layer.
+TEST  the tops are copies of the bottoms. There is no gradient: place the layer directly after
+      the data layer.
 """
 
 from __future__ import annotations
@@ -30,14 +35,17 @@ from netlib.blob import Array, Blobs
 from netlib.layer import TRAIN, Layer
 from netlib.proto.schema import numbered
 
-# Offset in px from S/2 to the pixel of a crop's centre. The crop's corner and the sampled pixel are both rounded down;
-# measured .765 of a column and .909 of a row on the mean of NYU's crops. An error of 0.25 px is below the noise.
+# Offset in px from S/2 to the pixel of a crop's centre. The crop's corner and the sampled pixel are
+# both rounded down; measured .765 of a column and .909 of a row on the mean of NYU's crops. An
+# error of 0.25 px is below the noise.
 _MIDDLE = 0.75
 
 
 @dataclass(frozen=True)
 class HandAugmentParameter:
-    """The ``hand_augment_param { ... }`` block: maximum changes, each drawn uniformly from both directions."""
+    """The ``hand_augment_param { ... }`` block: maximum changes, each drawn uniformly from
+    both directions.
+    """
 
     rotation: float = numbered(1, 0.0)  # degrees
     scale: float = numbered(2, 0.0)  # factors from 1 - scale to 1 + scale
@@ -107,7 +115,9 @@ class HandAugment(Layer):
         y[...] = np.clip(moved, -1, 1).reshape(y.shape)
 
     def move_crops(self, x: Array, y: Array, source: Array, s: Array, d: Array) -> None:
-        """Write the transformed crops (n, S, S) to y: sampled by the maps ``source`` (n, 2, 3), depths s z + d."""
+        """Write the transformed crops (n, S, S) to y: sampled by the maps ``source`` (n, 2, 3),
+        depths s z + d.
+        """
         S, how = x.shape[-1], cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
         old = x.copy()
         if self.warps:
@@ -118,7 +128,9 @@ class HandAugment(Layer):
 
 
 def _source_of(turn: Array, s: Array, move: Array, S: int) -> Array:
-    """Matrix (2, 3) per item that maps a new pixel (column, row, 1) to the old pixel that it shows."""
+    """Matrix (2, 3) per item that maps a new pixel (column, row, 1) to the old pixel
+    that it shows.
+    """
     back = turn.transpose(0, 2, 1) / s[:, None, None]
     middle = np.full(2, S / 2 + _MIDDLE)
     offset = middle - np.einsum("nij,nj->ni", back, middle + move)

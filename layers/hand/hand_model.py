@@ -1,7 +1,10 @@
-"""HandModel: joint angles → joint positions, so that every prediction is a valid hand (Sec. 3.2 of the paper).
+"""HandModel: joint angles → joint positions, so that every prediction is a valid hand
+(Sec. 3.2 of the paper).
 
-bottom[0]  x  (N, D)      values of the skeleton's DoFs: radians, or half-cubes for lengths (the hand: D = 47)
-top[0]     y  (N, 3 K)    x y z of each joint, in half-cubes from the crop centre; x right, y up, z away (K = 31)
+bottom[0]  x  (N, D)      values of the skeleton's DoFs: radians, or half-cubes for lengths
+                          (the hand: D = 47)
+top[0]     y  (N, 3 K)    x y z of each joint, in half-cubes from the crop centre; x right, y up,
+                          z away (K = 31)
 
 y  = forward kinematics of x                 derived in kinematics.py
 dx = transposed Jacobian times dy            0 for fixed DoFs
@@ -60,7 +63,9 @@ class HandModel(Layer):
         top[0].data[...] = self.pose.joints.reshape(top[0].shape)
 
     def _body(self, bottom: Blobs) -> tuple[Array, ...]:
-        """Arguments of the kinematics: inputs (N, D) and, if they differ from the skeleton's, bone lengths (N, K)."""
+        """Arguments of the kinematics: inputs (N, D) and, if they differ from the skeleton's, bone
+        lengths (N, K).
+        """
         return (bottom[0].data.reshape(-1, len(self.skeleton.dof_names)),)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:

@@ -1,30 +1,35 @@
-r"""Forward kinematics of a skeleton (Sec. 3.1 and Appendix of the paper), and its gradient by torques.
+r"""Forward kinematics of a skeleton (Sec. 3.1 and Appendix of the paper), and its
+gradient by torques.
 
-From the root outwards, parents before children, each joint j starts from its parent's position p and frame
-F = world_from_parent, a 3 x 3 rotation, and applies in order
+From the root outwards, parents before children, each joint j starts from its parent's position p
+and frame F = world_from_parent, a 3 x 3 rotation, and applies in order
 
     translations  p <- p + F e_axis theta          for each ``translate``
     rotations     F <- F R_axis(theta)             for each ``rotate``; gives world_from_joint
     its bone      X_j = p + F e_axis length
 
-This is the product of 4 x 4 transforms in Eq. 4 of the paper, from root to tip. theta is the input plus a constant, so
-the gradient with respect to the input is dL/dtheta.
+This is the product of 4 x 4 transforms in Eq. 4 of the paper, from root to tip. theta is the input
+plus a constant, so the gradient with respect to the input is dL/dtheta.
 
-The gradient needs no derivative of a matrix. A joint at X that rotates about the unit axis a through the pivot P moves
-with velocity a x (X - P). If the gradient f_k = dL/dX_k of every joint is treated as a force on it, then
+The gradient needs no derivative of a matrix. A joint at X that rotates about the unit axis a
+through the pivot P moves with velocity a x (X - P). If the gradient f_k = dL/dX_k of every joint is
+treated as a force on it, then
 
-    dL/dtheta = sum_k  f_k . (a x (X_k - P))  =  a . sum_k (X_k - P) x f_k        over j and its descendants k
+    dL/dtheta = sum_k  f_k . (a x (X_k - P))  =  a . sum_k (X_k - P) x f_k
+                over j and its descendants k
 
-is the torque about the axis. Forces and torques are therefore summed from the tips inwards, children before parents, as
-in robot dynamics:
+is the torque about the axis. Forces and torques are therefore summed from the tips inwards,
+children before parents, as in robot dynamics:
 
     force_j   = f_j + sum of force_c                                over the children c of j
-    torque_j  = sum of (torque_c + (X_c - X_j) x force_c)           about X_j, over the children c of j
+    torque_j  = sum of (torque_c + (X_c - X_j) x force_c)
+                about X_j, over the children c of j
 
     dL/dtheta = a . (torque_j + (X_j - P) x force_j)    for a rotation about a through P
     dL/dtheta = a . force_j                             for a translation along a
 
-A bone acts like a translation: making it longer moves its joint and all descendants along its axis a,
+A bone acts like a translation: making it longer moves its joint and all descendants
+along its axis a,
 
     dL/dlength = a . force_j                            for joint j's bone
 """
@@ -51,13 +56,19 @@ class Pose:
 
 
 class Kinematics:
-    """Forward kinematics of a skeleton and its gradients. Computes in float64, returns ``dtype``."""
+    """Forward kinematics of a skeleton and its gradients.
+
+    Computes in float64, returns ``dtype``.
+    """
 
     def __init__(self, skeleton: Skeleton, dtype: DTypeLike = np.float64) -> None:
         self.skeleton, self.dtype = skeleton, np.dtype(dtype)
 
     def forward(self, inputs: Array, bones: Array | None = None) -> Pose:
-        """Compute the pose for each row of ``inputs`` (N, D). ``bones`` (N, K) sets signed bone lengths per row."""
+        """Compute the pose for each row of ``inputs`` (N, D).
+
+        ``bones`` (N, K) sets signed bone lengths per row.
+        """
         sk, theta = self.skeleton, self.skeleton.theta(inputs)
         lengths = np.broadcast_to(sk.bones if bones is None else bones, (len(theta), len(sk.bones)))
         pose = Pose(len(theta), len(sk.bones), len(sk.driven))
@@ -87,7 +98,9 @@ class Kinematics:
         return self.forward(inputs, bones)
 
     def backward(self, pose: Pose, dX: Array) -> Array:
-        """Gradient (N, D) with respect to the inputs, from the gradient ``dX`` (N, K, 3) of the joints; 0 if fixed."""
+        """Gradient (N, D) with respect to the inputs, from the gradient ``dX`` (N, K, 3) of the
+        joints; 0 if fixed.
+        """
         sk, X = self.skeleton, pose.joints
         force, torque = np.array(dX, dtype=np.float64), np.zeros(dX.shape)
         dtheta = np.zeros((len(dX), len(sk.initial)))
@@ -114,8 +127,9 @@ class Kinematics:
         return np.asarray(self.forward(inputs, bones).joints, dtype=self.dtype)
 
     def jacobian(self, pose: Pose, joints: Sequence[int] | None = None) -> Array:
-        """Jacobian (N, Q, 3 k) of the k ``joints`` (default all; x y z of one after the other) with respect to the free
-        motions: a x (X - P) for a rotation about the axis a through P, a for a translation along a.
+        """Jacobian (N, Q, 3 k) of the k ``joints`` (default all; x y z of one after the other) with
+        respect to the free motions: a x (X - P) for a rotation about the axis a through P, a for a
+        translation along a.
         """
         sk = self.skeleton
         chosen = list(range(len(sk.parents))) if joints is None else list(joints)
@@ -125,13 +139,17 @@ class Kinematics:
         return np.asarray(J.reshape(*J.shape[:2], 3 * len(chosen)))
 
     def bone_directions(self, pose: Pose) -> Array:
-        """Direction (N, K, 3) in which each joint and its descendants move as its bone grows; 0 without a bone."""
+        """Direction (N, K, 3) in which each joint and its descendants move as its bone grows; 0
+        without a bone.
+        """
         sk = self.skeleton
         directions = pose.frames[:, np.arange(len(sk.bone_axes)), :, sk.bone_axes].swapaxes(0, 1)
         return np.asarray(directions * (sk.bone_axes >= 0)[:, None])
 
     def axes(self, pose: Pose) -> tuple[Array, Array]:
-        """Unit vector of the axis of each free motion in world coordinates, and a point on it, both (N, Q, 3)."""
+        """Unit vector of the axis of each free motion in world coordinates, and a point on it,
+        both (N, Q, 3).
+        """
         return pose.axis, pose.pivot
 
     def rotation_of(self, pose: Pose, joint: int) -> Array:
@@ -140,10 +158,11 @@ class Kinematics:
 
 
 def rotation(axis: int, angle: Array | float) -> Array:
-    """Rotation matrices (..., 3, 3) by ``angle`` (...) about a coordinate axis (0, 1, 2 for x, y, z).
+    """Rotation matrices (..., 3, 3) by ``angle`` (...) about a coordinate axis
+    (0, 1, 2 for x, y, z).
 
-    Standard matrices: a rotation about z turns x towards y, and so on cyclically. The axes x right, y up, z away are
-    left-handed, so the direction of rotation follows the left-hand rule.
+    Standard matrices: a rotation about z turns x towards y, and so on cyclically. The axes x right,
+    y up, z away are left-handed, so the direction of rotation follows the left-hand rule.
     """
     i, j, cos, sin = (axis + 1) % 3, (axis + 2) % 3, np.cos(angle), np.sin(angle)
     R = np.zeros((*np.shape(angle), 3, 3))

@@ -2,16 +2,19 @@
 
 bottom[0]  x  (N, D)      values of the skeleton's DoFs, as in hand_model.py
 bottom[1]  b              size of each body; its shape selects one of
-              (N, 1)      a factor of all bones and of the initial values of translations, as in ``Skeleton.scaled``
-              (N, K)      signed bone lengths (K > 1) in half-cubes; ignored for joints without a bone
+              (N, 1)      a factor of all bones and of the initial values of translations, as in
+                          ``Skeleton.scaled``
+              (N, K)      signed bone lengths (K > 1) in half-cubes; ignored for joints
+                          without a bone
 top[0]     y  (N, 3 K)    joints, as in hand_model.py
 
 With lengths b_k, bone k along the axis a_k:
 
 db_k = a_k . sum of dy_j                     over joint k and its descendants j
 
-With a factor b, the length of bone k is b bone_k, and a DoF of a translation starts at b initial_d. This is equivalent
-to the input x_d + (b - 1) initial_d, where fixed DoFs have an input and a gradient dx_d too:
+With a factor b, the length of bone k is b bone_k, and a DoF of a translation starts at b initial_d.
+This is equivalent to the input x_d + (b - 1) initial_d, where fixed DoFs have an input and a
+gradient dx_d too:
 
 db = sum over k of bone_k db_k + sum over d of initial_d dx_d
 """

@@ -1,7 +1,7 @@
 """Skeleton: an articulated body, read from a prototxt file (skeleton_file.py).
 
-``prototxt/hand/nyu.prototxt`` is the hand of the paper; another body is another file. The value of a degree of freedom
-(DoF) is
+``prototxt/hand/nyu.prototxt`` is the hand of the paper; another body is another file. The value of
+a degree of freedom (DoF) is
 
     theta[d] = input[d] + initial[d]        (a fixed DoF: theta[d] = initial[d])
 
@@ -184,7 +184,10 @@ class Skeleton:
                 )
 
     def _depths(self) -> dict[int, int]:
-        """Number of joints from each joint up to its root. Raises PrototxtError if there is no root."""
+        """Number of joints from each joint up to its root.
+
+        Raises PrototxtError if there is no root.
+        """
         depth = {-1: 0}
         for joint in range(len(self.parents)):
             way: dict[int, None] = {}  # ancestors of the joint whose depths are not known yet

@@ -1,12 +1,13 @@
 """The skeleton file: messages that describe an articulated body, and a writer for them.
 
-``prototxt/hand/nyu.prototxt`` is the hand of the paper; another body is another file. Lengths are in half-cubes, angles
-in radians. ``dof`` and ``joint`` are explained in skeleton.py.
+``prototxt/hand/nyu.prototxt`` is the hand of the paper; another body is another file. Lengths are
+in half-cubes, angles in radians. ``dof`` and ``joint`` are explained in skeleton.py.
 
-``flesh`` is the surface around the bones: convex hulls of two spheres at joints (capsules) or of three (wedges). It is
-not used where only joints are computed.
+``flesh`` is the surface around the bones: convex hulls of two spheres at joints (capsules) or of
+three (wedges). It is not used where only joints are computed.
 
-    dof, joint  additional DoFs and joints of the surface: not predicted, but visible to the camera (an arm)
+    dof, joint  additional DoFs and joints of the surface: not predicted, but visible to the
+                camera (an arm)
     offset      displacement of spheres from their joint
     capsule     round cones with a sphere at either end, for limbs
     wedge       convex hulls of three spheres, for flat parts
@@ -72,7 +73,9 @@ class JointParameter:
 
 @dataclass(frozen=True)
 class OffsetParameter:
-    """An ``offset`` block: displacement of capsule ends from a joint, in the frame of another joint."""
+    """An ``offset`` block: displacement of capsule ends from a joint, in the frame of
+    another joint.
+    """
 
     joint: str
     axes: str
@@ -142,7 +145,9 @@ class SkeletonParameter:
 
 
 def max_length(part: object) -> float:
-    """Limit of the lengths of a part of a body: half-cubes if read from a file; computed ones may be mm."""
+    """Limit of the lengths of a part of a body: half-cubes if read from a file; computed
+    ones may be mm.
+    """
     return MAX_VALUE if schema.tree_of(part) is None else MAX_LENGTH
 
 
@@ -152,7 +157,9 @@ def format_length(length: float) -> str:
 
 
 def text_of(param: SkeletonParameter, name: str, comment: str) -> str:
-    """Text of a skeleton file with this name and a comment at the top; numbers have ``DECIMALS`` digits."""
+    """Text of a skeleton file with this name and a comment at the top; numbers have
+    ``DECIMALS`` digits.
+    """
     lines = [f"# {line}".rstrip() for line in comment.splitlines()]
     lines += [f"name: {_quoted(name)}", ""]
     lines += _dof_lines(param.dof)

@@ -1,4 +1,6 @@
-"""Accuracy: fraction of items whose label is among the ``top_k`` highest scores. It has no gradient.
+"""Accuracy: fraction of items whose label is among the ``top_k`` highest scores.
+
+It has no gradient.
 
 bottom[0]  x       (..., classes, ...)  scores; the classes are on ``axis``
 bottom[1]  labels  integers, one per position of x without that axis

@@ -2,7 +2,8 @@
 
 bottom[0]  a        (N, C), or with more axes of size 1
 bottom[1]  b        (N, C)
-bottom[2]  similar  (N,)       0 (also 0.5, as fractions are truncated): pair n is not similar; other values: it is
+bottom[2]  similar  (N,)       0 (also 0.5, as fractions are truncated): pair n is not similar;
+                               other values: it is
 top[0]     L        scalar
 
 d = |a - b|, one distance per pair
@@ -12,7 +13,8 @@ L = 1 / (2 N) sum of  d²                 similar
 da = dL / N g (a - b)
 db = -da                                 no gradient for ``similar``
 g  = 1                                   similar
-     -(margin - d) / (d + 1e-4)          not similar, d < margin; the 1e-4 (Caffe) avoids a division by 0
+     -(margin - d) / (d + 1e-4)          not similar, d < margin; the 1e-4 (Caffe) avoids
+                                         a division by 0
      -1                                  not similar, d² < margin, ``legacy_version``
      0                                   not similar, beyond the margin
 

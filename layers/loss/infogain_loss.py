@@ -10,8 +10,8 @@ p  = softmax of x
 L  = - 1 / M sum over labels and k of  H[label, k] log max(p[k], 1e-20)
 dx = dL / M (p[k] sum of H[label] - H[label, k])          0 where the label is ``ignore_label``
 
-M as in SoftmaxWithLoss (``loss_param { normalization }``). With the identity for H this is SoftmaxWithLoss.
-Kept for backward: ``p``, and ``rows``, the row of H for each label.
+M as in SoftmaxWithLoss (``loss_param { normalization }``). With the identity for H this is
+SoftmaxWithLoss. Kept for backward: ``p``, and ``rows``, the row of H for each label.
 """
 
 from __future__ import annotations

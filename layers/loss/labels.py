@@ -1,12 +1,13 @@
-"""Helpers for losses over labels: ignored labels, and the divisor of the sum (``loss_param { normalization }``).
+"""Helpers for losses over labels: ignored labels, and the divisor of the sum
+(``loss_param { normalization }``).
 
 VALID       number of labels that are not ignored
 FULL        number of labels
 BATCH_SIZE  number of items
 NONE        1
 
-The divisor is at least 1, so the loss of a batch without labels is 0. Losses that compare bottoms item by item use
-``items_and_values``.
+The divisor is at least 1, so the loss of a batch without labels is 0. Losses that compare bottoms
+item by item use ``items_and_values``.
 """
 
 from __future__ import annotations
@@ -37,7 +38,9 @@ class LabelLoss(Layer):
 
 
 def normalization(param: LossParameter, default: str = "VALID") -> str:
-    """The normalization in ``loss_param``; the older ``normalize`` applies only if the newer field is not set."""
+    """The normalization in ``loss_param``; the older ``normalize`` applies only if the newer
+    field is not set.
+    """
     if schema.is_given(param, "normalization"):
         return param.normalization
     if param.normalize is not None:
@@ -56,7 +59,8 @@ def check_shapes(
 ) -> None:
     """Check that the second bottom has one label per position of the scores. Raises LayerError.
 
-    ``same_items``: the first axis must agree too, as in Caffe's losses; later axes may have another layout.
+    ``same_items``: the first axis must agree too, as in Caffe's losses; later axes may have
+    another layout.
     """
     x, labels = bottom[0].shape, bottom[1].shape
     if math.prod(labels) != math.prod(places) or (
@@ -69,7 +73,8 @@ def check_shapes(
 
 
 def rows(layer: Layer, bottom: Blobs) -> tuple[int, int]:
-    """Shape (N, K) of scores whose K classes are on all axes after the first, with one label per item.
+    """Shape (N, K) of scores whose K classes are on all axes after the first, with one
+    label per item.
 
     Raises LayerError.
     """
@@ -83,7 +88,9 @@ def rows(layer: Layer, bottom: Blobs) -> tuple[int, int]:
 
 
 def counted(labels: Array, ignore: int | None) -> Array:
-    """Mask of the labels that are not ``ignore``; as in Caffe, labels are truncated to integers first."""
+    """Mask of the labels that are not ``ignore``; as in Caffe, labels are truncated to
+    integers first.
+    """
     if ignore is None:
         return np.ones(labels.shape, bool)
     return labels.astype(np.intp) != ignore  # NaN never equals ``ignore``
@@ -92,7 +99,10 @@ def counted(labels: Array, ignore: int | None) -> Array:
 def read(
     layer: Layer, bottom: Blobs, classes: int, ignore: int | None = None
 ) -> tuple[Array, Array]:
-    """Labels as a flat array (0 where ignored), and the mask of those that count. Raises LayerError if out of range."""
+    """Labels as a flat array (0 where ignored), and the mask of those that count.
+
+    Raises LayerError if out of range.
+    """
     labels = bottom[1].data.reshape(-1)
     counts = counted(labels, ignore)
     wrong = counts & ~((labels > -1) & (labels < classes))  # includes NaN

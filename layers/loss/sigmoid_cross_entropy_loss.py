@@ -9,10 +9,10 @@ L  = - 1 / M sum of  target log p + (1 - target) log(1 - p)
    =   1 / M sum of  max(x, 0) - target x + log(1 + exp(-|x|))     the same, without overflow
 dx = dL / M (p - target)          0 where the target is ``ignore_label``
 
-M (``loss_param { normalization }``): BATCH_SIZE (the default here, unlike in other losses) items, FULL all values,
-VALID values that are not ignored, NONE 1. As in Caffe, targets are truncated to integers before they are compared with
-``ignore_label``: ``ignore_label: 0`` ignores 0.5 too. Kept for backward: ``counts``, the mask of the targets that are
-not ignored.
+M (``loss_param { normalization }``): BATCH_SIZE (the default here, unlike in other losses) items,
+FULL all values, VALID values that are not ignored, NONE 1. As in Caffe, targets are truncated to
+integers before they are compared with ``ignore_label``: ``ignore_label: 0`` ignores 0.5 too. Kept
+for backward: ``counts``, the mask of the targets that are not ignored.
 """
 
 from __future__ import annotations

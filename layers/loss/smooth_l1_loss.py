@@ -11,9 +11,10 @@ L  = 1 / N sum of outside f(d)        f(d) = σ² d² / 2 where |d| < 1 / σ², 
 da =  dL / N inside outside f'(d)     f'(d) = σ² d clipped to [-1, 1]
 db = -da                              no gradient for the weights
 
-The gradient of EuclideanLoss is proportional to the error, so a joint that cannot be determined, such as a hidden one,
-converges to the mean of its possible positions. Here the gradient has constant size, so it converges to their median.
-With joints in half-cubes, σ = 10 is quadratic in the last 1.5 mm.
+The gradient of EuclideanLoss is proportional to the error, so a joint that cannot be determined,
+such as a hidden one, converges to the mean of its possible positions. Here the gradient has
+constant size, so it converges to their median. With joints in half-cubes, σ = 10 is quadratic in
+the last 1.5 mm.
 
 Kept for backward: ``slope`` = f'(d).
 """

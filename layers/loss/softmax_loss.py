@@ -9,8 +9,8 @@ p  = softmax of x
 L  = - 1 / M sum of log p[label]
 dx = dL / M (p - [class = label])          0 where the label is ``ignore_label``
 
-M (``loss_param { normalization }``): VALID (default) labels that are not ignored, FULL all labels, BATCH_SIZE items
-(the axes before ``axis``), NONE 1. Kept for backward: ``p``.
+M (``loss_param { normalization }``): VALID (default) labels that are not ignored, FULL all labels,
+BATCH_SIZE items (the axes before ``axis``), NONE 1. Kept for backward: ``p``.
 """
 
 from __future__ import annotations
@@ -28,7 +28,9 @@ from netlib.proto.messages import LossParameter
 
 
 class SoftmaxWithLoss(LabelLoss):
-    """Softmax and multinomial logistic loss combined, which is more accurate than separate layers."""
+    """Softmax and multinomial logistic loss combined, which is more accurate than
+    separate layers.
+    """
 
     param_type = SoftmaxParameter
     param_name = "softmax_param"

@@ -8,18 +8,19 @@ top[0]     y         shape of x, may be the same blob
 
 y = (x - m) / s       s = sqrt(v + eps), for each channel
 
-In training, m and v are those of the batch, over all axes but the channels (M values), and they are added to the sums
-with the fraction a (``moving_average_fraction``):
+In training, m and v are those of the batch, over all axes but the channels (M values), and they are
+added to the sums with the fraction a (``moving_average_fraction``):
 
     mean <- a mean + m        variance <- a variance + v M / (M - 1)        weight <- a weight + 1
 
     dx = (dy - mean of dy - y * mean of (y dy)) / s
 
-With ``use_global_stats``, the default in TEST, m = mean / weight and v = variance / weight (0 if weight is 0); the sums
-are not changed, and dx = dy / s.
+With ``use_global_stats``, the default in TEST, m = mean / weight and v = variance / weight
+(0 if weight is 0); the sums are not changed, and dx = dy / s.
 
-The three parameters are not trained: their lr_mult is 0, and a ``param`` with another value is an error. Learned gain
-and bias are in the layer Scale. Kept for backward: ``y``, because the next layer may run in place, and ``s``.
+The three parameters are not trained: their lr_mult is 0, and a ``param`` with another value is an
+error. Learned gain and bias are in the layer Scale. Kept for backward: ``y``, because the next
+layer may run in place, and ``s``.
 """
 
 from __future__ import annotations
@@ -109,8 +110,11 @@ class BatchNorm(Layer):
         top[0].data[...] = self.y
 
     def _mean(self, x: Array) -> Array:
-        """Mean of each channel, (C,). NumPy sums each row pairwise; the row sums are added in float64, because float32
-        would lose three digits over many items."""
+        """Mean of each channel, (C,).
+
+        NumPy sums each row pairwise; the row sums are added in float64, because float32 would lose
+        three digits over many items.
+        """
         return x.sum(axis=self.others[1:]).sum(axis=0, dtype=np.float64) / (x.size // x.shape[1])
 
     def _per_channel(self, values: Array) -> Array:

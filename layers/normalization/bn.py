@@ -1,25 +1,30 @@
-"""BN: batch normalization with a learned scale and bias, as in forks of Caffe before the layers BatchNorm and Scale.
+"""BN: batch normalization with a learned scale and bias, as in forks of Caffe before the layers
+BatchNorm and Scale.
 
 bottom[0]  x         (N, C, H, W)
 params[0]  scale     (1, C, 1, 1)   SegNet: scale_filler; PSPNet: slope_filler
 params[1]  bias      (1, C, 1, 1)   SegNet: shift_filler; PSPNet: bias_filler
-params[2]  mean      (1, C, 1, 1)   PSPNet only: moving averages of the batches' means and variances; not learned
+params[2]  mean      (1, C, 1, 1)   PSPNet only: moving averages of the batches' means and
+                                    variances; not learned
 params[3]  variance  (1, C, 1, 1)
 top[0]     y         (N, C, H, W)   may be the same blob
-top[1]     m         (1, C, 1, 1)   optional, SegNet only: mean and variance of the batch, without gradient
+top[1]     m         (1, C, 1, 1)   optional, SegNet only: mean and variance of the batch,
+                                    without gradient
 top[2]     v         (1, C, 1, 1)
 
 z = (x - m) / s        y = scale z + bias        s = sqrt(v + eps), for each channel
 
     SegNet  ``bn_mode: LEARN``: m and v are those of the batch, in both phases; eps = 1e-9
-            ``bn_mode: INFERENCE``: m = 0 and s = 1; its scripts have multiplied the statistics into scale and bias
-    PSPNet  TEST, or ``frozen``: m = mean and v = variance
-            TRAIN: m and v are those of the batch, and mean <- momentum mean + (1 - momentum) m, same for the variance
+            ``bn_mode: INFERENCE``: m = 0 and s = 1; its scripts have multiplied the statistics into
+            scale and bias
+    PSPNet  TEST, or ``frozen``: m = mean and v = variance TRAIN: m and v are those of the batch,
+            and mean <- momentum mean + (1 - momentum) m, same for the variance
 
 dscale = sum of z dy        dbias = sum of dy        with g = scale dy,
 dx = g / s, or with the statistics of the batch (g - mean of g - z * mean of (z g)) / s
 
-The options tell which fork is meant. Kept for backward: ``z``, because the next layer may run in place, and ``s``.
+The options tell which fork is meant. Kept for backward: ``z``, because the next layer may run in
+place, and ``s``.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""LRN: divide each value by a power of the mean square of its neighbours ("local response normalization").
+"""LRN: divide each value by a power of the mean square of its neighbours ("local response
+normalization").
 
 bottom[0]  x  (N, C, H, W)
 top[0]     y  same shape
@@ -7,9 +8,10 @@ top[0]     y  same shape
 
     dx = dy s^-beta - 2 alpha beta x * mean over the n neighbours of (dy x s^(-beta - 1))
 
-The neighbourhood is centred on the value: ``local_size`` channels at the same position (ACROSS_CHANNELS), or a square
-of ``local_size`` x ``local_size`` positions in the same channel (WITHIN_CHANNEL, where k is always 1). Neighbours
-beyond the edge count as zeros, so n is constant. Kept for backward: ``s``.
+The neighbourhood is centred on the value: ``local_size`` channels at the same position
+(ACROSS_CHANNELS), or a square of ``local_size`` x ``local_size`` positions in the same channel
+(WITHIN_CHANNEL, where k is always 1). Neighbours beyond the edge count as zeros, so n is constant.
+Kept for backward: ``s``.
 """
 
 from __future__ import annotations

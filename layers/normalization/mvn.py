@@ -6,12 +6,12 @@ top[0]     y  (N, C, H, W), may be the same blob
 y  = (x - m) / s      s = sqrt(v) + eps
 dx = (dy - mean of dy - y * mean of (y dy)) / s
 
-The mean m and the variance v are those of each map (H, W), or, with ``across_channels``, of each item (C, H, W).
-Without ``normalize_variance``, y = x - m and dx = dy - mean of dy.
+The mean m and the variance v are those of each map (H, W), or, with ``across_channels``, of each
+item (C, H, W). Without ``normalize_variance``, y = x - m and dx = dy - mean of dy.
 
-As in Caffe, the top always has four axes, and dx is exact only for eps = 0: eps is added outside the root, only to
-avoid a division by zero in a constant map. Kept for backward: ``y``, because the next layer may run in place, and
-``s``.
+As in Caffe, the top always has four axes, and dx is exact only for eps = 0: eps is added outside
+the root, only to avoid a division by zero in a constant map. Kept for backward: ``y``, because the
+next layer may run in place, and ``s``.
 """
 
 from __future__ import annotations

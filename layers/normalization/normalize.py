@@ -1,4 +1,5 @@
-"""Normalize: scale the channels at each position, or each item, to unit length, then by a learned gain (ParseNet, SSD).
+"""Normalize: scale the channels at each position, or each item, to unit length, then by a learned
+gain (ParseNet, SSD).
 
 bottom[0]  x      (N, C, ...)
 params[0]  scale  (C,), or () with ``channel_shared``; initially 1
@@ -10,7 +11,8 @@ y  = scale u
 dx = (g - u * sum of (u g)) / s        with g = scale dy and the sum as in s
 dscale = sum of u dy over the other axes
 
-With a scale per channel Caffe computes the sum in dx from dy instead of g, which is not the gradient of y.
+With a scale per channel Caffe computes the sum in dx from dy instead of g, which is not the
+gradient of y.
 
 Kept for backward: ``u`` and ``s``.
 """

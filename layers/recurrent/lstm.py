@@ -1,23 +1,28 @@
 """LSTM: long short-term memory, a recurrent layer with an additive cell state and gates.
 
-bottoms    x (T, N, ...), cont (T, N), static (N, ...) optional; with ``expose_hidden``, then initial h and c (1, N, D)
+bottoms    x (T, N, ...), cont (T, N), static (N, ...) optional; with ``expose_hidden``, then
+           initial h and c (1, N, D)
 params     w_x (4 D, I), b (4 D,), w_s (4 D, S) only with static, w_h (4 D, D)
-top[0]     h  (T, N, D)       with ``expose_hidden``, followed by h and c after the last step, (1, N, D)
+top[0]     h  (T, N, D)       with ``expose_hidden``, followed by h and c after the last
+                              step, (1, N, D)
 
-z is the contribution of x and static, computed for all steps at once (recurrent.py, the base class shared with RNN),
-and r = cont[t] h[t - 1]. Each step t is an LSTMUnit (lstm_unit.py: the gates, their order and gradients),
+z is the contribution of x and static, computed for all steps at once (recurrent.py, the base class
+shared with RNN), and r = cont[t] h[t - 1]. Each step t is an LSTMUnit (lstm_unit.py: the gates,
+their order and gradients),
 
     c[t], h[t] = unit(c[t - 1], z[t] + w_h r, cont[t])
 
-and backwards, from the last step to the first: with dh and dc the gradients of h[t] and c[t] from the next step and the
-top, dz[t] and dc[t - 1] are the gradients of that unit, and
+and backwards, from the last step to the first: with dh and dc the gradients of h[t] and c[t] from
+the next step and the top, dz[t] and dc[t - 1] are the gradients of that unit, and
 
     dh[t - 1] = cont[t] dz[t] w_h        dw_h += dz[t]ᵀ r of all steps, in one product
 
-Kept for backward, of every step: ``h``, and ``gate`` and ``c`` as rows of one array, i, f, o, g and the c before.
+Kept for backward, of every step: ``h``, and ``gate`` and ``c`` as rows of one array, i, f, o, g
+and the c before.
 
-A step takes as long as its NumPy calls: as sigmoid(x) = (1 + tanh(x / 2)) / 2, all gates are one tanh, with z and w_h
-of three of them halved before; and as i and f are neighbours, and g and c too, i g and f c are one product.
+A step takes as long as its NumPy calls: as sigmoid(x) = (1 + tanh(x / 2)) / 2, all gates are one
+tanh, with z and w_h of three of them halved before; and as i and f are neighbours, and g and c too,
+i g and f c are one product.
 """
 
 from __future__ import annotations

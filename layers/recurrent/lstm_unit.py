@@ -1,8 +1,10 @@
 """LSTMUnit: one step of an LSTM without its weights.
 
 bottom[0]  c_before  (1, N, D)     cell states of N streams before the step
-bottom[1]  x         (1, N, 4 D)   inputs of three gates and the candidate, D numbers each, in the order i, f, o, g
-bottom[2]  cont      (1, N)        1: the step continues the stream; 0: a new sequence starts from a zero state
+bottom[1]  x         (1, N, 4 D)   inputs of three gates and the candidate, D numbers each, in the
+                                   order i, f, o, g
+bottom[2]  cont      (1, N)        1: the step continues the stream; 0: a new sequence starts
+                                   from a zero state
 top[0]     c         (1, N, D)
 top[1]     h         (1, N, D)
 
@@ -13,7 +15,8 @@ top[1]     h         (1, N, D)
 and backwards, with dc and dh the gradients of the tops,
 
     dc += dh o (1 - tanh²(c))
-    dx = (dc g i (1 - i),  dc c_before f (1 - f),  dh tanh(c) o (1 - o),  dc i (1 - g²))        dc_before = dc f
+    dx = (dc g i (1 - i),  dc c_before f (1 - f),  dh tanh(c) o (1 - o),  dc i (1 - g²))
+    dc_before = dc f
 
 As in Caffe, the gradient of f is correct only for cont 0 or 1, and cont has no gradient.
 
@@ -82,8 +85,9 @@ class LSTMUnit(Layer):
 
 
 def slopes(c_before: Array, c: Array, gate: Array) -> tuple[Array, Array]:
-    """The slopes that backward multiplies, of one or of all steps: dh/dc (..., N, D), and (..., 4, N, D) for the four
-    parts of x, of which that of o belongs to dh and the others to dc."""
+    """The slopes that backward multiplies, of one or of all steps: dh/dc (..., N, D), and
+    (..., 4, N, D) for the four parts of x, of which that of o belongs to dh and the others to dc.
+    """
     i, f, o, g = np.moveaxis(gate, -3, 0)
     tanh_c = np.tanh(c)
     of_x = g * i * (1 - i), c_before * f * (1 - f), tanh_c * o * (1 - o), i * (1 - g**2)

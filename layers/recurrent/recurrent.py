@@ -1,7 +1,10 @@
-"""Recurrent: base class of LSTM and RNN with their options, bottoms, and the state carried from step to step.
+"""Recurrent: base class of LSTM and RNN with their options, bottoms, and the state carried
+from step to step.
 
-bottom[0]   x       (T, N, ...)  T time steps of N independent streams; the other axes are flattened to I features
-bottom[1]   cont    (T, N)       1: the step continues the stream; 0: a new sequence starts from a zero state
+bottom[0]   x       (T, N, ...)  T time steps of N independent streams; the other axes are
+                                 flattened to I features
+bottom[1]   cont    (T, N)       1: the step continues the stream; 0: a new sequence starts
+                                 from a zero state
 bottom[2]   static  (N, ...)     optional: S features that are constant over time
 bottom[-k:] states  (1, N, D)    with ``expose_hidden``: the k states before the first step
 params[0]   w_x     (G, I)
@@ -13,15 +16,17 @@ top[-k:]    states  (1, N, D)    with ``expose_hidden``: the k states after the 
 
 z[t] = w_x x[t] + b + w_s static        (T, G, N): the input of a step without the recurrent part
 
-During the computation, the values of a stream are a column: a step is w_h (G, D) times the states (D, N), each gate is
-a block of rows, and a product reads the weights in the order in which they are stored.
+During the computation, the values of a stream are a column: a step is w_h (G, D) times the
+states (D, N), each gate is a block of rows, and a product reads the weights in the order in
+which they are stored.
 
-Without ``expose_hidden``, the first step of a batch continues from the states of the last forward, initially zeros.
-They are part of the layer's state, so an exact resume is possible. As in Caffe, if the number of streams decreases, the
-first ones continue; if it increases, all start from zero.
+Without ``expose_hidden``, the first step of a batch continues from the states of the last forward,
+initially zeros. They are part of the layer's state, so an exact resume is possible. As in Caffe, if
+the number of streams decreases, the first ones continue; if it increases, all start from zero.
 
-As in Caffe, no gradient flows from one batch to the previous one: the diffs of exposed states are zeros, and those of
-exposed tops are ignored. cont has no gradient. The number of time steps is fixed by the first batch.
+As in Caffe, no gradient flows from one batch to the previous one: the diffs of exposed states are
+zeros, and those of exposed tops are ignored. cont has no gradient. The number of time steps is
+fixed by the first batch.
 """
 
 from __future__ import annotations
@@ -142,7 +147,7 @@ class Recurrent(Layer):
             np.array(values, self.dtype).reshape(-1, D) for values in state.get("states", [])
         ]
 
-    # ------------------------------------------------------------------------------------------ for LSTM and RNN
+    # ----------------------------------------------------------------------------- for LSTM and RNN
 
     def _write_z(self, bottom: Blobs, out: Array) -> None:
         """Compute z (T, G, N) for all steps, in ``out`` (T, ..., N)."""
@@ -155,12 +160,16 @@ class Recurrent(Layer):
         np.add(z.reshape(out.shape), constant.reshape(*out.shape[1:-1], -1), out=out)
 
     def _cont(self, bottom: Blobs) -> list[Array | None]:
-        """cont (N,) of each step; None if it is 1 for all streams, so that nothing need be multiplied."""
+        """cont (N,) of each step; None if it is 1 for all streams, so that nothing need
+        be multiplied.
+        """
         cont = bottom[1].data
         return [None if goes_on else step for goes_on, step in zip((cont == 1).all(axis=1), cont)]
 
     def _backward_z(self, dz: Array, r: Array, propagate_down: list[bool], bottom: Blobs) -> None:
-        """Backpropagate dz (T, G, N) to the parameters, w_h by the states r (T, D, N), and to all bottoms."""
+        """Backpropagate dz (T, G, N) to the parameters, w_h by the states r (T, D, N), and
+        to all bottoms.
+        """
         if propagate_down[1]:
             raise self.fail(
                 f"bottom {self.spec.bottom[1]!r} (cont) has no gradient; set propagate_down: false"

@@ -1,11 +1,12 @@
 """RNN: a simple recurrent layer, whose state depends on the input and the previous state.
 
-bottoms    x (T, N, ...), cont (T, N), static (N, ...) optional; with ``expose_hidden``, then initial h (1, N, D)
+bottoms    x (T, N, ...), cont (T, N), static (N, ...) optional; with ``expose_hidden``, then
+           initial h (1, N, D)
 params     w_x (D, I), b (D,), w_s (D, S) only with static, w_h (D, D), w_o (D, D), b_o (D,)
 top[0]     o  (T, N, D)       with ``expose_hidden``, followed by h after the last step, (1, N, D)
 
-z is the contribution of x and static, computed for all steps at once (recurrent.py, the base class shared with LSTM),
-and r = cont[t] h[t - 1]. Each step t computes
+z is the contribution of x and static, computed for all steps at once (recurrent.py, the base class
+shared with LSTM), and r = cont[t] h[t - 1]. Each step t computes
 
     h[t] = tanh(z[t] + w_h r)        o[t] = tanh(w_o h[t] + b_o)
 

@@ -5,18 +5,21 @@ params[0]  w  (O, C / group, kh, kw)
 params[1]  b  (O,)            unless ``bias_term: false``
 top[i]     y  (N, O, Ho, Wo)  Ho = floor((H + 2 pad - dilation (kh - 1) - 1) / stride) + 1; also Wo
 
-The axes after ``axis``, the channels, are spatial: H and W of an image, or any other number of axes, each with its own
-kernel size. The axes before ``axis`` count items.
+The axes after ``axis``, the channels, are spatial: H and W of an image, or any other number of
+axes, each with its own kernel size. The axes before ``axis`` count items.
 
-y[n, o, h, w]  = b[o] + sum over c, i, j of  w[o, c, i, j] x[n, c, h stride + i dilation - pad, w stride + ...]
-dw[o, c, i, j] = sum over n, h, w of  dy[n, o, h, w] x[n, c, h stride + i dilation - pad, w stride + ...]
+y[n, o, h, w]  = b[o] + sum over c, i, j of
+                 w[o, c, i, j] x[n, c, h stride + i dilation - pad, w stride + ...]
+dw[o, c, i, j] = sum over n, h, w of
+                 dy[n, o, h, w] x[n, c, h stride + i dilation - pad, w stride + ...]
 dx             = every dy[n, o, h, w] w[o, c, i, j], added at the position of its x
 db[o]          = sum over n, h, w of dy
 
-``group`` splits inputs and outputs into that many parts; each part of the outputs depends on one part of the inputs.
+``group`` splits inputs and outputs into that many parts; each part of the outputs depends on one
+part of the inputs.
 
-Im2col copies the patch of x under each output into a column. With K = C / group * kh * kw and L = Ho Wo, an image needs
-three matrix products per group:
+Im2col copies the patch of x under each output into a column. With K = C / group * kh * kw and
+L = Ho Wo, an image needs three matrix products per group:
 
     y = w (O / group, K) @ columns (K, L)          dw += dy @ columnsᵀ          dcolumns = wᵀ @ dy
 
@@ -100,11 +103,15 @@ class Convolution(SlidingWindow):
         return array.reshape(-1, *array.shape[self.axis :])
 
     def by_group(self, rows: Array) -> Array:
-        """View of w, an image or columns as (group, rows of the group, ...), with the other axes flattened."""
+        """View of w, an image or columns as (group, rows of the group, ...), with the other
+        axes flattened.
+        """
         return rows.reshape(self.param.group, len(rows) // self.param.group, -1)
 
     def im2col(self, image: Array, y_shape: tuple[int, ...]) -> Array:
-        """(C, H, W) → columns (K group, L): row (c, i, j) holds the values under element (i, j) of channel c."""
+        """(C, H, W) → columns (K group, L): row (c, i, j) holds the values under element
+        (i, j) of channel c.
+        """
         padded = np.pad(image, [(0, 0), *((p, p) for p in self.pad)])
         # (C, kh kw, Ho, Wo)
         patches = np.stack([padded[part] for part in self.window_slices(y_shape)], axis=1)
@@ -121,7 +128,9 @@ class Convolution(SlidingWindow):
         return padded[inside]
 
     def window_slices(self, y_shape: tuple[int, ...]) -> Iterator[tuple[slice, ...]]:
-        """For each kernel element, in row-major order, the part of the padded image under it in all windows."""
+        """For each kernel element, in row-major order, the part of the padded image under it
+        in all windows.
+        """
         for element in np.ndindex(self.kernel):
             steps = zip(element, self.dilation, self.stride, y_shape[1:])
             yield slice(None), *(slice(i * d, i * d + (n - 1) * s + 1, s) for i, d, s, n in steps)

@@ -9,12 +9,14 @@ Every value of x adds a kernel, scaled by this value, to y:
 
 y              = b[o] + every x[n, c, h, w] w[c, o, i, j], added at
                  n, o, h stride + i dilation - pad, w stride + ...
-dx[n, c, h, w] = sum over o, i, j of  w[c, o, i, j] dy[n, o, h stride + i dilation - pad, w stride + ...]
-dw[c, o, i, j] = sum over n, h, w of  x[n, c, h, w] dy[n, o, h stride + i dilation - pad, w stride + ...]
+dx[n, c, h, w] = sum over o, i, j of
+                 w[c, o, i, j] dy[n, o, h stride + i dilation - pad, w stride + ...]
+dw[c, o, i, j] = sum over n, h, w of
+                 x[n, c, h, w] dy[n, o, h stride + i dilation - pad, w stride + ...]
 db[o]          = sum over n, h, w of dy
 
-Compared with a Convolution from y to x with the same w, forward and backward are exchanged. Options, spatial axes,
-im2col and col2im are those of Convolution (convolution.py).
+Compared with a Convolution from y to x with the same w, forward and backward are exchanged.
+Options, spatial axes, im2col and col2im are those of Convolution (convolution.py).
 """
 
 from __future__ import annotations

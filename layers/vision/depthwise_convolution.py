@@ -1,15 +1,18 @@
-"""DepthwiseConvolution and ConvolutionDepthwise: convolution of each channel with separate kernels (MobileNet).
+"""DepthwiseConvolution and ConvolutionDepthwise: convolution of each channel with separate
+kernels (MobileNet).
 
 bottom[i]  x  (N, C, H, W)
 params[0]  w  (O, 1, kh, kw)   O is a multiple of C, mostly C
 params[1]  b  (O,)             unless ``bias_term: false``
 top[i]     y  (N, O, Ho, Wo)
 
-This is a Convolution with ``group: C`` (convolution.py has the formulas), with weights of the same shapes. In forks of
-Caffe the layer has two names, which differ in two options:
+This is a Convolution with ``group: C`` (convolution.py has the formulas), with weights of the same
+shapes. In forks of Caffe the layer has two names, which differ in two options:
 
-    DepthwiseConvolution    reads num_output and group; with another group than C its results differ between CPU and GPU
-    ConvolutionDepthwise    ignores num_output and group and has C outputs; it has one bottom and two spatial axes
+    DepthwiseConvolution    reads num_output and group; with another group than C its results differ
+                            between CPU and GPU
+    ConvolutionDepthwise    ignores num_output and group and has C outputs; it has one bottom and
+                            two spatial axes
 """
 
 from __future__ import annotations

@@ -6,8 +6,8 @@ top[0]     y  (N, C kh kw, Ho, Wo)   Ho and Wo as for Convolution
 y[n, (c, i, j), h, w] = x[n, c, h stride + i dilation - pad, w stride + ...], 0 in the padding
 dx                    = every dy, added at the position of its x
 
-With it, a convolution becomes a matrix product (convolution.py). Options of the windows are those of Convolution;
-options of weights are accepted and ignored.
+With it, a convolution becomes a matrix product (convolution.py). Options of the windows are those
+of Convolution; options of weights are accepted and ignored.
 """
 
 from __future__ import annotations

@@ -4,14 +4,15 @@ bottom[0]  x     (N, C, H, W)
 bottom[1]  size  (..., Ho, Wo)    optional; only its shape is read
 top[0]     y     (N, C, Ho, Wo)
 
-Row h of y is at p = h (H - 1) / (Ho - 1) among the rows of x, and at 0 if Ho = 1, so the first and the last rows meet.
-With i = floor(p), its value is (1 - p + i) x[i] + (p - i) x[i + 1]. This is a matrix R (Ho, H) with at most two weights
-in each row; columns have a matrix K (Wo, W) in the same way:
+Row h of y is at p = h (H - 1) / (Ho - 1) among the rows of x, and at 0 if Ho = 1, so the first
+and the last rows meet. With i = floor(p), its value is (1 - p + i) x[i] + (p - i) x[i + 1].
+This is a matrix R (Ho, H) with at most two weights in each row; columns have a matrix K (Wo, W)
+in the same way:
 
     y = R x Kᵀ        dx = Rᵀ dy K        for each map
 
-Before that, x is cropped by -``pad_beg`` rows and columns at the beginning and -``pad_end`` at the end; dx is 0 there.
-The size of y is given by, in this order,
+Before that, x is cropped by -``pad_beg`` rows and columns at the beginning and -``pad_end`` at the
+end; dx is 0 there. The size of y is given by, in this order,
 
     bottom[1], with use_blob_size
     shrink_factor s           Ho = floor((H - 1) / s) + 1

@@ -2,15 +2,17 @@
 
 bottom[0]  x     (N, C, H, W)
 top[0]     y     (N, C, Ho, Wo)   Ho = ceil((H + 2 pad - kernel) / stride) + 1, same for Wo
-top[1]     mask  (N, C, Ho, Wo)   optional, for MAX: index h W + w of the maximum in its map; -1 if there is none
+top[1]     mask  (N, C, Ho, Wo)   optional, for MAX: index h W + w of the maximum in its map; -1
+                                  if there is none
 
 MAX   y = max of x over the window             dx[winner] += dy
 AVE   y = sum of x over the window / area      dx[all of the window] += dy / area
 
-Caffe's rules: the output size is rounded **up** (unless ``round_mode: FLOOR``, in some forks ``ceil_mode: false``), so
-the last window, even if it is the only one, may extend beyond the edge; with pad > 0 in any direction, a last window
-that starts beyond the image is dropped. MAX selects the first of equal values and never padding. The area of AVE
-includes padding but nothing beyond it. An empty window (stride > kernel) gives -FLT_MAX or NaN. No gradient of masks.
+Caffe's rules: the output size is rounded **up** (unless ``round_mode: FLOOR``, in some forks
+``ceil_mode: false``), so the last window, even if it is the only one, may extend beyond the edge;
+with pad > 0 in any direction, a last window that starts beyond the image is dropped. MAX selects
+the first of equal values and never padding. The area of AVE includes padding but nothing beyond it.
+An empty window (stride > kernel) gives -FLT_MAX or NaN. No gradient of masks.
 
 Kept for backward: ``winners``, index of each output of MAX in its window, row-major.
 """
@@ -54,7 +56,8 @@ class Pooling(SlidingWindow):
             self.whole_kernel = (H, W)
         for y in top:
             y.reshape(N, C, self._outputs(0, H), self._outputs(1, W))
-        # Clip the kernel to the padded image: with global bounds it would only add padding, possibly a lot.
+        # Clip the kernel to the padded image: with global bounds it would only add padding,
+        # possibly a lot.
         self.kernel = tuple(
             min(k, n + 2 * p) for k, n, p in zip(self.whole_kernel, (H, W), self.pad)
         )
@@ -121,7 +124,9 @@ class Pooling(SlidingWindow):
         return np.stack([padded[:, rows, across] for rows, across in self.window_slices(y_shape)])
 
     def window_slices(self, y_shape: tuple[int, ...]) -> Iterator[tuple[slice, slice]]:
-        """For each element of a window, in row-major order, its rows and columns of the padded image in all windows."""
+        """For each element of a window, in row-major order, its rows and columns of the padded
+        image in all windows.
+        """
         (sh, sw), (Ho, Wo) = self.stride, y_shape[2:]
         for i, j in np.ndindex(self.kernel):
             yield slice(i, i + (Ho - 1) * sh + 1, sh), slice(j, j + (Wo - 1) * sw + 1, sw)

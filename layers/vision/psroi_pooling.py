@@ -1,14 +1,17 @@
 """PSROIPooling: means over a grid in each region of interest, each from separate maps (R-FCN).
 
 bottom[0]  x     (N, K G G, H, W)   G = group_size, K = output_dim
-bottom[1]  rois  (R, 5)             item, x1, y1, x2, y2: corners in the image, both inside the region
+bottom[1]  rois  (R, 5)             item, x1, y1, x2, y2: corners in the image, both
+                                    inside the region
 top[0]     y     (R, K, G, G)
 
-y[r, k, i, j] = mean of x[n, (k G + i) G + j] over bin (i, j) of region r        dx += dy / pixels of the bin
+y[r, k, i, j] = mean of x[n, (k G + i) G + j] over bin (i, j) of region r
+dx += dy / pixels of the bin
 
-The corners are rounded, halves away from zero, and multiplied by ``spatial_scale`` (map size / image size): the region
-begins at x1 and ends before x2 + 1. It is divided into G x G bins of equal size, at least 0.1 / G; a bin covers all
-pixels that it touches, clipped to the map. An empty bin is 0 and has no gradient. The gradient of rois is 0.
+The corners are rounded, halves away from zero, and multiplied by ``spatial_scale``
+(map size / image size): the region begins at x1 and ends before x2 + 1. It is divided into G x G
+bins of equal size, at least 0.1 / G; a bin covers all pixels that it touches, clipped to the map.
+An empty bin is 0 and has no gradient. The gradient of rois is 0.
 """
 
 from __future__ import annotations
@@ -72,7 +75,8 @@ class PSROIPooling(ZeroGradient):
                 maps += (top[0].diff[r, :, i, j] / self.dtype.type(maps[0].size))[:, None, None]
 
     def _bins(self, bottom: Blobs, values: Array) -> Iterator[tuple[int, int, int, Array]]:
-        """Region, row and column of each bin that is not empty, with the part (K, h, w) of ``values`` that it covers.
+        """Region, row and column of each bin that is not empty, with the part (K, h, w) of
+        ``values`` that it covers.
 
         Raises LayerError if a region is invalid.
         """

@@ -4,15 +4,17 @@ bottom[0]  x     (N, C, H, W)
 bottom[1]  rois  (R, 5)           item, x1, y1, x2, y2: corners in the image, both inside the region
 top[0]     y     (R, C, Ph, Pw)   Ph = pooled_h, Pw = pooled_w
 
-y[r, c, i, j] = max of x[n, c] over bin (i, j) of region r        dx[the first of the equal winners] += dy
+y[r, c, i, j] = max of x[n, c] over bin (i, j) of region r
+dx[the first of the equal winners] += dy
 
-The corners are multiplied by ``spatial_scale`` (map size / image size) and rounded, halves away from zero. The region
-then has y2 - y1 + 1 rows, at least one. Bin i of Ph covers rows floor(i rows / Ph) up to but not including
-ceil((i + 1) rows / Ph) of the region, so bins may overlap; they are clipped to the map. An empty bin is 0 and has no
-gradient. The gradient of rois is 0.
+The corners are multiplied by ``spatial_scale`` (map size / image size) and rounded, halves
+away from zero. The region then has y2 - y1 + 1 rows, at least one. Bin i of Ph covers rows
+floor(i rows / Ph) up to but not including ceil((i + 1) rows / Ph) of the region, so bins
+may overlap; they are clipped to the map. An empty bin is 0 and has no gradient. The
+gradient of rois is 0.
 
-Kept for backward: ``winners``, index h W + w of each maximum in the map; -1 if the bin is empty. The block has number
-8266711 in Fast R-CNN's LayerParameter.
+Kept for backward: ``winners``, index h W + w of each maximum in the map; -1 if the bin is empty.
+The block has number 8266711 in Fast R-CNN's LayerParameter.
 """
 
 from __future__ import annotations
@@ -99,7 +101,10 @@ class ROIPooling(ZeroGradient):
 
 
 def checked_rois(layer: Layer, bottom: Blobs) -> Array:
-    """The regions (R, 5) in bottom[1]. Raises LayerError if one has an item that bottom[0] lacks, or is not finite."""
+    """The regions (R, 5) in bottom[1].
+
+    Raises LayerError if one has an item that bottom[0] lacks, or is not finite.
+    """
     rois, N = bottom[1].data.reshape(-1, 5), bottom[0].shape[0]
     for r in np.flatnonzero(~np.isfinite(rois).all(axis=1) | (rois[:, 0] < 0) | (rois[:, 0] >= N))[
         :1

@@ -10,8 +10,9 @@ AVE   y = sum of x over the window / area      dx[all of the window] += dy / are
 
 The levels, each (N, C, 2^l, 2^l) flattened to (N, C 4^l), are concatenated.
 
-Caffe's rules: a window has k = ceil(H / 2^l) rows, and columns likewise. If together they have more rows than the map,
-the first starts half the excess, rounded up, above it; this must be less than k. The area of AVE is the full window.
+Caffe's rules: a window has k = ceil(H / 2^l) rows, and columns likewise. If together they have more
+rows than the map, the first starts half the excess, rounded up, above it; this must be less than k.
+The area of AVE is the full window.
 """
 
 from __future__ import annotations

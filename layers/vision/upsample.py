@@ -4,12 +4,13 @@ bottom[0]  x     (N, C, H, W)
 bottom[1]  mask  (N, C, H, W)    second top of a Pooling: index h Wo + w of each maximum in its map
 top[0]     y     (N, C, Ho, Wo)
 
-y[n, c, mask[n, c, i]] = x[n, c, i]        0 elsewhere; of values with the same index, the last one in row order counts
+y[n, c, mask[n, c, i]] = x[n, c, i]        0 elsewhere; of values with the same index, the last one
+                                           in row order counts
 dx[n, c, i] = dy[n, c, mask[n, c, i]]      0 for values that another one has replaced
 
-The size of y is ``upsample_h`` x ``upsample_w`` if given, or H ``scale`` x W ``scale`` (``scale_h``, ``scale_w``). With
-scale 2, ``pad_out_h`` and ``pad_out_w`` subtract 1. The gradient of mask is 0. With one bottom, the type Upsample is
-another layer (nearest_upsample.py).
+The size of y is ``upsample_h`` x ``upsample_w`` if given, or H ``scale`` x W ``scale``
+(``scale_h``, ``scale_w``). With scale 2, ``pad_out_h`` and ``pad_out_w`` subtract 1. The gradient
+of mask is 0. With one bottom, the type Upsample is another layer (nearest_upsample.py).
 """
 
 from __future__ import annotations
@@ -101,7 +102,10 @@ class Upsample(Layer):
         return bottom_index == 0
 
     def _places(self, bottom: Blobs, top: Blobs) -> tuple[Array, Array]:
-        """Map (N C, 1) and index (N C, H W) of each value in the top. Raises LayerError if an index is invalid."""
+        """Map (N C, 1) and index (N C, H W) of each value in the top.
+
+        Raises LayerError if an index is invalid.
+        """
         mask, (Ho, Wo) = bottom[1].data, top[0].shape[2:]
         for place in np.argwhere(~((mask >= 0) & (mask < Ho * Wo)))[:1]:
             raise self.fail(

@@ -1,8 +1,9 @@
-"""Geometry of sliding windows over spatial axes: kernel, stride, pad, dilation, number of windows, and their errors.
+"""Geometry of sliding windows over spatial axes: kernel, stride, pad, dilation, number of windows,
+and their errors.
 
-Base class of Convolution, Deconvolution, Im2col, Pooling and SPP. Along an axis of n values with padding p on both
-sides, a window of k elements with dilation d has extent d (k - 1) + 1, and floor((n + 2 p - extent) / stride) + 1
-windows fit.
+Base class of Convolution, Deconvolution, Im2col, Pooling and SPP. Along an axis of n values with
+padding p on both sides, a window of k elements with dilation d has extent d (k - 1) + 1, and
+floor((n + 2 p - extent) / stride) + 1 windows fit.
 """
 
 from __future__ import annotations
@@ -78,10 +79,13 @@ class SlidingWindow(Layer):
     dilation: tuple[int, ...]
     axis = 1
 
-    # ------------------------------------------------------------------------------------------ convolution_param
+    # ---------------------------------------------------------------------------- convolution_param
 
     def _read_windows(self, bottom: Blob) -> None:
-        """Read axis, number of channels and geometry from a ``convolution_param``. Raises LayerError."""
+        """Read axis, number of channels and geometry from a ``convolution_param``.
+
+        Raises LayerError.
+        """
         p = self.param
         self.axis = self.canonical_axis(p.axis, bottom)
         self.channels, *sizes = bottom.shape[self.axis :]
@@ -104,7 +108,10 @@ class SlidingWindow(Layer):
         default: int,
         axes: int,
     ) -> tuple[int, ...]:
-        """Expand an option to one number per spatial axis. It can be given once, per axis, or not at all."""
+        """Expand an option to one number per spatial axis.
+
+        It can be given once, per axis, or not at all.
+        """
         option = "kernel_size" if name == "kernel" else name
         if h_w != (None, None):
             if given:
@@ -123,7 +130,10 @@ class SlidingWindow(Layer):
         return given if len(given) > 1 else (given or (default,)) * axes
 
     def _read_convolution(self, bottom: Blob) -> None:
-        """Read the geometry, and check the numbers of channels, outputs and groups. Raises LayerError."""
+        """Read the geometry, and check the numbers of channels, outputs and groups.
+
+        Raises LayerError.
+        """
         self._read_windows(bottom)
         p, channels = self.param, self.channels
         if min(p.num_output, p.group) < 1:
@@ -139,7 +149,10 @@ class SlidingWindow(Layer):
             )
 
     def _check_axes(self, i: int, x: Blob, weight: Sequence[int] | None = None) -> None:
-        """Check the number of spatial axes and of channels against those at setup. Raises LayerError."""
+        """Check the number of spatial axes and of channels against those at setup.
+
+        Raises LayerError.
+        """
         if len(x.shape) != self.axis + 1 + len(self.kernel):
             raise self.fail(
                 f"bottom {self.spec.bottom[i]!r} has shape {x.shape}, "
@@ -155,10 +168,13 @@ class SlidingWindow(Layer):
         """Size of the dilated kernel."""
         return tuple(d * (k - 1) + 1 for d, k in zip(self.dilation, self.kernel))
 
-    # ------------------------------------------------------------------------------------------ pooling_param
+    # -------------------------------------------------------------------------------- pooling_param
 
     def _read_pooling(self) -> None:
-        """Read the geometry from a ``pooling_param``; the kernel is (0, 0) for global pooling. Raises LayerError."""
+        """Read the geometry from a ``pooling_param``; the kernel is (0, 0) for global pooling.
+
+        Raises LayerError.
+        """
         p, block = self.param, self.spec.blocks.get("pooling_param")
         for both, each in (("kernel_size", "kernel"), ("pad", "pad"), ("stride", "stride")):
             one, two, three = (

@@ -1,1 +1,3 @@
-"""Building a layer from its text: finding its class, reading its options, importing Python layers."""
+"""Building a layer from its text: finding its class, reading its options, importing
+Python layers.
+"""

@@ -18,7 +18,10 @@ from netlib.proto.schema import Phase
 
 
 def check_options(spec: LayerParameter) -> None:
-    """Validate all option blocks of a layer against the types that define them. Raises PrototxtError."""
+    """Validate all option blocks of a layer against the types that define them.
+
+    Raises PrototxtError.
+    """
     _check_blocks(spec)
     blocks = option_blocks()
     for name, tree in spec.blocks.items():
@@ -71,7 +74,10 @@ def create(
 def _new(
     cls: type[Layer], spec: LayerParameter, phase: Phase, rng: np.random.Generator, dtype: DTypeLike
 ) -> Layer:
-    """The layer; a Python layer's own ``__init__`` is called with one argument. Raises LayerError if that fails."""
+    """The layer; a Python layer's own ``__init__`` is called with one argument.
+
+    Raises LayerError if that fails.
+    """
     if spec.type != "Python":
         return cls(spec, phase, rng, dtype)
     layer = cls.__new__(cls)
@@ -86,7 +92,10 @@ def _new(
 
 
 def _check_blocks(spec: LayerParameter, own: str = "") -> None:
-    """Reject option blocks that no layer type defines. As in Caffe, those of other types than ``own`` are ignored."""
+    """Reject option blocks that no layer type defines.
+
+    As in Caffe, those of other types than ``own`` are ignored.
+    """
     if set(spec.blocks) <= {own}:
         return
     known = {own, *option_blocks()}

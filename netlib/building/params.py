@@ -1,7 +1,7 @@
 """The learnable parameters of a net. Parameters with the same name are shared.
 
-The first layer that names a parameter owns it; the others share its memory. ``lr_mult`` and ``decay_mult`` can be set
-in any of these layers but must agree.
+The first layer that names a parameter owns it; the others share its memory. ``lr_mult`` and
+``decay_mult`` can be set in any of these layers but must agree.
 """
 
 from __future__ import annotations
@@ -31,7 +31,9 @@ class Param:
 
 
 class Parameters:
-    """The ``learnable`` parameters, in the order of their layers, and the total size of their values in ``bytes``."""
+    """The ``learnable`` parameters, in the order of their layers, and the total size of their
+    values in ``bytes``.
+    """
 
     def __init__(self) -> None:
         self.learnable: list[Param] = []
@@ -39,7 +41,10 @@ class Parameters:
         self._named: dict[str, Param] = {}
 
     def enter(self, layer: Layer) -> list[Param]:
-        """Register the parameters of a layer and return them, or their owners if shared. Raises LayerError."""
+        """Register the parameters of a layer and return them, or their owners if shared.
+
+        Raises LayerError.
+        """
         if len(layer.spec.param) > len(layer.blobs):
             raise layer.fail(
                 f"has {len(layer.blobs)} parameters, but {len(layer.spec.param)} param blocks"
@@ -70,7 +75,10 @@ class Parameters:
 
 
 def _merge_multipliers(layer: Layer, spec: ParamSpec, owner: Param) -> None:
-    """Apply the multipliers that this layer sets. Raises LayerError if another layer set a different value."""
+    """Apply the multipliers that this layer sets.
+
+    Raises LayerError if another layer set a different value.
+    """
     for name in ("lr_mult", "decay_mult"):
         if not schema.is_given(spec, name):
             continue

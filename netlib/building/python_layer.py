@@ -1,9 +1,11 @@
-"""Layers of type Python: classes of the user, found as pycaffe finds them. Only these layers execute code of a net.
+"""Layers of type Python: classes of the user, found as pycaffe finds them.
 
-Modules are searched for in the working directory and on PYTHONPATH. Many public nets name theirs ``layers`` or
-``tools``, which are packages of this project too. For such names the user's own files are searched first: a module is
-loaded under another name, and the folder of a package is added to ours. In these modules ``import caffe`` returns
-netlib.caffe unless Caffe is installed.
+Only these layers execute code of a net.
+
+Modules are searched for in the working directory and on PYTHONPATH. Many public nets name theirs
+``layers`` or ``tools``, which are packages of this project too. For such names the user's own files
+are searched first: a module is loaded under another name, and the folder of a package is added to
+ours. In these modules ``import caffe`` returns netlib.caffe unless Caffe is installed.
 """
 
 from __future__ import annotations
@@ -39,8 +41,8 @@ PYTHON_2_MODULES = {
     "Tkinter": "tkinter",
     "cv": "cv2",
 }
-# The messages of Python 3 about the syntax of Python 2: print and exec without parentheses, "except E, e", 0777, 10L,
-# mixed tabs, <>, backquotes, and "raise E, text".
+# The messages of Python 3 about the syntax of Python 2: print and exec without parentheses, "except
+# E, e", 0777, 10L, mixed tabs, <>, backquotes, and "raise E, text".
 PYTHON_2_SYNTAX = re.compile(
     r"^(Missing parentheses in call to|multiple exception types must be|leading zeros in decimal"
     r"|inconsistent use of tabs|invalid decimal literal: .*\d+L"
@@ -53,7 +55,9 @@ _are_allowed = True
 
 @contextlib.contextmanager
 def allowed(are: bool) -> Iterator[None]:
-    """Context manager: unless ``are`` is true, nets of this process may not have layers of type Python."""
+    """Context manager: unless ``are`` is true, nets of this process may not have layers
+    of type Python.
+    """
     global _are_allowed
     before, _are_allowed = _are_allowed, _are_allowed and are
     try:
@@ -63,7 +67,9 @@ def allowed(are: bool) -> Iterator[None]:
 
 
 def check_allowed(specs: Iterable[LayerParameter], are: bool) -> None:
-    """Raise PrototxtError if a layer is of type Python and ``are`` or the process does not allow it."""
+    """Raise PrototxtError if a layer is of type Python and ``are`` or the process
+    does not allow it.
+    """
     if are and _are_allowed:
         return
     for spec in specs:
@@ -133,8 +139,10 @@ def python_2_advice(error: BaseException) -> str:
 
 
 def _import(name: str, wanted: str) -> tuple[ModuleType, str]:
-    """Import the module ``name`` and return it with its file. If a package here has the same name, the user's own
-    module is preferred if it defines ``wanted``.
+    """Import the module ``name`` and return it with its file.
+
+    If a package here has the same name, the user's own module is preferred if it
+    defines ``wanted``.
     """
     from netlib import install_as_caffe  # netlib imports this module
 
@@ -162,7 +170,9 @@ def _import(name: str, wanted: str) -> tuple[ModuleType, str]:
 
 
 def _add_folders(package: ModuleType) -> None:
-    """Let a package of this project also find the modules of the user's package of the same name."""
+    """Let a package of this project also find the modules of the user's package of
+    the same name.
+    """
     for folder in map(Path, own_modules.folders()):
         inner = str((folder / package.__name__).resolve())
         if Path(inner).is_dir() and inner not in package.__path__:
@@ -170,7 +180,9 @@ def _add_folders(package: ModuleType) -> None:
 
 
 def _own_file(name: str) -> Path | None:
-    """The user's own ``name.py`` or ``name/__init__.py``, if it exists besides this project's package of that name."""
+    """The user's own ``name.py`` or ``name/__init__.py``, if it exists besides this project's
+    package of that name.
+    """
     inner = Path(*name.split("."))
     for folder in map(Path, own_modules.folders()):
         for path in (folder / f"{inner}.py", folder / inner / "__init__.py"):

@@ -1,8 +1,9 @@
-"""pycaffe's interface: ``import netlib.caffe as caffe``, or ``netlib.install_as_caffe()`` and ``import caffe``.
+"""pycaffe's interface: ``import netlib.caffe as caffe``, or ``netlib.install_as_caffe()`` and
+``import caffe``.
 
-Net, Layer and the solvers are those of netlib with pycaffe's additional methods. NetSpec, io, Classifier and
-draw are modules of this package; NetSpec, draw and caffe_pb2 need the package protobuf. Everything runs on the CPU;
-requests for a GPU only log a warning.
+Net, Layer and the solvers are those of netlib with pycaffe's additional methods. NetSpec, io,
+Classifier and draw are modules of this package; NetSpec, draw and caffe_pb2 need the package
+protobuf. Everything runs on the CPU; requests for a GPU only log a warning.
 """
 
 from netlib import TEST, TRAIN

@@ -1,7 +1,8 @@
 """Run a script written for pycaffe unchanged, as Python runs it:
 
 python -m netlib.caffe SCRIPT [ARGUMENT ...]
-python -m netlib.caffe - [ARGUMENT ...]           the script on standard input; also without -, from a pipe
+python -m netlib.caffe - [ARGUMENT ...]           the script on standard input; also without
+                                                  -, from a pipe
 python -m netlib.caffe -c CODE [ARGUMENT ...]
 python -m netlib.caffe -m MODULE [ARGUMENT ...]
 """
@@ -18,7 +19,9 @@ from netlib.building.python_layer import python_2_advice
 
 
 def _run(source: bytes | str, name: str, **known: str) -> None:
-    """Run a text, which may declare its encoding, as the main module, in which these names are ``known``."""
+    """Run a text, which may declare its encoding, as the main module, in which these names
+    are ``known``.
+    """
     sys.modules["__main__"] = module = ModuleType("__main__")
     vars(module).update(known)
     try:

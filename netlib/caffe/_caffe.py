@@ -1,8 +1,9 @@
-"""caffe._caffe: the names of pycaffe's compiled module, from which scripts and Python layers import.
+"""caffe._caffe: the names of pycaffe's compiled module, from which scripts and Python
+layers import.
 
-A script may compare classes by identity, ``type(net.params["fc1"]) is caffe._caffe.BlobVec``, so these names are the
-classes of the objects. Vectors of numbers, strings, layers and nets are Python lists. The functions about the process
-(device, log, timer, number of solvers) are defined here.
+A script may compare classes by identity, ``type(net.params["fc1"]) is caffe._caffe.BlobVec``, so
+these names are the classes of the objects. Vectors of numbers, strings, layers and nets are Python
+lists. The functions about the process (device, log, timer, number of solvers) are defined here.
 """
 
 from __future__ import annotations
@@ -73,7 +74,9 @@ _ADVICE = (
 
 
 def _is_shown(record: logging.LogRecord) -> bool:
-    """Whether GLOG_minloglevel, which scripts set before they import caffe, lets a record through."""
+    """Whether GLOG_minloglevel, which scripts set before they import caffe, lets a
+    record through.
+    """
     level = os.environ.get("GLOG_minloglevel", "")  # noqa: SIM112  # glog's name
     return not level.isdecimal() or record.levelno >= _LEVELS[min(int(level), len(_LEVELS) - 1)]
 
@@ -109,7 +112,8 @@ def set_device(number: int) -> None:
 def init_log(level: int | None = None, stderr: bool = True) -> None:
     """Log to standard error, from glog's level 0 (information) to 3 (fatal), in glog's format.
 
-    Without it, only warnings are shown, from the level in the environment variable GLOG_minloglevel on.
+    Without it, only warnings are shown, from the level in the environment variable
+    GLOG_minloglevel on.
     """
     _log.removeFilter(_is_shown)
     _log.setLevel(_LEVELS[min(max(level or 0, 0), len(_LEVELS) - 1)])
@@ -125,7 +129,8 @@ def log(text: str) -> None:
         _log.info("%s", line)
 
 
-# Solvers that train together are separate processes (netlib/distributed/mpi.py), started by mpiexec.
+# Solvers that train together are separate processes (netlib/distributed/mpi.py),
+# started by mpiexec.
 
 
 def solver_count() -> int:

@@ -18,8 +18,9 @@ from netlib.layer import TEST
 class Classifier(Net):
     """A net in phase TEST with preprocessing for its first input.
 
-    image_dims                                   height and width to which images are scaled before they are cropped to
-                                                 the input's size; by default that size
+    image_dims                                   height and width to which images are scaled
+                                                 before they are cropped to the input's size; by
+                                                 default that size
     mean, input_scale, raw_scale, channel_swap   as for Transformer
     """
 
@@ -64,8 +65,8 @@ class Classifier(Net):
     def predict(self, inputs: Sequence[Array], oversample: bool = True) -> NDArray[np.float32]:
         """Predict the net's first output for each image (H, W, K); returns (N, ...).
 
-        With ``oversample``, returns the mean over crops of corners, centre and their mirror images, (N, C); otherwise
-        the centre crop is used. Raises ShapeError.
+        With ``oversample``, returns the mean over crops of corners, centre and their mirror images,
+        (N, C); otherwise the centre crop is used. Raises ShapeError.
         """
         if not len(inputs) or len({np.shape(image)[2:] for image in inputs}) > 1:
             raise io.ShapeError(

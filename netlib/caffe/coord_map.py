@@ -1,8 +1,9 @@
 """caffe.coord_map: coordinate maps between tops, through the layers that connect them.
 
-A map is (axis, a, b): a point x maps to a * x + b. It applies to the axes after ``axis``, the one before the first
-spatial axis. ``a`` and ``b`` are arrays with one number per spatial axis, or one number for all. (None, 1, 0) is the
-identity. The purpose is ``crop``, which aligns an upsampled top with another one.
+A map is (axis, a, b): a point x maps to a * x + b. It applies to the axes after ``axis``, the one
+before the first spatial axis. ``a`` and ``b`` are arrays with one number per spatial axis, or one
+number for all. (None, 1, 0) is the identity. The purpose is ``crop``, which aligns an upsampled top
+with another one.
 """
 
 from __future__ import annotations
@@ -62,7 +63,10 @@ class CropError(NetlibError, AssertionError):
 
 
 def conv_params(fn: Function) -> tuple[int, Array, Array, Array]:
-    """Axis, stride, dilated kernel size and pad of a convolution, pooling or im2col. Raises CropError."""
+    """Axis, stride, dilated kernel size and pad of a convolution, pooling or im2col.
+
+    Raises CropError.
+    """
     block = "pooling_param" if fn.type_name == "Pooling" else "convolution_param"
     params = fn.params.get(block, fn.params)
     if legacy := _LEGACY & (set(params) | set(fn.params)):
@@ -127,7 +131,8 @@ def inverse(coord_map: Map) -> Map:
 def coord_map_from_to(top_from: Top, top_to: Top) -> Map:
     """The map from points of ``top_from`` to points of ``top_to`` through a common ancestor.
 
-    All paths are assumed to be equivalent. Raises UnconnectedError if there is none, AxisMismatchException, CropError.
+    All paths are assumed to be equivalent. Raises UnconnectedError if there is none,
+    AxisMismatchException, CropError.
     """
     above_from, above_to = _ancestors(top_from), _ancestors(top_to)
     for top, to_map in above_to.items():
@@ -139,7 +144,9 @@ def coord_map_from_to(top_from: Top, top_to: Top) -> Map:
 
 
 def _ancestors(top: Top) -> dict[Top, Map]:
-    """Ancestors of a top as far as coordinate maps exist, nearest first, with the maps to the top."""
+    """Ancestors of a top as far as coordinate maps exist, nearest first, with the
+    maps to the top.
+    """
     maps = {top: IDENTITY}
     waiting = deque([top])
     while waiting:

@@ -1,7 +1,7 @@
 """caffe.draw: images of a net's graph, drawn by the package pydot and the Graphviz program dot.
 
-Both are required only when a net is drawn. Unlike Caffe's, a layer in place stands in the box of the layer before it,
-and edges carry the shapes of blobs if they are known.
+Both are required only when a net is drawn. Unlike Caffe's, a layer in place stands in the box of
+the layer before it, and edges carry the shapes of blobs if they are known.
 """
 
 from __future__ import annotations
@@ -69,7 +69,8 @@ def get_layer_lr_mult(layer: Any) -> tuple[float, float]:
 
 
 def get_layer_label(layer: Any, rankdir: str, display_lrm: bool = False) -> str:
-    """Label of a layer's box, in quotes: name, type, kernel, and with ``display_lrm`` its learning rate multipliers.
+    """Label of a layer's box, in quotes: name, type, kernel, and with ``display_lrm`` its learning
+    rate multipliers.
 
     Vertical graphs ("TB", "BT") have room for one long line; in others the label has several lines.
     """
@@ -110,9 +111,9 @@ def get_pydot_graph(
 ) -> Any:
     """Build the pydot graph of a NetParameter: layers as boxes, blobs as octagons.
 
-    ``rankdir`` is its direction, "LR", "TB" or "BT". ``label_edges`` adds shapes to the arrows, or sizes without
-    ``shapes``, those of the blobs by their names. ``phase`` limits it to the layers of caffe.TRAIN or caffe.TEST.
-    Raises NetlibError if pydot is missing, RuleError.
+    ``rankdir`` is its direction, "LR", "TB" or "BT". ``label_edges`` adds shapes to the arrows, or
+    sizes without ``shapes``, those of the blobs by their names. ``phase`` limits it to the layers
+    of caffe.TRAIN or caffe.TEST. Raises NetlibError if pydot is missing, RuleError.
     """
     try:
         pydot = importlib.import_module("pydot")
@@ -207,8 +208,8 @@ def draw_net(
     display_lrm: bool = False,
     shapes: Shapes | None = None,
 ) -> bytes:
-    """Draw a NetParameter in a format of Graphviz: png, svg, pdf ...; "raw" and "dot" return Graphviz's own language,
-    without its program.
+    """Draw a NetParameter in a format of Graphviz: png, svg, pdf ...; "raw" and "dot" return
+    Graphviz's own language, without its program.
 
     Raises NetlibError, also if pydot or Graphviz is missing.
     """

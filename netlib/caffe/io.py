@@ -1,7 +1,7 @@
 """caffe.io: conversion of arrays to and from Caffe's messages, and preprocessing of images.
 
-Transformer, load_image, resize_image and oversample compute the same values as pycaffe's, with SciPy instead of
-scikit-image.
+Transformer, load_image, resize_image and oversample compute the same values as pycaffe's, with
+SciPy instead of scikit-image.
 """
 
 from __future__ import annotations
@@ -56,11 +56,14 @@ def plain(numbers: Sequence[float] | Array) -> tuple[float, ...]:
     return tuple(np.asarray(numbers).tolist())
 
 
-# ---------------------------------------------------------------------------------------------- messages
+# ----------------------------------------------------------------------------------------- messages
 
 
 def blobproto_to_array(blob: Any, return_diff: bool = False) -> NDArray[np.float64]:
-    """Convert a BlobProto, or its gradients, to an array. Raises ShapeError if values do not match the shape."""
+    """Convert a BlobProto, or its gradients, to an array.
+
+    Raises ShapeError if values do not match the shape.
+    """
     single, double = (blob.diff, blob.double_diff) if return_diff else (blob.data, blob.double_data)
     values = np.array(double if len(double) else single, np.float64)
     legacy = ("num", "channels", "height", "width")
@@ -97,7 +100,10 @@ def blobprotovector_str_to_arraylist(str: bytes) -> list[NDArray[np.float64]]:
 
 
 def array_to_datum(arr: Array, label: int | None = None) -> Any:
-    """Convert an array (C, H, W) to a Datum: uint8 as bytes, other types as floats. Raises ShapeError."""
+    """Convert an array (C, H, W) to a Datum: uint8 as bytes, other types as floats.
+
+    Raises ShapeError.
+    """
     if arr.ndim != 3:
         raise ShapeError(
             f"Incorrect array shape: a Datum takes (channels, height, width), found {arr.shape}"
@@ -114,7 +120,10 @@ def array_to_datum(arr: Array, label: int | None = None) -> Any:
 
 
 def datum_to_array(datum: Any) -> Array:
-    """Convert a Datum to an array (C, H, W) of uint8 or float64; its label is ``datum.label``. Raises ShapeError."""
+    """Convert a Datum to an array (C, H, W) of uint8 or float64; its label is ``datum.label``.
+
+    Raises ShapeError.
+    """
     if datum.encoded:
         raise ShapeError(
             "the Datum holds an encoded image; decode its data, for example with OpenCV"
@@ -132,14 +141,14 @@ def _shaped(values: Array, shape: tuple[int, ...], what: str) -> Array:
         raise ShapeError(f"{what} has shape {shape}, but {values.size} values") from None
 
 
-# ---------------------------------------------------------------------------------------------- preprocessing
+# ------------------------------------------------------------------------------------ preprocessing
 
 
 class Transformer:
     """Converts images to inputs of a net, and inputs to images.
 
-    ``inputs`` maps each input blob to its shape: ``{"data": net.blobs["data"].data.shape}``. Steps that are not set are
-    skipped.
+    ``inputs`` maps each input blob to its shape: ``{"data": net.blobs["data"].data.shape}``. Steps
+    that are not set are skipped.
     """
 
     def __init__(self, inputs: Mapping[str, Sequence[int]]) -> None:
@@ -151,10 +160,11 @@ class Transformer:
         self.input_scale: dict[str, float] = {}
 
     def preprocess(self, in_: str, data: Array) -> NDArray[np.float32]:
-        """Convert an image (H, W, K) for the input blob ``in_``: to (K, H', W') if a transpose is set.
+        """Convert an image (H, W, K) for the input blob ``in_``: to (K, H', W') if a
+        transpose is set.
 
-        Order: float32; resize to the input; transpose; channel swap; raw scale; mean; input scale. The image itself is
-        not changed. Raises NetlibError.
+        Order: float32; resize to the input; transpose; channel swap; raw scale; mean; input scale.
+        The image itself is not changed. Raises NetlibError.
         """
         shape = self._shape(in_)
         if len(shape) != 4:
@@ -210,7 +220,9 @@ class Transformer:
         self.transpose[in_] = order
 
     def set_channel_swap(self, in_: str, order: Sequence[int]) -> None:
-        """Set the order of the channels, the first axis after the transpose: (2, 1, 0) converts RGB to BGR."""
+        """Set the order of the channels, the first axis after the transpose: (2, 1, 0)
+        converts RGB to BGR.
+        """
         channels = self._shape(in_)[1]
         if len(order) != channels or not set(order) <= set(range(channels)):
             raise ShapeError(
@@ -225,7 +237,9 @@ class Transformer:
         self.raw_scale[in_] = scale
 
     def set_mean(self, in_: str, mean: Array) -> None:
-        """Set the mean to subtract: one number per channel (K,), or an image (H, W) or (K, H, W), resized to fit."""
+        """Set the mean to subtract: one number per channel (K,), or an image (H, W) or (K, H, W),
+        resized to fit.
+        """
         _, channels, *size = self._shape(in_)
         mean = np.asarray(mean)
         mean = mean if mean.dtype.kind == "f" else mean.astype(np.float64)
@@ -270,14 +284,14 @@ def _subtract(image: Array, mean: Array, in_: str) -> None:
         ) from None
 
 
-# ---------------------------------------------------------------------------------------------- images
+# ------------------------------------------------------------------------------------------- images
 
 
 def load_image(filename: str | Path | BinaryIO, color: bool = True) -> NDArray[np.float32]:
     """Read an image file as (H, W, 3), red first, or gray as (H, W, 1). Alpha is dropped.
 
-    8 and 16 bits are scaled to [0, 1]; floats are not scaled. Instead of a name, a file that is open for reading bytes
-    or a BytesIO can be given. Raises DataError.
+    8 and 16 bits are scaled to [0, 1]; floats are not scaled. Instead of a name, a file that is
+    open for reading bytes or a BytesIO can be given. Raises DataError.
     """
     if isinstance(filename, (str, Path)):
         raw = files.read_bytes(filename, "the image")
@@ -310,9 +324,9 @@ def load_image(filename: str | Path | BinaryIO, color: bool = True) -> NDArray[n
 def resize_image(im: Array, new_dims: Size, interp_order: int = 1) -> NDArray[np.float32]:
     """Resize an image (H, W, K) by spline interpolation of the given order (1: bilinear).
 
-    With 1 or 3 channels, pixels are areas, and the outside has the minimum value of the image, so borders darken
-    slightly. With other numbers of channels, the centres of the corner pixels stay fixed. Neither mode averages when
-    downsampling. Raises ShapeError.
+    With 1 or 3 channels, pixels are areas, and the outside has the minimum value of the image, so
+    borders darken slightly. With other numbers of channels, the centres of the corner pixels stay
+    fixed. Neither mode averages when downsampling. Raises ShapeError.
     """
     im = np.asarray(im)
     height, width = (int(n) for n in new_dims) if len(new_dims) == 2 else (0, 0)
@@ -336,7 +350,8 @@ def resize_image(im: Array, new_dims: Size, interp_order: int = 1) -> NDArray[np
 
 
 def oversample(images: Sequence[Array] | Array, crop_dims: Size) -> NDArray[np.float32]:
-    """Ten crops of every image (H, W, K): four corners, the centre, and their mirror images; (10 N, h, w, K).
+    """Ten crops of every image (H, W, K): four corners, the centre, and their mirror images;
+    (10 N, h, w, K).
 
     All images must have the same size. Raises ShapeError.
     """

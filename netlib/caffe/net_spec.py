@@ -8,9 +8,10 @@
     n.pool = L.Pooling(n.conv, kernel_size=2, stride=2, pool=P.Pooling.MAX)
     text = str(n.to_proto())
 
-``L.Type(bottoms, options)`` defines a layer and returns its tops; nothing is computed. ``ntop`` is the number of tops
-(1); with ``in_place`` the tops are the bottoms. Other options are fields of the type's block (``convolution_param``)
-or, if the block lacks them, of the layer itself. A list is a repeated field, a dict is a message.
+``L.Type(bottoms, options)`` defines a layer and returns its tops; nothing is computed. ``ntop`` is
+the number of tops (1); with ``in_place`` the tops are the bottoms. Other options are fields of the
+type's block (``convolution_param``) or, if the block lacks them, of the layer itself. A list is a
+repeated field, a dict is a message.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ class OptionValueError(SpecError, TypeError, ValueError):
     """A value that is invalid for its option."""
 
 
-# ---------------------------------------------------------------------------------------------- a layer and its tops
+# ----------------------------------------------------------------------------- a layer and its tops
 
 
 class Top:
@@ -58,7 +59,9 @@ class Top:
 
 
 class Function:
-    """A layer: its type, its input tops and its options. Raises NotATopError if an input is not a Top.
+    """A layer: its type, its input tops and its options.
+
+    Raises NotATopError if an input is not a Top.
 
     ``params`` are the given options without ``ntop`` and ``in_place``; ``tops`` are its outputs.
     """
@@ -81,7 +84,8 @@ Names = dict[Any, str]  # top, or layer without tops -> its name
 
 
 def to_proto(*tops: Top | Function) -> Any:
-    """Build the NetParameter of all layers that these tops depend on, named by type: Convolution1, Convolution2.
+    """Build the NetParameter of all layers that these tops depend on, named by type:
+    Convolution1, Convolution2.
 
     Raises SpecError for options that a layer type does not have.
     """
@@ -89,7 +93,10 @@ def to_proto(*tops: Top | Function) -> Any:
 
 
 def _net(tops: Iterable[Top | Function], names: Names) -> Any:
-    """Build a net, each layer after those that it reads. ``names`` is extended by generated names."""
+    """Build a net, each layer after those that it reads.
+
+    ``names`` is extended by generated names.
+    """
     made: Made = {}
     counts: Counter[str] = Counter()
     for top in tops:
@@ -128,7 +135,9 @@ def _layer(fn: Function, made: Made, names: Names, counts: Counter[str]) -> Any:
 
 
 def _holder(layer: Any, option: str) -> Any:
-    """The message that contains an option of a layer: the block of the layer's type, or the layer."""
+    """The message that contains an option of a layer: the block of the layer's
+    type, or the layer.
+    """
     fields = layer.DESCRIPTOR.fields_by_name
     if option.endswith("param"):
         return layer
@@ -160,7 +169,8 @@ def _blocks_of(type_name: str) -> list[str]:
 
 
 def assign_proto(proto: Any, name: str, val: Any) -> None:
-    """Set a field of a message from a Python value: a list for a repeated field, a dict for a message.
+    """Set a field of a message from a Python value: a list for a repeated field, a dict
+    for a message.
 
     A single value for a repeated field is treated as a list of one. Raises SpecError.
     """
@@ -201,7 +211,9 @@ def _checked(proto: Any, name: str, put: Callable[[Any], object], value: Any) ->
 
 @functools.cache
 def param_name_dict() -> dict[str, str]:
-    """Layer types with the names of their blocks, without the suffix: ``{"InnerProduct": "inner_product", ...}``."""
+    """Layer types with the names of their blocks, without the suffix: ``{"InnerProduct":
+    "inner_product", ...}``.
+    """
     return {
         field.message_type.name.removesuffix("Parameter"): name.removesuffix("_param")
         for name, field in proto.caffe_pb2.LayerParameter.DESCRIPTOR.fields_by_name.items()
@@ -209,7 +221,7 @@ def param_name_dict() -> dict[str, str]:
     }
 
 
-# ---------------------------------------------------------------------------------------------- public classes
+# ----------------------------------------------------------------------------------- public classes
 
 
 class NetSpec:
@@ -262,7 +274,10 @@ class NetSpec:
 
 
 class Layers:
-    """``layers.Type(*bottoms, **options)`` defines a layer. Returns its top or tops, or the layer if ntop is 0."""
+    """``layers.Type(*bottoms, **options)`` defines a layer.
+
+    Returns its top or tops, or the layer if ntop is 0.
+    """
 
     def __getattr__(self, name: str) -> Callable[..., Any]:
         if name.startswith("__"):

@@ -32,8 +32,9 @@ Hook = Callable[[int], Any]  # called with the number of the layer
 class Net(core.Net):
     """A net: ``Net(network_file, phase, level=0, stages=None, weights=None)``.
 
-    The older form ``Net(network_file, weights, phase)`` is accepted too. ``forward`` and ``backward`` are more lenient
-    than pycaffe's: inputs can be omitted, and a different batch size reshapes the net.
+    The older form ``Net(network_file, weights, phase)`` is accepted too. ``forward`` and
+    ``backward`` are more lenient than pycaffe's: inputs can be omitted, and a different batch size
+    reshapes the net.
     """
 
     def __init__(self, network_file: Any, *args: Any, **options: Any) -> None:
@@ -49,13 +50,14 @@ class Net(core.Net):
         self.blobs = OrderedDict(self._numbered)
         self.params, self.layer_dict = OrderedDict(self.params), OrderedDict(self.layer_dict)
 
-    # ------------------------------------------------------------------------------------------ names and weights
+    # ---------------------------------------------------------------------------- names and weights
 
     @property
     def _layer_names(self) -> list[str]:
         return [at.layer.spec.name for at in self.connections]
 
-    # Numbers of blobs count the tops of all layers in order; the unnamed top of a loss layer counts, too.
+    # Numbers of blobs count the tops of all layers in order; the unnamed top of a loss
+    # layer counts, too.
 
     @functools.cached_property
     def _numbered(self) -> list[tuple[str, Blob]]:
@@ -106,7 +108,10 @@ class Net(core.Net):
 
     @functools.cached_property
     def _blob_loss_weights(self) -> list[float]:
-        """The loss weight of every blob. As in Caffe, a change of this list does not change the net."""
+        """The loss weight of every blob.
+
+        As in Caffe, a change of this list does not change the net.
+        """
         weights = {blob: weight for blob, weight, _ in self.losses}
         return [weights.get(blob, 0.0) for blob in self._blobs]
 
@@ -125,7 +130,7 @@ class Net(core.Net):
         """Blob name -> its loss weight."""
         return OrderedDict(zip(self._blob_names, self._blob_loss_weights))
 
-    # ------------------------------------------------------------------------------------------ running
+    # -------------------------------------------------------------------------------------- running
 
     def before_forward(self, hook: Hook) -> None:
         """Call ``hook(number of the layer)`` before each layer runs forwards."""
@@ -164,7 +169,9 @@ class Net(core.Net):
         self.run_backward(end, start + 1)
 
     def _set_inputs(self, arrays: Mapping[str, Array]) -> None:
-        """Repeat (N, C, 1, 1) over the height and width of the input, as pycaffe's assignment does."""
+        """Repeat (N, C, 1, 1) over the height and width of the input, as pycaffe's
+        assignment does.
+        """
         super()._set_inputs(
             {
                 name: np.broadcast_to(array, (*array.shape[:2], *self.blobs[name].shape[2:]))
@@ -193,8 +200,8 @@ class Net(core.Net):
     ) -> tuple[dict[str, Array], dict[str, Array]]:
         """Run any number of items forwards and backwards, batch by batch.
 
-        ``arrays`` are data of inputs and diffs of outputs. Returns data of the outputs and of ``blobs``, and diffs of
-        the inputs and of ``diffs``.
+        ``arrays`` are data of inputs and diffs of outputs. Returns data of the outputs and of
+        ``blobs``, and diffs of the inputs and of ``diffs``.
         """
         names, slopes = list(blobs or []), list(diffs or [])
         data: dict[str, list[Array]] = {name: [] for name in [*self.outputs, *names]}
@@ -226,7 +233,10 @@ class Net(core.Net):
             }
 
     def set_input_arrays(self, data: ArrayLike, labels: ArrayLike) -> None:
-        """Set the images and labels of the MemoryData layer, which must be the first. Raises LayerError."""
+        """Set the images and labels of the MemoryData layer, which must be the first.
+
+        Raises LayerError.
+        """
         setter: Any = getattr(self.layers[0], "set_input_arrays", None) if self.layers else None
         if setter is None:
             raise LayerError("set_input_arrays needs a net whose first layer is a MemoryData layer")
@@ -234,7 +244,7 @@ class Net(core.Net):
 
     _set_input_arrays = set_input_arrays
 
-    # ------------------------------------------------------------------------------------------ weights
+    # -------------------------------------------------------------------------------------- weights
 
     def share_with(self, other: core.Net) -> None:
         """Share the parameters of another net, by layer name."""
@@ -277,7 +287,7 @@ class _HookedStep(Step):
         self._call("after_backward")
 
 
-# ---------------------------------------------------------------------------------------------- solvers
+# ------------------------------------------------------------------------------------------ solvers
 
 
 READ_ONCE = (
@@ -298,7 +308,9 @@ READ_ONCE = (
 
 
 class SolverParameter:
-    """The options of a solver, which can be changed during training: ``solver.param.base_lr = 0.01``."""
+    """The options of a solver, which can be changed during training:
+    ``solver.param.base_lr = 0.01``.
+    """
 
     def __init__(self, solver: Solver) -> None:
         object.__setattr__(self, "_solver", solver)
@@ -322,7 +334,9 @@ class SolverParameter:
 
 
 class Solver(CoreSolver):
-    """A solver: ``SGDSolver(solver_file)``, or ``get_solver(solver_file)`` for the type given in the file."""
+    """A solver: ``SGDSolver(solver_file)``, or ``get_solver(solver_file)`` for the type
+    given in the file.
+    """
 
     net_class = Net
     # rule of a subclass, which overrides the file's ``type``, as in pycaffe

@@ -1,1 +1,3 @@
-"""Data-parallel training with several processes over MPI: sharding, averaged gradients, agreement."""
+"""Data-parallel training with several processes over MPI: sharding, averaged
+gradients, agreement.
+"""

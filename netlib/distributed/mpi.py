@@ -2,14 +2,16 @@
 
     mpiexec -n 4 python -m mpi4py tools/train.py SOLVER
 
-**Means** are summed in the order of the ranks, so that trainings give bitwise equal results. Arrays are packed into one
-flat buffer of N shards. In the first round every rank sends shard r to rank r, which sums them from first rank to last
-and divides by N; in the second it sends the mean to all. Each rank sends and receives 2 (N - 1) / N times the bytes of
-the arrays, which is optimal (Thakur, Rabenseifner and Gropp 2005, Sec. 4).
+**Means** are summed in the order of the ranks, so that trainings give bitwise equal results. Arrays
+are packed into one flat buffer of N shards. In the first round every rank sends shard r to rank r,
+which sums them from first rank to last and divides by N; in the second it sends the mean to all.
+Each rank sends and receives 2 (N - 1) / N times the bytes of the arrays, which is optimal
+(Thakur, Rabenseifner and Gropp 2005, Sec. 4).
 
-**Agreement**: after each step every rank sends four numbers (loss, request, failure flag, checksum) to all. A signal
-that reaches the ranks in different steps therefore stops all of them after the same step, and an error of one rank is
-raised on all. If a rank ends in another way, ``-m mpi4py`` and the launcher end the others.
+**Agreement**: after each step every rank sends four numbers (loss, request, failure flag, checksum)
+to all. A signal that reaches the ranks in different steps therefore stops all of them after the
+same step, and an error of one rank is raised on all. If a rank ends in another way, ``-m mpi4py``
+and the launcher end the others.
 """
 
 from __future__ import annotations
@@ -41,8 +43,9 @@ SPIN, NAP_S = 2000, 1e-4
 
 
 class MPIRanks(Ranks):
-    """The ranks of a communicator of mpi4py. ``divide`` splits the prototxt's batch among them instead of using it on
-    each.
+    """The ranks of a communicator of mpi4py.
+
+    ``divide`` splits the prototxt's batch among them instead of using it on each.
     """
 
     def __init__(self, comm: Any, divide: bool = False) -> None:
@@ -60,7 +63,7 @@ class MPIRanks(Ranks):
         self._buffers: dict[Any, tuple[Array, Array]] = {}
         ranks.latest = self
 
-    # ------------------------------------------------------------------------------------------ agreement
+    # ------------------------------------------------------------------------------------ agreement
 
     def of_root(self, number: int) -> int:
         """Exchange all numbers and return that of rank 0."""
@@ -136,7 +139,9 @@ class MPIRanks(Ranks):
             raise agreed from error
 
     def fail(self, error: Exception) -> Exception:
-        """Raise the error on the other ranks, in what they exchange next, unless all ranks raise it already."""
+        """Raise the error on the other ranks, in what they exchange next, unless all ranks
+        raise it already.
+        """
         if error is self._agreed:
             return error
         try:
@@ -157,7 +162,10 @@ class MPIRanks(Ranks):
         checksum: int = 0,
         failed: Exception | None = None,
     ) -> Array:
-        """Exchange the four numbers of all ranks; returns (N, 4). If a rank failed, raises its error on every rank."""
+        """Exchange the four numbers of all ranks; returns (N, 4).
+
+        If a rank failed, raises its error on every rank.
+        """
         own = np.array([loss, REQUESTS.index(request), failed is not None, checksum])
         table = np.zeros((self.count, len(own)))
         self._wait(self._comm.Iallgather(own, table))
@@ -175,11 +183,13 @@ class MPIRanks(Ranks):
         return table
 
     def _exchange_values(self, own: Any) -> list[Any]:
-        """Exchange values of all ranks, which have just exchanged numbers, so that none waits for long."""
+        """Exchange values of all ranks, which have just exchanged numbers, so that none
+        waits for long.
+        """
         everyone: list[Any] = self._comm.allgather(own)
         return everyone
 
-    # ------------------------------------------------------------------------------------------ means
+    # ---------------------------------------------------------------------------------------- means
 
     def average(self, arrays: Sequence[Array]) -> None:
         """Replace arrays of one dtype by their means, summed in the order of the ranks."""
@@ -203,7 +213,10 @@ class MPIRanks(Ranks):
             array[...] = place
 
     def _buffers_of(self, size: int, dtype: np.dtype[Any]) -> tuple[Array, Array]:
-        """Buffers for ``size`` values, padded to N shards, and for a shard of every rank. Raises OutOfMemoryError."""
+        """Buffers for ``size`` values, padded to N shards, and for a shard of every rank.
+
+        Raises OutOfMemoryError.
+        """
         if (size, dtype) not in self._buffers:
             flat, pieces = memory.zeros((2, self.count, -(-size // self.count)), dtype)
             self._buffers[size, dtype] = flat, pieces

@@ -2,11 +2,13 @@
 
     solver = netlib.get_solver("solver.prototxt", ranks=MPIRanks(MPI.COMM_WORLD))
 
-Every rank holds the whole net and runs the prototxt's batch, so N ranks make the batch N times as large: row k of the
-data goes to rank k mod N, gradients are averaged over the ranks, and every rank makes the same update. All ranks call
-the same methods of their solvers; rank 0 alone tests, logs and writes snapshots.
+Every rank holds the whole net and runs the prototxt's batch, so N ranks make the batch N times as
+large: row k of the data goes to rank k mod N, gradients are averaged over the ranks, and every rank
+makes the same update. All ranks call the same methods of their solvers; rank 0 alone tests, logs
+and writes snapshots.
 
-``Ranks`` defines the interface and is a single process, rank 0 of 1; ``mpi.MPIRanks`` implements several.
+``Ranks`` defines the interface and is a single process, rank 0 of 1; ``mpi.MPIRanks``
+implements several.
 """
 
 from __future__ import annotations
@@ -44,7 +46,10 @@ class Shard:
     divide: bool = False
 
     def batch(self, size: int) -> int:
-        """Number of rows that a rank reads of a prototxt's batch. Raises ValueError if it cannot be divided."""
+        """Number of rows that a rank reads of a prototxt's batch.
+
+        Raises ValueError if it cannot be divided.
+        """
         if not self.divide:
             return size
         if size % self.count:
@@ -54,15 +59,18 @@ class Shard:
         return size // self.count
 
     def places(self, size: int) -> Iterator[int | None]:
-        """For every row of a step, its index in this rank's batch of ``size``, or None if another rank reads it."""
+        """For every row of a step, its index in this rank's batch of ``size``, or None if another
+        rank reads it.
+        """
         return (
             k // self.count if k % self.count == self.rank else None
             for k in range(size * self.count)
         )
 
     def rows(self, done: int, take: int) -> tuple[slice, slice]:
-        """Of ``take`` consecutive rows that follow ``done`` rows of a step: the rows of this rank, and their indices
-        in its batch."""
+        """Of ``take`` consecutive rows that follow ``done`` rows of a step: the rows of this rank,
+        and their indices in its batch.
+        """
         first = (self.rank - done) % self.count
         place = (done + first) // self.count
         return slice(first, take, self.count), slice(
@@ -111,7 +119,9 @@ class Ranks:
         return number
 
     def introduce(self, facts: Mapping[str, Any]) -> None:
-        """Raise NetlibError on every rank unless the facts about the training are equal on all ranks."""
+        """Raise NetlibError on every rank unless the facts about the training are
+        equal on all ranks.
+        """
 
     def agree(
         self,
@@ -120,28 +130,36 @@ class Ranks:
         net: Net | None = None,
         iteration: int | None = None,
     ) -> float:
-        """Agree after a pass; returns the mean loss over the ranks. Averages the moving averages of the net and, if an
-        iteration is given, its gradients.
+        """Agree after a pass; returns the mean loss over the ranks.
+
+        Averages the moving averages of the net and, if an iteration is given, its gradients.
 
         request    a request to this solver: "stop", "snapshot" or None
-        iteration  the number of the iteration; in some, checksums of the trained parameters are compared
+        iteration  the number of the iteration; in some, checksums of the trained
+                   parameters are compared
 
         If a rank failed, raises its error on every rank. Raises NetlibError if checksums differ.
         """
         return loss
 
     def asked(self, own: Request | None) -> Request | None:
-        """The request that counts after ``agree`` or ``at_root``: "stop" from any rank, or "snapshot" from rank 0."""
+        """The request that counts after ``agree`` or ``at_root``: "stop" from any rank, or
+        "snapshot" from rank 0.
+        """
         return own
 
     def gather(self, value: Mapping[str, Any]) -> list[dict[str, Any]]:
-        """Return, at rank 0, the JSON values of the other ranks in order; elsewhere an empty list."""
+        """Return, at rank 0, the JSON values of the other ranks in order; elsewhere
+        an empty list.
+        """
         return []
 
     def at_root(
         self, work: Callable[[], object], request: Callable[[], Request | None] = lambda: None
     ) -> None:
-        """Do work that rank 0 does for all, such as writing files. Raises on all ranks what the work raises.
+        """Do work that rank 0 does for all, such as writing files.
+
+        Raises on all ranks what the work raises.
 
         Afterwards, the request of rank 0 counts.
         """

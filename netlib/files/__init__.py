@@ -1,4 +1,6 @@
-"""File access: reading with limits and clear errors, atomic replacement, locks, HDF5, images, paths."""
+"""File access: reading with limits and clear errors, atomic replacement, locks, HDF5,
+images, paths.
+"""
 
 from netlib.files.reading import (
     MAX_BYTES,

@@ -1,7 +1,7 @@
 """Atomic file replacement: write under a temporary name, sync, rename.
 
-The temporary name ``.NAME.12345678.netlib.tmp`` is in the same folder, hidden and random. A killed process leaves it;
-``clear_leftovers`` removes it.
+The temporary name ``.NAME.12345678.netlib.tmp`` is in the same folder, hidden and random. A killed
+process leaves it; ``clear_leftovers`` removes it.
 """
 
 from __future__ import annotations
@@ -24,7 +24,10 @@ TEMPORARY = re.compile(r"\.(.+)\.[0-9a-f]{8}\.netlib\.tmp")
 
 @contextlib.contextmanager
 def temporary(path: Path) -> Iterator[Path]:
-    """Yield an empty file next to ``path``, to be filled and renamed; removed if it is not. Raises OSError."""
+    """Yield an empty file next to ``path``, to be filled and renamed; removed if it is not.
+
+    Raises OSError.
+    """
     if not path.name:  # "", "." and "/"
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
     # in the same folder: renaming is atomic
@@ -38,8 +41,8 @@ def temporary(path: Path) -> Iterator[Path]:
 
 
 def clear_leftovers(folder: Path, name: re.Pattern[str]) -> None:
-    """Remove the temporary files of killed processes for files whose whole name matches; no other process may be
-    writing such files.
+    """Remove the temporary files of killed processes for files whose whole name matches; no other
+    process may be writing such files.
     """
     for found in map(TEMPORARY.fullmatch, names_in(folder)):
         if found and name.fullmatch(found[1]):
@@ -49,10 +52,12 @@ def clear_leftovers(folder: Path, name: re.Pattern[str]) -> None:
 
 @contextlib.contextmanager
 def replacing(path: Path, sync: bool = True) -> Iterator[Path]:
-    """Context manager that yields a temporary file and replaces ``path`` by it. An exception leaves ``path`` as it was.
+    """Context manager that yields a temporary file and replaces ``path`` by it.
 
-    Without ``sync`` this holds if the process is killed but not if the machine loses power. Raises OSError with the
-    name ``path``.
+    An exception leaves ``path`` as it was.
+
+    Without ``sync`` this holds if the process is killed but not if the machine loses power. Raises
+    OSError with the name ``path``.
     """
     with error_names(path), temporary(path) as fresh:
         require_regular_file(path)
@@ -70,7 +75,10 @@ def commit(fresh: Path, path: Path, sync: bool = True) -> None:
 
 
 def replace(path: Path, fill: Callable[[Path], object], sync: bool = True) -> None:
-    """Replace ``path`` by a temporary file that ``fill`` writes. Raises OSError with the name ``path``."""
+    """Replace ``path`` by a temporary file that ``fill`` writes.
+
+    Raises OSError with the name ``path``.
+    """
     with replacing(path, sync) as fresh:
         fill(fresh)
 
@@ -102,7 +110,9 @@ def text_of(path: Path) -> str | None:
 
 @contextlib.contextmanager
 def error_names(path: Path) -> Iterator[None]:
-    """Context manager that replaces the file name in an OSError by ``path``, and raises one if no file can have it."""
+    """Context manager that replaces the file name in an OSError by ``path``, and raises one if no
+    file can have it.
+    """
     if "\0" in str(path):
         raise OSError(errno.EINVAL, "a file name cannot contain a NUL character", str(path))
     try:

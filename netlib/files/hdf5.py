@@ -1,12 +1,12 @@
 """HDF5 files: opened with checks, and rows read without the HDF5 library.
 
-The HDF5 library can crash on a damaged file. A snapshot of this project therefore ends with a checksum of its bytes
-(``sealed``), which is compared before the library opens it; other programs ignore what follows the end of the file's
-content. A damaged file without it can crash or stall the library. In every file, what refers outside the file is
-refused.
+The HDF5 library can crash on a damaged file. A snapshot of this project therefore ends with a
+checksum of its bytes (``sealed``), which is compared before the library opens it; other programs
+ignore what follows the end of the file's content. A damaged file without it can crash or stall the
+library. In every file, what refers outside the file is refused.
 
-Rows of contiguous data sets are read with plain reads, not through the library or by memory mapping, so a file that is
-truncated while in use causes an ordinary error instead of a crash.
+Rows of contiguous data sets are read with plain reads, not through the library or by memory
+mapping, so a file that is truncated while in use causes an ordinary error instead of a crash.
 """
 
 from __future__ import annotations
@@ -43,7 +43,8 @@ SEAL_BYTES = len(b"\nnetlib:crc32=01234567\n")
 def opened(
     path: str | Path | Content, what: str, kind: type[NetlibError] = DataError
 ) -> Iterator[h5py.File]:
-    """Open an HDF5 file, or content read before, for reading; ``what`` describes its expected content in errors.
+    """Open an HDF5 file, or content read before, for reading; ``what`` describes its expected
+    content in errors.
 
     Raises ``kind``, including for errors of HDF5 inside the ``with`` block.
     """
@@ -103,7 +104,9 @@ def _check_seal(path: str | Path | Content, what: str, kind: type[NetlibError]) 
 
 
 def _check_objects(file: h5py.File, refused: Callable[[str], NetlibError]) -> None:
-    """Raise the error ``refused`` for what refers to other files, and for data sets whose values are not stored."""
+    """Raise the error ``refused`` for what refers to other files, and for data sets whose values
+    are not stored.
+    """
     seen: set[int] = set()
     waiting: list[h5py.Group] = [file]
     while waiting:
@@ -152,8 +155,11 @@ def _check_dataset(dataset: h5py.Dataset, refused: Callable[[str], NetlibError])
 
 @contextlib.contextmanager
 def in_memory() -> Iterator[tuple[h5py.File, io.BytesIO]]:
-    """Yield a new file and the stream that holds its bytes after the block. The caller writes them with plain writes,
-    because a write that fails inside HDF5 can crash the process."""
+    """Yield a new file and the stream that holds its bytes after the block.
+
+    The caller writes them with plain writes, because a write that fails inside HDF5 can
+    crash the process.
+    """
     image = io.BytesIO()
     with h5py.File(image, "w") as file:
         yield file, image
@@ -168,9 +174,11 @@ def created(path: Path) -> Iterator[h5py.File]:
 
 
 def is_near(other: Path, path: Path) -> bool:
-    """Whether ``other`` is below the folder of ``path``, next to that folder, or in a folder next to it.
+    """Whether ``other`` is below the folder of ``path``, next to that folder, or in a
+    folder next to it.
 
-    Links are followed. A file from an untrusted source may name only such files, not private ones elsewhere.
+    Links are followed. A file from an untrusted source may name only such files, not private
+    ones elsewhere.
     """
     file, folder = real(other), real(path).parent
     return file.is_relative_to(folder) or folder.parent in (file.parent, file.parent.parent)
@@ -184,9 +192,9 @@ class File:
     names      all names in the file
     made_from  origin of the data
 
-    The attribute ``rest_in`` names another file, relative to the folder of the first, with the data sets that the first
-    lacks (``is_near``). HDF5's own external links are not followed, because the library would open any file that they
-    name.
+    The attribute ``rest_in`` names another file, relative to the folder of the first, with the data
+    sets that the first lacks (``is_near``). HDF5's own external links are not followed, because the
+    library would open any file that they name.
     """
 
     def __init__(self, path: Path, names: tuple[str, ...]) -> None:
@@ -226,7 +234,10 @@ class File:
             raise DataError(f"{path}: data set {names[0]!r} has no rows")
 
     def check(self) -> None:
-        """Raise DataError if a file was changed since it was opened. Replacing it by renaming is harmless."""
+        """Raise DataError if a file was changed since it was opened.
+
+        Replacing it by renaming is harmless.
+        """
         for source in self.sources:
             source.check()
 
@@ -256,7 +267,10 @@ class Rows:
         self._held: Array | None = np.asarray(dataset[...]) if held else None
 
     def take(self, rows: Array, out: Array) -> None:
-        """Copy the rows with these numbers into ``out``, converting to its dtype. Raises DataError."""
+        """Copy the rows with these numbers into ``out``, converting to its dtype.
+
+        Raises DataError.
+        """
         if self._held is not None:
             out[...] = self._held[rows]
             return

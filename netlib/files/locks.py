@@ -15,7 +15,10 @@ except ImportError:  # without fcntl nothing is locked
 
 
 def take(descriptor: int) -> bool:
-    """Lock an open file. Returns False if another process holds the lock; True also where locks are not supported."""
+    """Lock an open file.
+
+    Returns False if another process holds the lock; True also where locks are not supported.
+    """
     if fcntl is not None:
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -27,9 +30,11 @@ def take(descriptor: int) -> bool:
 
 
 class Lock:
-    """A lock file that exists until ``release`` or until this process ends; ``taken`` is True while it is held.
+    """A lock file that exists until ``release`` or until this process ends; ``taken`` is True
+    while it is held.
 
-    ``holder`` is the number of the process that holds it instead. Raises OSError, also if the file is a link.
+    ``holder`` is the number of the process that holds it instead. Raises OSError, also if the
+    file is a link.
     """
 
     def __init__(self, path: Path) -> None:

@@ -1,10 +1,12 @@
-"""This project's packages ``layers`` and ``fast``, also where a script has modules of these names, and ``caffe``.
+"""This project's packages ``layers`` and ``fast``, also where a script has modules of these names,
+and ``caffe``.
 
-Scripts written for Caffe often have their own ``layers``. ``own_module`` returns ours whatever else is imported under
-its name; where a script has its own, ours are in sys.modules only while one of our modules is imported (``in_place``),
-also a module of handpose (``guard``). After ``yield_names`` (netlib.install_as_caffe) this holds for every script, and
-an import of these names finds the script's own module first, even if this project's folder comes first in sys.path. It
-finds ours if there is no other, so that ours need no other name.
+Scripts written for Caffe often have their own ``layers``. ``own_module`` returns ours whatever else
+is imported under its name; where a script has its own, ours are in sys.modules only while one of
+our modules is imported (``in_place``), also a module of handpose (``guard``). After ``yield_names``
+(netlib.install_as_caffe) this holds for every script, and an import of these names finds the
+script's own module first, even if this project's folder comes first in sys.path. It finds ours if
+there is no other, so that ours need no other name.
 """
 
 from __future__ import annotations
@@ -43,8 +45,8 @@ def own_module(name: str) -> ModuleType:
 
 
 def yield_names(names: Iterable[str] = NAMES) -> None:
-    """From now on, imports of these names and of ``OTHERS`` find a script's own modules first, and ours, as far as they
-    have been imported, if there are no others.
+    """From now on, imports of these names and of ``OTHERS`` find a script's own modules first, and
+    ours, as far as they have been imported, if there are no others.
     """
     for top in names:
         if not any(isinstance(finder, _Finder) for finder in sys.meta_path):
@@ -54,7 +56,9 @@ def yield_names(names: Iterable[str] = NAMES) -> None:
 
 
 def take_caffe() -> None:
-    """From now on, ``import caffe`` returns netlib.caffe, even if Caffe is installed or imported."""
+    """From now on, ``import caffe`` returns netlib.caffe, even if Caffe is
+    installed or imported.
+    """
     if not any(isinstance(finder, _Caffe) for finder in sys.meta_path):
         _take("caffe")
         sys.meta_path.insert(0, _Caffe())
@@ -76,7 +80,9 @@ def guard(package: str) -> None:
 
 @functools.lru_cache(maxsize=16)
 def _has_theirs(top: str, inside: tuple[str, ...]) -> bool:
-    """Whether one of these folders has a module ``top``, other than a folder without __init__.py."""
+    """Whether one of these folders has a module ``top``, other than a folder
+    without __init__.py.
+    """
     found = importlib.machinery.PathFinder.find_spec(top, inside)
     return found is not None and found.origin is not None and _has_code(found)
 
@@ -90,7 +96,9 @@ def folders() -> list[str]:
 
 @contextlib.contextmanager
 def in_place() -> Iterator[None]:
-    """Context manager: our packages, as far as they are imported, are in sys.modules, in place of others."""
+    """Context manager: our packages, as far as they are imported, are in sys.modules, in
+    place of others.
+    """
     with _lock:
         displaced = [
             top
@@ -195,7 +203,8 @@ class _Caffe(importlib.abc.MetaPathFinder):
     ) -> importlib.machinery.ModuleSpec | None:
         """Spec of a module of netlib.caffe, or of one that a folder on sys.path has.
 
-        Forks add modules to the package caffe; those of a fork's python/caffe that a script has on its path are found.
+        Forks add modules to the package caffe; those of a fork's python/caffe that a script has on
+        its path are found.
         """
         if name.partition(".")[0] != "caffe":
             return None
@@ -230,7 +239,9 @@ class _Existing(importlib.abc.Loader):
 
 
 def _has_code(spec: importlib.machinery.ModuleSpec) -> bool:
-    """Whether a spec is that of a module, or of a folder without __init__.py that holds modules, and not ours."""
+    """Whether a spec is that of a module, or of a folder without __init__.py that holds
+    modules, and not ours.
+    """
     if spec.origin is not None:
         return Path(spec.origin).resolve() != own(spec.name).resolve() / "__init__.py"
     places = [Path(folder).resolve() for folder in spec.submodule_search_locations or []]

@@ -26,7 +26,9 @@ _loading = threading.RLock()
 
 
 def command(name: str) -> str:
-    """The command line of a tool, in the form in which the user started this one, or as installed."""
+    """The command line of a tool, in the form in which the user started this one,
+    or as installed.
+    """
     if not is_subcommand():
         return f"python tools/{name}.py" if IS_CLONE else f"{PROGRAMS[0]} {name.replace('_', '-')}"
     program = sys.argv[0].split()[0]
@@ -35,22 +37,28 @@ def command(name: str) -> str:
 
 
 def is_subcommand() -> bool:
-    """Whether this process was started as ``handpose NAME`` or ``netlib NAME``; handpose/__main__.py sets argv[0]."""
+    """Whether this process was started as ``handpose NAME`` or ``netlib NAME``;
+    handpose/__main__.py sets argv[0].
+    """
     return bool(sys.argv) and sys.argv[0].startswith(tuple(f"{program} " for program in PROGRAMS))
 
 
 def own(name: str) -> Path:
-    """Path of a file or folder of this project, given its path in a clone, also in an installed package."""
+    """Path of a file or folder of this project, given its path in a clone, also in an
+    installed package.
+    """
     return next((base / name for base in (ROOT, BASE) if exists(base / name)), ROOT / name)
 
 
 def find(name: str, source: str | None) -> Path:
-    """Resolve ``name`` relative to the working directory, as Caffe does, else to the file ``source`` that names it.
+    """Resolve ``name`` relative to the working directory, as Caffe does, else to the file
+    ``source`` that names it.
 
-    A name such as ``prototxt/x.prototxt`` is also resolved relative to the parent of the folder ``prototxt`` that
-    contains ``source``, and, if it starts with a folder of this project, relative to the project, so that a solver can
-    be used from any working directory. ``source`` is None on the command line and in programs. If nothing is found,
-    ``name`` is returned unchanged for the error message.
+    A name such as ``prototxt/x.prototxt`` is also resolved relative to the parent of the folder
+    ``prototxt`` that contains ``source``, and, if it starts with a folder of this project, relative
+    to the project, so that a solver can be used from any working directory. ``source`` is None on
+    the command line and in programs. If nothing is found, ``name`` is returned unchanged for the
+    error message.
     """
     path = Path(name)
     if path.is_absolute() or exists(path):

@@ -1,8 +1,9 @@
 """Decoding of image files with OpenCV.
 
-A small file can claim to hold an image larger than memory. OpenCV checks the size before decoding and rejects more than
-OPENCV_IO_MAX_IMAGE_PIXELS, which netlib/__init__.py sets to MAX_PIXELS. This takes effect only if netlib is imported
-before cv2; otherwise OpenCV's own limit is four times as large.
+A small file can claim to hold an image larger than memory. OpenCV checks the size before decoding
+and rejects more than OPENCV_IO_MAX_IMAGE_PIXELS, which netlib/__init__.py sets to MAX_PIXELS.
+This takes effect only if netlib is imported before cv2; otherwise OpenCV's own limit is four
+times as large.
 """
 
 from __future__ import annotations
@@ -23,10 +24,11 @@ MAX_PIXELS = 1 << 28  # more than any camera has
 
 
 def decode(content: bytes, flag: int, what: str) -> Array:
-    """Decode an image file to pixels (H, W) or (H, W, C), blue first; ``flag`` is that of cv2.imdecode.
+    """Decode an image file to pixels (H, W) or (H, W, C), blue first; ``flag`` is that
+    of cv2.imdecode.
 
-    Raises DataError that begins with ``what``. Some versions of OpenCV complete truncated images without an error, so
-    the end of a PNG or JPEG file is checked first.
+    Raises DataError that begins with ``what``. Some versions of OpenCV complete truncated images
+    without an error, so the end of a PNG or JPEG file is checked first.
     """
     if content.startswith(PNG) and PNG_END not in content:
         raise DataError(f"{what}: truncated or damaged PNG")

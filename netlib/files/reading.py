@@ -1,6 +1,7 @@
 """Reading files named by the user: regular files up to a size limit, with one-line errors.
 
-Reading from a pipe could block forever, a device may never end, and a file may be larger than memory.
+Reading from a pipe could block forever, a device may never end, and a file may be
+larger than memory.
 """
 
 from __future__ import annotations
@@ -64,7 +65,10 @@ def read_bytes(
     limit: float = MAX_BYTES,
     first: int | None = None,
 ) -> bytes:
-    """Content of a file, or its ``first`` bytes. Raises ``kind``, also if it is larger than ``limit``."""
+    """Content of a file, or its ``first`` bytes.
+
+    Raises ``kind``, also if it is larger than ``limit``.
+    """
     with opened(path, what, kind) as raw, BufferedReader(raw) as stream:
         try:
             # files in /proc have size 0 and may be endless
@@ -99,7 +103,10 @@ def read_text(
     errors: str = "strict",
     limit: int = MAX_TEXT_BYTES,
 ) -> str:
-    """Text of a UTF-8 file without byte order mark, with line breaks converted to ``\\n``. Raises ``kind``."""
+    """Text of a UTF-8 file without byte order mark, with line breaks converted to ``\\n``.
+
+    Raises ``kind``.
+    """
     content = read_bytes(path, what, kind, limit)
     try:
         text = content.decode("utf-8-sig", errors)

@@ -1,4 +1,6 @@
-"""Blobs in Caffe's binary files: conversion to and from BlobProto, and .binaryproto files for mean images."""
+"""Blobs in Caffe's binary files: conversion to and from BlobProto, and .binaryproto files
+for mean images.
+"""
 
 from __future__ import annotations
 
@@ -26,10 +28,11 @@ AXES = ("num", "channels", "height", "width")
 
 
 def array_of(proto: BlobProto) -> Array:
-    """The values of a BlobProto, in its precision, as a view of the file's bytes; half precision becomes single.
-    Raises WireError.
+    """The values of a BlobProto, in its precision, as a view of the file's bytes; half precision
+    becomes single. Raises WireError.
 
-    Blobs older than the field ``shape`` have four axes; if both are present, these take precedence, as in Caffe.
+    Blobs older than the field ``shape`` have four axes; if both are present, these take
+    precedence, as in Caffe.
     """
     shape: tuple[int, ...] = tuple(getattr(proto, axis) for axis in AXES)
     if proto.shape is not None and not any(schema.is_given(proto, axis) for axis in AXES):
@@ -46,7 +49,9 @@ def array_of(proto: BlobProto) -> Array:
 
 
 def _raw_values(proto: BlobProto) -> Array:
-    """The values of ``raw_data``, in which NVIDIA's Caffe and OpenCV's shrinkCaffeModel write half precision."""
+    """The values of ``raw_data``, in which NVIDIA's Caffe and OpenCV's shrinkCaffeModel write
+    half precision.
+    """
     kind = RAW[proto.raw_data_type]
     if len(proto.raw_data) % kind.itemsize:
         raise WireError(
@@ -58,7 +63,8 @@ def _raw_values(proto: BlobProto) -> Array:
 
 
 def tree_of(array: Array, diff: Array | None = None, older: bool = False) -> Message:
-    """Convert an array, and its gradient if given, to a BlobProto tree; float64 as double, other types as float.
+    """Convert an array, and its gradient if given, to a BlobProto tree; float64 as double, other
+    types as float.
 
     ``older``: the four axes are written as num, channels, height and width.
     """
@@ -86,7 +92,8 @@ def read_blob(path: str | Path) -> Array:
 
 
 def write_blob(array: Array, path: str | Path) -> None:
-    """Write a .binaryproto file atomically; four axes in the older form, as Caffe's compute_image_mean does.
+    """Write a .binaryproto file atomically; four axes in the older form, as Caffe's
+    compute_image_mean does.
 
     Raises DataError.
     """

@@ -1,7 +1,8 @@
 """Layer types of other programs: how known layers compute the same, or whose they are.
 
-The types are those that public forks of Caffe register and that converters from PyTorch write. Types are not compared
-by the similarity of their names, except for the misspelling of one letter: ``HSwish`` is not ``Swish``.
+The types are those that public forks of Caffe register and that converters from PyTorch write.
+Types are not compared by the similarity of their names, except for the misspelling of one letter:
+``HSwish`` is not ``Swish``.
 """
 
 from __future__ import annotations
@@ -11,8 +12,9 @@ from collections.abc import Iterable
 
 MISSPELT = 0.9  # similarity from which a name with one wrong letter is taken for a misspelt one
 
-# Names of a type; what it computes from x; known layers that compute it one after the other. A letter in an option is
-# an option of the type, or a size. "with x": the bottoms are x and the top of the layer before.
+# Names of a type; what it computes from x; known layers that compute it one after the other. A
+# letter in an option is an option of the type, or a size. "with x": the bottoms are x and the top
+# of the layer before.
 WRITTEN = (
     (
         "HSwish HardSwish",
@@ -210,7 +212,9 @@ HINTS = _hints()
 
 
 def type_advice(name: str, known: Iterable[str]) -> str:
-    """Advice on an unknown layer type: what to use instead, or the known type that is misspelt; empty if none."""
+    """Advice on an unknown layer type: what to use instead, or the known type that is misspelt;
+    empty if none.
+    """
     letters = _letters(name)
     if letters in HINTS:
         return f" ({HINTS[letters]})"
@@ -222,7 +226,9 @@ def type_advice(name: str, known: Iterable[str]) -> str:
 
 
 def v1_advice(name: str, v1_types: Iterable[str], known: Iterable[str]) -> str:
-    """Advice on an unknown layer type in Caffe's older format, V1: a misspelt type, or one of the current format."""
+    """Advice on an unknown layer type in Caffe's older format, V1: a misspelt type, or one of the
+    current format.
+    """
     letters = _letters(name)
     if letters not in map(_letters, v1_types):
         for current in known:

@@ -1,8 +1,10 @@
-"""Options of popular forks of Caffe that this project does not have; fork_types.py has their layer types.
+"""Options of popular forks of Caffe that this project does not have; fork_types.py has
+their layer types.
 
-An option that only selects an implementation (an algorithm, a precision, a number of threads), or whose value has no
-effect, is accepted and ignored. Any other is an error. Options whose layers are implemented are declared with them, in
-the files of layers/. Sources: caffe.proto of NVIDIA's, Intel's, SSD's and DeepLab's forks.
+An option that only selects an implementation (an algorithm, a precision, a number of threads), or
+whose value has no effect, is accepted and ignored. Any other is an error. Options whose layers are
+implemented are declared with them, in the files of layers/. Sources: caffe.proto of NVIDIA's,
+Intel's, SSD's and DeepLab's forks.
 """
 
 from __future__ import annotations
@@ -99,7 +101,9 @@ OPTIONS: dict[str, dict[str, str]] = {
 
 
 def has_no_effect(message: str, item: Field) -> bool:
-    """Whether a field of the named message is an option of a fork whose value does not change the result."""
+    """Whether a field of the named message is an option of a fork whose value does not
+    change the result.
+    """
     harmless = OPTIONS.get(message, {}).get(item.name)
     return harmless == ANY or bool(
         harmless and isinstance(item.value, Scalar) and _same(item.value, harmless)

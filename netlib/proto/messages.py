@@ -1,7 +1,8 @@
-"""Caffe's messages: the fields of nets, layers, solvers and solver states, in text and binary files.
+"""Caffe's messages: the fields of nets, layers, solvers and solver states, in text
+and binary files.
 
-Each field is one line: its name, type, number in the binary format, default and meaning. The options of layer types are
-declared with the layers.
+Each field is one line: its name, type, number in the binary format, default and meaning. The
+options of layer types are declared with the layers.
 """
 
 from __future__ import annotations
@@ -182,7 +183,8 @@ BLOCKS = {
     # from Fast R-CNN's fork of Caffe
     "roi_pooling_param": 8266711,
     "smooth_l1_loss_param": 8266712,
-    # Blocks of forks with different numbers (FORK_NUMBERS). These six are numbers of forks that no other block has.
+    # Blocks of forks with different numbers (FORK_NUMBERS). These six are numbers of forks that no
+    # other block has.
     "bn_param": 152,
     "psroi_pooling_param": 153,
     "interp_param": 163,
@@ -195,7 +197,8 @@ BLOCKS = {
     "hand_augment_param": 10003,
 }
 
-# Type -> its block, and numbers of this block in forks. In other layers they are the numbers of other blocks.
+# Type -> its block, and numbers of this block in forks. In other layers they are the numbers
+# of other blocks.
 FORK_NUMBERS = {
     "Interp": ("interp_param", (143, 147)),  # DeepLab and PSPNet, a fork for Windows
     "LSTM": ("recurrent_param", (151,)),  # NVIDIA
@@ -211,7 +214,10 @@ FORK_NUMBERS = {
 
 @dataclass(frozen=True)
 class LayerParameter:
-    """One ``layer { ... }``. Options of its type (``convolution_param`` ...) are kept as trees in ``blocks``."""
+    """One ``layer { ... }``.
+
+    Options of its type (``convolution_param`` ...) are kept as trees in ``blocks``.
+    """
 
     name: str = numbered(1, "")
     type: str = numbered(2, "")

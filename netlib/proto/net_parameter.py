@@ -1,4 +1,6 @@
-"""Reading a net's prototxt, selecting its layers by phase, level and stages, and inserting Split layers."""
+"""Reading a net's prototxt, selecting its layers by phase, level and stages, and
+inserting Split layers.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +48,8 @@ def distinct(names: Sequence[str]) -> list[str]:
 def select_layers(param: NetParameter, state: NetState) -> list[LayerParameter]:
     """The layers of a net in this state; old-style inputs are converted to an Input layer.
 
-    As in Caffe, an input without a shape is dropped if a layer, such as an Input layer in the same file, has this top.
+    As in Caffe, an input without a shape is dropped if a layer, such as an Input layer in the same
+    file, has this top.
     """
     made = {top for spec in param.layer for top in spec.top}
     is_dropped = not param.input_shape and not param.input_dim and made.issuperset(param.input)
@@ -77,7 +80,9 @@ def meets(state: NetState, rule: NetStateRule) -> bool:
 
 
 def input_layer(param: NetParameter) -> LayerParameter:
-    """Convert old-style inputs, ``input: "x" input_dim: 1 ...`` or ``input_shape``, to an Input layer."""
+    """Convert old-style inputs, ``input: "x" input_dim: 1 ...`` or ``input_shape``, to
+    an Input layer.
+    """
     where = schema.position_of(param, "input")
     shapes = param.input_shape
     if not shapes:
@@ -102,9 +107,11 @@ def input_layer(param: NetParameter) -> LayerParameter:
 
 
 def insert_splits(layers: Sequence[LayerParameter]) -> list[LayerParameter]:
-    """Insert a Split layer after every top that has more than one reader, so that no two layers write the same diff.
+    """Insert a Split layer after every top that has more than one reader, so that no two layers
+    write the same diff.
 
-    As in Caffe, its backward sums the diffs. Names are Caffe's. A loss weight on such a top counts as another reader.
+    As in Caffe, its backward sums the diffs. Names are Caffe's. A loss weight on such a top counts
+    as another reader.
     """
     last: dict[str, tuple[int, int]] = {}  # blob name -> (layer, top index) that wrote it last
     source: dict[tuple[int, int], tuple[int, int]] = {}  # (layer, bottom index) -> its writer

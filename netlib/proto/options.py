@@ -1,5 +1,5 @@
-"""Layer types, tables of their classes, and their options blocks; the only module of netlib that looks up the package
-``layers``.
+"""Layer types, tables of their classes, and their options blocks; the only module of netlib that
+looks up the package ``layers``.
 """
 
 from __future__ import annotations
@@ -18,19 +18,23 @@ PACKAGE = "layers"
 
 
 def class_at(package: str, place: str) -> Any:
-    """The class at a place in a package of this project: ``layers`` and ``vision.pooling.Pooling``."""
+    """The class at a place in a package of this project: ``layers`` and
+    ``vision.pooling.Pooling``.
+    """
     module, _, name = place.rpartition(".")
     return getattr(own_module(f"{package}.{module}"), name)
 
 
 def place_of(cls: type) -> str:
-    """The place of a class in the package ``layers``; of a class elsewhere one that no class of ours has."""
+    """The place of a class in the package ``layers``; of a class elsewhere one that no
+    class of ours has.
+    """
     return f"{cls.__module__}.{cls.__qualname__}".removeprefix(f"{PACKAGE}.")
 
 
 class LayerTable(UserDict[K, Any]):
-    """Keys, such as layer types, and classes: made from the place of each class in the package ``layers``, for example
-    ``vision.pooling.Pooling``.
+    """Keys, such as layer types, and classes: made from the place of each class in the package
+    ``layers``, for example ``vision.pooling.Pooling``.
     """
 
     def __getitem__(self, key: K) -> Any:
@@ -61,7 +65,9 @@ def class_of(type_name: str, bottoms: int) -> Any:
 
 
 class _OptionBlocks(UserDict[str, Any]):
-    """Options blocks: name -> dataclass, or None if a layer has it, which is imported when the block is looked up."""
+    """Options blocks: name -> dataclass, or None if a layer has it, which is imported when the
+    block is looked up.
+    """
 
     def __getitem__(self, block: str) -> Any:
         """The dataclass of a block."""

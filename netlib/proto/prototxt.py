@@ -99,9 +99,12 @@ class Unknown:
 
 @dataclass(frozen=True)
 class Field:
-    """One ``name: value``. A repeated field is several fields with the same name; an unknown field has no name.
+    """One ``name: value``.
 
-    ``number`` is that in its binary file, if it is not the number in the declaration of its message.
+    A repeated field is several fields with the same name; an unknown field has no name.
+
+    ``number`` is that in its binary file, if it is not the number in the declaration
+    of its message.
     """
 
     name: str
@@ -144,7 +147,8 @@ def _lines(message: Message, indent: str) -> Iterator[str]:
 def parse_file(path: str | Path) -> Message:
     """Parse a file. Raises NetlibError if it cannot be read, PrototxtError if it is not valid.
 
-    Files of this project are found from any working directory by a name such as ``prototxt/x.prototxt``.
+    Files of this project are found from any working directory by a name such as
+    ``prototxt/x.prototxt``.
     """
     path = find(str(path), None)
     if str(path).endswith((".caffemodel", ".caffemodel.h5")):
@@ -160,7 +164,7 @@ def parse(text: str, source: str = "<text>") -> Message:
     return _Parser(text.removeprefix("\ufeff"), source).file()
 
 
-# ---------------------------------------------------------------------------------------------- tokens
+# ------------------------------------------------------------------------------------------- tokens
 
 _TOKEN = re.compile(
     r"""(?P<skip>[ \t\r\n\f\v]+|\#[^\n]*)
@@ -251,12 +255,13 @@ def _quote(text: str) -> str:
 
 
 def _escape_bytes(character: str) -> str:
-    # surrogateescape: the undecodable bytes of a file's name; other surrogates come from callers only
+    # surrogateescape: the undecodable bytes of a file's name; other surrogates come
+    # from callers only
     errors = "surrogateescape" if "\udc80" <= character <= "\udcff" else "surrogatepass"
     return "".join(f"\\{byte:03o}" for byte in character.encode("utf-8", errors))
 
 
-# ---------------------------------------------------------------------------------------------- grammar
+# ------------------------------------------------------------------------------------------ grammar
 
 
 class _Parser:

@@ -1,8 +1,10 @@
-"""BatchNorm with a scale and a bias of its own, as in NVIDIA's and Intel's Caffe, as a BatchNorm and a Scale.
+"""BatchNorm with a scale and a bias of its own, as in NVIDIA's and Intel's Caffe, as a
+BatchNorm and a Scale.
 
     layer { name: "bn" type: "BatchNorm" bottom: "x" top: "y" batch_norm_param { scale_bias: true } }
 
-NVIDIA's option is ``scale_bias``, which a filler of either also sets; Intel's is ``use_weight_bias``.
+NVIDIA's option is ``scale_bias``, which a filler of either also sets; Intel's is
+``use_weight_bias``.
 """
 
 from __future__ import annotations
@@ -47,8 +49,8 @@ def _asks_for_scale(item: Field) -> bool:
 def _scale(layer: Message, options: list[Field], rates: list[Field], taken: set[str]) -> Message:
     """The Scale, in place on the top of the BatchNorm.
 
-    rates  the ``param`` of the layer: of mean, variance, factor, scale and bias, or in older versions of scale and
-           bias first
+    rates  the ``param`` of the layer: of mean, variance, factor, scale and bias, or in older
+           versions of scale and bias first
     """
     place, name = layer.position, f"{_text(layer, 'name')}_scale"
     while name in taken:

@@ -1,7 +1,9 @@
-"""Conversion of trees to typed messages, with one declaration per message for text and binary files.
+"""Conversion of trees to typed messages, with one declaration per message for text
+and binary files.
 
-A message is a frozen dataclass. Each field is one line with its type, its number in binary files, its default (none if
-it is required) and its meaning. ``read`` fills one from a tree and reports every mistake with its position.
+A message is a frozen dataclass. Each field is one line with its type, its number in binary files,
+its default (none if it is required) and its meaning. ``read`` fills one from a tree and reports
+every mistake with its position.
 
     str, bool               as in Python
     int, UInt, Int64        of 32 bits, of 32 bits without sign, of 64 bits
@@ -10,7 +12,8 @@ it is required) and its meaning. ``read`` fills one from a tree and reports ever
     Literal["MAX", "AVE"]   an enum, by name or by number, counted from 0
     OneBased[Literal[...]]  an enum counted from 1
     Annotated[str, ("MAX", "AVE")]  the same as Literal
-    Floats, Doubles         a repeated float or double in one array; bytes: a string that need not be text
+    Floats, Doubles         a repeated float or double in one array; bytes: a string that
+                            need not be text
     tuple[X, ...]           a repeated field     X | None          an optional field
     a dataclass             a nested message     Message           a nested message, left as a tree
 
@@ -61,7 +64,8 @@ def numbered(number: int) -> Any: ...
 @overload
 def numbered(number: int, default: T, packed: bool = False) -> T: ...
 def numbered(number: int, default: Any = dataclasses.MISSING, packed: bool = False) -> Any:
-    """Declare a field of a message with its number in caffe.proto; without a default it is required.
+    """Declare a field of a message with its number in caffe.proto; without a default
+    it is required.
 
     The numbers of a ``packed`` field are written to binary files as one block.
     """
@@ -69,7 +73,10 @@ def numbered(number: int, default: Any = dataclasses.MISSING, packed: bool = Fal
 
 
 def read(message: Message, cls: type[T], what: str | None = None) -> T:
-    """Fill the dataclass ``cls`` from a tree. Raises PrototxtError with the position of the mistake."""
+    """Fill the dataclass ``cls`` from a tree.
+
+    Raises PrototxtError with the position of the mistake.
+    """
     hints, fields = dict(hints_of(cls)), {written_name(f.name): f for f in dataclasses.fields(cls)}  # type: ignore[arg-type]
     takes_blocks = hints.pop("blocks", None) is not None
     found: dict[str, list[Field]] = {}
@@ -115,7 +122,10 @@ def unknown_field(item: Field, known: typing.Iterable[str], message: str) -> Pro
 
 
 def with_values(message: T, **values: Any) -> T:
-    """Set fields of a message from Python values, checked like those of a file. Raises PrototxtError."""
+    """Set fields of a message from Python values, checked like those of a file.
+
+    Raises PrototxtError.
+    """
     cls: Any = type(message)
     hints, defaults = (
         hints_of(cls),
@@ -165,7 +175,9 @@ def changed(message: T, **changes: Any) -> T:
 
 
 def placed(made: T, tree: Message | None) -> T:
-    """Set the tree from which ``made`` counts as read, with the positions of its fields, and return ``made``."""
+    """Set the tree from which ``made`` counts as read, with the positions of its fields, and
+    return ``made``.
+    """
     object.__setattr__(made, "_tree", tree)
     return made
 
@@ -176,7 +188,9 @@ def tree_of(message: object) -> Message | None:
 
 
 def is_set(message: object, name: str) -> bool:
-    """Whether a field is given in the file or, in a message made by a program, differs from its default."""
+    """Whether a field is given in the file or, in a message made by a program, differs
+    from its default.
+    """
     return is_given(message, name) or getattr(message, name) != getattr(type(message), name)
 
 
@@ -389,12 +403,12 @@ def _float(value: Scalar) -> float | None:
         return None
 
 
-# ---------------------------------------------------------------------------------------------- typed → tree
+# ------------------------------------------------------------------------------------- typed → tree
 
 
 def to_tree(message: Any) -> Message:
-    """Convert a typed message to a tree with the fields that its file gives or that differ from their defaults, and
-    the unknown fields of a binary file.
+    """Convert a typed message to a tree with the fields that its file gives or that differ from
+    their defaults, and the unknown fields of a binary file.
     """
     hints, place = hints_of(message.__class__), position_of(message)
     fields: list[Field] = []

@@ -2,8 +2,8 @@
 
     layers { type: CONVOLUTION blobs_lr: 1 blobs_lr: 2 weight_decay: 1 convolution_param { ... } }
 
-The upgrade works on trees, so a mistake in an old file is reported at its position. Options that Caffe drops are
-dropped here too, with the same note.
+The upgrade works on trees, so a mistake in an old file is reported at its position. Options that
+Caffe drops are dropped here too, with the same note.
 """
 
 from __future__ import annotations
@@ -163,7 +163,9 @@ def upgraded(net: Message) -> Message:
 
 
 def refuse_v0(layer: Message) -> None:
-    """Raise PrototxtError for a layer of 2013: ``layers { layer { name: "conv1" type: "conv" } }``."""
+    """Raise PrototxtError for a layer of 2013: ``layers { layer { name: "conv1"
+    type: "conv" } }``.
+    """
     for item in layer.fields:
         if item.name == "layer" or (
             isinstance(item.value, Unknown) and item.value.encoded.startswith(V0_KEY)
@@ -195,7 +197,7 @@ def _check_type(layer: Message) -> None:
         raise PrototxtError(value.position, f"unknown value {value} of 'type'{advice}")
 
 
-# ---------------------------------------------------------------------------------------------- V1 → current
+# ------------------------------------------------------------------------------------- V1 → current
 
 
 def _layer(old: Message) -> Message:
@@ -249,7 +251,9 @@ def _with_transform(old: Message, block: str | None) -> Message:
 
 
 def _with_scales(fields: Sequence[Field]) -> Iterator[Field]:
-    """The fields of a net, with a Scale after each BatchNorm that has a scale of its own (scaled_batch_norm.py)."""
+    """The fields of a net, with a Scale after each BatchNorm that has a scale of its own
+    (scaled_batch_norm.py).
+    """
     names = [
         name.text
         for item in fields
@@ -268,7 +272,9 @@ def _with_scales(fields: Sequence[Field]) -> Iterator[Field]:
 
 
 def _with_fixed_statistics(item: Field) -> Field:
-    """Freeze the three parameters that older nets declare for BatchNorm: they are statistics, not weights."""
+    """Freeze the three parameters that older nets declare for BatchNorm: they are
+    statistics, not weights.
+    """
     layer = item.value
     if item.name != "layer" or not isinstance(layer, Message) or len(layer.values("param")) != 3:
         return item

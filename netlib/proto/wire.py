@@ -1,20 +1,24 @@
-"""Decoder and encoder of protocol buffers' binary format: Caffe's .caffemodel, .solverstate and .binaryproto.
+"""Decoder and encoder of protocol buffers' binary format: Caffe's .caffemodel, .solverstate
+and .binaryproto.
 
 A message is a sequence of fields. A field is a key, its number * 8 + its wire type, and a value:
 
     0   a varint: seven bits per byte, lowest first; the high bit marks that another byte follows
     1   8 bytes                                      5   4 bytes
-    2   a length (varint) and that many bytes: a string, a nested message, or many numbers in one block ("packed")
+    2   a length (varint) and that many bytes: a string, a nested message, or many numbers in one
+        block ("packed")
     3,4 start and end of a group, which Caffe does not use; they are rejected
 
-Names are not in the file; the dataclasses that also read prototxt (schema.py) define number and type of each field.
-Unknown fields, and enums with unknown values, are kept as they are and written back after the known fields, as in
-protobuf. Forks of Caffe use the same numbers for different options of layers, so in a layer the type decides: the block
-of its type is found under each fork's number (FORK_NUMBERS), and all blocks of an unknown type are unknown fields.
-Reference: "Encoding" of Protocol Buffers.
+Names are not in the file; the dataclasses that also read prototxt (schema.py) define number and
+type of each field. Unknown fields, and enums with unknown values, are kept as they are and written
+back after the known fields, as in protobuf. Forks of Caffe use the same numbers for different
+options of layers, so in a layer the type decides: the block of its type is found under each fork's
+number (FORK_NUMBERS), and all blocks of an unknown type are unknown fields. Reference: "Encoding"
+of Protocol Buffers.
 
-Input is not trusted: lengths are checked against the enclosing message, arrays are views of the file's bytes, and the
-number of fields is limited, so memory use is bounded by the size of the file and MAX_FIELDS.
+Input is not trusted: lengths are checked against the enclosing message, arrays are views of the
+file's bytes, and the number of fields is limited, so memory use is bounded by the size of the file
+and MAX_FIELDS.
 """
 
 from __future__ import annotations
@@ -56,7 +60,8 @@ class Offset(Place):
 class FieldInfo:
     """Number, name and type of a field of a message.
 
-    stated  kind of one value; None for an options block of a layer, whose dataclass is imported when it is needed
+    stated  kind of one value; None for an options block of a layer, whose dataclass is imported
+            when it is needed
     """
 
     number: int
@@ -80,7 +85,9 @@ class FieldInfo:
         return FOUR_BYTES if self.kind is float else EIGHT_BYTES if self.kind is Double else VARINT
 
     def accepts(self, wire_type: int) -> bool:
-        """Whether values can be encoded with this wire type: numbers of a repeated field also as one block."""
+        """Whether values can be encoded with this wire type: numbers of a repeated field
+        also as one block.
+        """
         return wire_type == self.wire_type or (wire_type == LENGTH and self.repeated)
 
 
@@ -106,7 +113,7 @@ def fields_of(cls: type) -> tuple[FieldInfo, ...]:
     return tuple(known)
 
 
-# ---------------------------------------------------------------------------------------------- reading
+# ------------------------------------------------------------------------------------------ reading
 
 
 def decode(data: bytes, cls: type, source: str = "<bytes>", strict: bool = False) -> Message:
@@ -118,7 +125,9 @@ def decode(data: bytes, cls: type, source: str = "<bytes>", strict: bool = False
 
 
 class _Decoder:
-    """Decoder of one file. ``at`` is the offset of a field, ``start`` and ``stop`` are those of its value.
+    """Decoder of one file.
+
+    ``at`` is the offset of a field, ``start`` and ``stop`` are those of its value.
 
     ``end`` is the end of the message. Every method raises WireError if the bytes are invalid.
     """
@@ -131,7 +140,9 @@ class _Decoder:
         return WireError(f"{Offset(self.source, at)}: {message}")
 
     def one_more(self, at: int) -> None:
-        """Count a field, or a number in a packed field: each takes more memory than bytes in the file."""
+        """Count a field, or a number in a packed field: each takes more memory than
+        bytes in the file.
+        """
         self.count += 1
         if self.count > MAX_FIELDS:
             raise self.fail(
@@ -232,10 +243,11 @@ class _Decoder:
         return start + size
 
     def row(self, dtype: np.dtype[Any], at: int, start: int, end: int) -> tuple[int, NDArray[Any]]:
-        """Decode consecutive numbers that each have the same key; returns the end offset and an array.
+        """Decode consecutive numbers that each have the same key; returns the end
+        offset and an array.
 
-        Some old files have millions of them. The bytes are viewed as rows of key and number, in blocks that double in
-        size.
+        Some old files have millions of them. The bytes are viewed as rows of key and number, in
+        blocks that double in size.
         """
         key, width = self.data[at:start], start - at + dtype.itemsize
         block = 64
@@ -324,7 +336,9 @@ def _by_number_in_layer(layer_type: str) -> dict[int, FieldInfo]:
 
 @functools.cache
 def _with_blocks(layer_type: str) -> dict[int, FieldInfo]:
-    """The fields of a layer with the blocks of all types, and that of its type also under the numbers of forks."""
+    """The fields of a layer with the blocks of all types, and that of its type also under the
+    numbers of forks.
+    """
     name, numbers = FORK_NUMBERS.get(layer_type, ("", ()))
     others = {
         number: dataclasses.replace(_by_name(LayerParameter)[name], number=number)
@@ -348,11 +362,12 @@ def _by_name(cls: type) -> dict[str, FieldInfo]:
     return {known.name: known for known in fields_of(cls)}
 
 
-# ---------------------------------------------------------------------------------------------- writing
+# ------------------------------------------------------------------------------------------ writing
 
 
 def encode(message: Message, cls: type) -> bytes:
-    """Encode a tree as a message of type ``cls``, with fields in the order of their numbers, unknown ones last.
+    """Encode a tree as a message of type ``cls``, with fields in the order of their numbers,
+    unknown ones last.
 
     Raises PrototxtError if ``cls`` does not define a field or defines it with another type.
     """

@@ -1,7 +1,8 @@
 """Weights and solver states in Caffe's binary format.
 
     .caffemodel     a NetParameter: every layer as the net runs it, with its parameters in ``blobs``
-    .solverstate    a SolverState; its extra field ``netlib``, JSON, holds what an exact resume needs; Caffe ignores it
+    .solverstate    a SolverState; its extra field ``netlib``, JSON, holds what an exact resume
+                    needs; Caffe ignores it
 
 Weights of Caffe's older formats are read too (netlib/proto/upgrade.py).
 """
@@ -28,7 +29,9 @@ MAX_BYTES = 2**31 - 1  # limit of protobuf
 def weights_image(
     name: str, layers: Iterable[tuple[LayerParameter, list[tuple[Array, Array | None]]]]
 ) -> bytes:
-    """Content of the .caffemodel of a net: its layers with the data, and optionally the diffs, of their parameters."""
+    """Content of the .caffemodel of a net: its layers with the data, and optionally the diffs, of
+    their parameters.
+    """
     fields = schema.to_tree(messages.NetParameter(name=name)).fields
     for spec, blobs in layers:
         tree = schema.to_tree(schema.changed(spec, blobs=()))
@@ -49,7 +52,8 @@ def state_image(state: SolverState) -> bytes:
         Field("history", binaryproto.tree_of(array), tree.position) for array in state.history
     ]
     extra = schema.to_tree(messages.SolverState(netlib=json.dumps(state.extra)))
-    # The extra field comes first, so that a truncated file does not look like one of Caffe's, which has no checksum.
+    # The extra field comes first, so that a truncated file does not look like one of Caffe's, which
+    # has no checksum.
     parts = (extra, Message(tree.fields + history, tree.position))
     return _fitting(b"".join(wire.encode(part, messages.SolverState) for part in parts))
 
@@ -64,7 +68,10 @@ def _fitting(image: bytes) -> bytes:
 
 
 def read_weights(data: bytes, path: str) -> Weights:
-    """Decode weights: layer name -> parameter index -> array. Raises WeightsError if the data are not weights."""
+    """Decode weights: layer name -> parameter index -> array.
+
+    Raises WeightsError if the data are not weights.
+    """
     try:
         layers = _layers(data, path)
         if layers:
@@ -114,8 +121,10 @@ def read_state(data: bytes, path: str) -> SolverState:
 
 
 def _layers(data: bytes, path: str) -> list[LayerParameter]:
-    """Layers of a net in any of Caffe's formats, with only their names and parameters. Weights are copied by name, so
-    types and options of Caffe's forks do not matter."""
+    """Layers of a net in any of Caffe's formats, with only their names and parameters.
+
+    Weights are copied by name, so types and options of Caffe's forks do not matter.
+    """
     layers = []
     for item in wire.decode(data, AnyNetParameter, path).fields:
         if item.name in ("layer", "layers"):

@@ -45,8 +45,9 @@ def name_fault(name: str) -> str:
 
 
 def weights_image(name: str, weights: Weights) -> bytes:
-    """Content of the HDF5 file of the weights of the net ``name``. Raises WeightsError for layers whose names HDF5
-    cannot store.
+    """Content of the HDF5 file of the weights of the net ``name``.
+
+    Raises WeightsError for layers whose names HDF5 cannot store.
     """
     check_names(weights)
     with hdf5.in_memory() as (file, image):
@@ -80,11 +81,14 @@ def _c_string(text: str) -> Array:
     return np.array(raw, dtype=f"S{len(raw) + 1}")
 
 
-# ---------------------------------------------------------------------------------------------- reading
+# ------------------------------------------------------------------------------------------ reading
 
 
 def read_weights(path: str | Path | Content) -> Weights:
-    """Read weights: layer name -> parameter index -> array. Raises WeightsError if the file does not hold weights."""
+    """Read weights: layer name -> parameter index -> array.
+
+    Raises WeightsError if the file does not hold weights.
+    """
     with hdf5.opened(path, "weights", WeightsError) as file:
         if "history" in file and "data" not in file:
             pair = _learned_net(file) or "*.caffemodel.h5"
@@ -121,7 +125,10 @@ def net_name(path: str | Path | Content) -> str:
 
 
 def _layers(group: h5py.Group, prefix: str = "") -> Iterator[tuple[str, dict[str, h5py.Dataset]]]:
-    """Layers in /data with their data sets. HDF5 nests groups for slashes in names: ``inception/1x1``."""
+    """Layers in /data with their data sets.
+
+    HDF5 nests groups for slashes in names: ``inception/1x1``.
+    """
     for name, item in list(group.items()):  # h5py's iterator blocks other threads
         if not isinstance(item, h5py.Group):
             continue

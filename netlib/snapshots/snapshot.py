@@ -1,11 +1,11 @@
 """Reading and writing weights and solver states in both of Caffe's formats.
 
-Names that end in ``.h5`` are written as HDF5 (hdf5_format.py), others in Caffe's binary format (binary_format.py). When
-reading, the content decides, not the name.
+Names that end in ``.h5`` are written as HDF5 (hdf5_format.py), others in Caffe's binary format
+(binary_format.py). When reading, the content decides, not the name.
 
-A file is built in memory, written next to its target, flushed to the disk and renamed (atomic.py): first the weights,
-then the state, which has their name and their checksum. A snapshot is complete if its state exists and its weights have
-this checksum.
+A file is built in memory, written next to its target, flushed to the disk and renamed (atomic.py):
+first the weights, then the state, which has their name and their checksum. A snapshot is complete
+if its state exists and its weights have this checksum.
 """
 
 from __future__ import annotations
@@ -44,7 +44,8 @@ def write_weights(image: bytes, path: str | Path) -> None:
 def write_pair(image: bytes, state: SolverState, weights_path: Path, state_path: Path) -> None:
     """Write weights and solver state. Raises WeightsError if writing fails.
 
-    The state is on the disk under its temporary name before the weights are renamed, so a full disk changes nothing.
+    The state is on the disk under its temporary name before the weights are renamed, so a full disk
+    changes nothing.
     """
     state.extra["weights_crc"] = zlib.crc32(image)
     state.extra["checksum"] = state.checksum()
@@ -69,7 +70,8 @@ def _writing(path: str | Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def prefix_in_use(prefix: Path) -> Iterator[None]:
-    """Reserve this prefix within the block: remove what a killed training left, and reject a second training.
+    """Reserve this prefix within the block: remove what a killed training left, and reject a
+    second training.
 
     Raises WeightsError, also if snapshots cannot be written there, before the training starts.
     """
@@ -109,17 +111,23 @@ def probe(prefix: Path) -> None:
         raise WeightsError(f"{folder}: cannot write snapshots there: {reason_of(error)}") from error
 
 
-# ---------------------------------------------------------------------------------------------- reading
+# ------------------------------------------------------------------------------------------ reading
 
 
 def read_content(path: str | Path) -> Content:
-    """Read a weights file once, for its checksum, its weights and its other groups. Raises WeightsError."""
+    """Read a weights file once, for its checksum, its weights and its other groups.
+
+    Raises WeightsError.
+    """
     limit = memory.physical() if begins_as_hdf5(path, "weights") else files.MAX_BYTES
     return Content(Path(path), files.read_bytes(path, "weights", WeightsError, limit))
 
 
 def read_weights(path: str | Path | Content) -> Weights:
-    """Read weights: layer name -> parameter index -> array. Raises WeightsError if the file does not hold weights."""
+    """Read weights: layer name -> parameter index -> array.
+
+    Raises WeightsError if the file does not hold weights.
+    """
     if begins_as_hdf5(path, "weights"):
         return hdf5_format.read_weights(path)
     data = (
@@ -129,7 +137,10 @@ def read_weights(path: str | Path | Content) -> Weights:
 
 
 def net_name(path: str | Path) -> str:
-    """The name of the net whose weights a file holds; empty if it is not stored. Raises WeightsError."""
+    """The name of the net whose weights a file holds; empty if it is not stored.
+
+    Raises WeightsError.
+    """
     if begins_as_hdf5(path, "weights"):
         return hdf5_format.net_name(path)
     return binary_format.net_name(files.read_bytes(path, "weights", WeightsError), str(path))
@@ -153,7 +164,10 @@ def begins_as_hdf5(path: str | Path | Content, what: str) -> bool:
 
 
 def weights_of(state_path: str | Path, state: SolverState) -> Content:
-    """The weights of a state: next to it, or at the path that it names. Raises WeightsError if they do not match."""
+    """The weights of a state: next to it, or at the path that it names.
+
+    Raises WeightsError if they do not match.
+    """
     written = Path(state.learned_net)
     sibling = Path(state_path).parent / written.name
     found = read_content(sibling if exists(sibling) or not exists(written) else written)
@@ -165,7 +179,9 @@ def weights_of(state_path: str | Path, state: SolverState) -> Content:
 
 
 def complete_snapshot(state_path: str | Path) -> Path | None:
-    """The newest complete snapshot with the prefix of ``state_path``, other than itself, by the path of its state."""
+    """The newest complete snapshot with the prefix of ``state_path``, other than itself, by the
+    path of its state.
+    """
     path = Path(state_path)
     wanted = STATE_NAME.fullmatch(path.name)
     others = [

@@ -29,7 +29,10 @@ Writes = list[tuple[Array, Array]]  # pairs of an array of the net and its new v
 
 
 def owned(net: Net) -> Weights:
-    """Weights of all layers: name -> parameter index -> array. A shared parameter is listed only with its owner."""
+    """Weights of all layers: name -> parameter index -> array.
+
+    A shared parameter is listed only with its owner.
+    """
     own = {(p.layer, p.index) for p in net.learnable}
     return {
         name: {i: blob.data for i, blob in enumerate(layer.blobs) if (name, i) in own}
@@ -40,8 +43,8 @@ def owned(net: Net) -> Weights:
 def image(net: Net, path: str | Path, diffs: bool = False) -> bytes:
     """Content of a weights file: HDF5 if ``path`` ends in ``.h5``, else Caffe's binary format.
 
-    The binary format also holds the layers themselves, each shared parameter in all its layers, and, with ``diffs``,
-    the gradients. Raises WeightsError if the format cannot store them.
+    The binary format also holds the layers themselves, each shared parameter in all its layers,
+    and, with ``diffs``, the gradients. Raises WeightsError if the format cannot store them.
     """
     if snapshot.is_hdf5(path):
         return hdf5_format.weights_image(net.name, owned(net))
@@ -77,7 +80,10 @@ def write(writes: Writes) -> None:
 def fitting(
     net: Net, source: str | Path | Content | Net, strict: bool = False
 ) -> tuple[Writes, list[str], list[str]]:
-    """Plan a copy: the writes, and what ``copy`` returns. A net is never partially copied. Raises WeightsError."""
+    """Plan a copy: the writes, and what ``copy`` returns.
+
+    A net is never partially copied. Raises WeightsError.
+    """
     what, found = _weights_of(source)
     found = _without_scales(net, found, what)
     ignored = [name for name, arrays in found.items() if name not in net.layer_dict and arrays]
@@ -116,7 +122,8 @@ def _weights_of(source: str | Path | Content | Net) -> tuple[str, Found]:
 
 
 def _without_scales(net: Net, found: Found, what: str) -> Found:
-    """The arrays with the five of a BatchNorm of NVIDIA's or Intel's Caffe given to a BatchNorm and the Scale after it.
+    """The arrays with the five of a BatchNorm of NVIDIA's or Intel's Caffe given to a BatchNorm and
+    the Scale after it.
 
     Raises WeightsError if the net has no such Scale.
     """
@@ -138,8 +145,8 @@ def _without_scales(net: Net, found: Found, what: str) -> Found:
 def _separated(net: Net, norm: Layer, five: Sequence[Array], found: Found, what: str) -> Found:
     """The parameters of a BatchNorm and the Scale after it.
 
-    five  mean, variance, factor, scale and bias, or in older files scale, bias, mean, variance and factor. NVIDIA's
-          mean and variance are no sums, and its factor is 1 or 0
+    five  mean, variance, factor, scale and bias, or in older files scale, bias, mean, variance and
+          factor. NVIDIA's mean and variance are no sums, and its factor is 1 or 0
     """
     scale = _scale_after(net, norm)
     if scale is None:
@@ -161,7 +168,9 @@ def _separated(net: Net, norm: Layer, five: Sequence[Array], found: Found, what:
 
 
 def _scale_after(net: Net, norm: Layer) -> Layer | None:
-    """The Scale with a gain and a bias for each channel that alone reads the top of a BatchNorm; None if none does."""
+    """The Scale with a gain and a bias for each channel that alone reads the top of a BatchNorm;
+    None if none does.
+    """
     layers = list(net.layer_dict.values())
     for layer in layers[layers.index(norm) + 1 :]:
         if norm.spec.top[0] in layer.spec.bottom:
@@ -200,7 +209,9 @@ def _writes(
 
 
 def legacy_shape(array: Array, shape: tuple[int, ...]) -> Array:
-    """Reshape weights and histories with leading ones: Caffe wrote four axes before N-d blobs, other programs two."""
+    """Reshape weights and histories with leading ones: Caffe wrote four axes before N-d blobs,
+    other programs two.
+    """
     if array.shape == (1,) * (array.ndim - len(shape)) + shape:
         return array.reshape(shape)
     return array

@@ -1,7 +1,8 @@
 """Memory checks before allocation.
 
-Operating systems overcommit memory and kill processes that use it. Requests that certainly cannot fit, because they are
-larger than the machine's memory, are therefore rejected. Other requests are tried.
+Operating systems overcommit memory and kill processes that use it. Requests that certainly
+cannot fit, because they are larger than the machine's memory, are therefore rejected. Other
+requests are tried.
 """
 
 from __future__ import annotations
@@ -31,7 +32,10 @@ def physical() -> float:
 
 
 def check(size: int, what: str) -> None:
-    """Raise OutOfMemoryError if ``size`` bytes cannot fit. ``what`` is their purpose, for example "for parameters"."""
+    """Raise OutOfMemoryError if ``size`` bytes cannot fit.
+
+    ``what`` is their purpose, for example "for parameters".
+    """
     if size > physical():
         raise OutOfMemoryError(
             f"{format_bytes(size)} {what}; this machine has {format_bytes(int(physical()))}"
@@ -45,8 +49,8 @@ def zeros(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
 
 
 def is_lacking(error: Exception) -> bool:
-    """Whether an error reports a lack of memory; NumPy raises ValueError for arrays beyond any address space, OpenCV
-    its own error.
+    """Whether an error reports a lack of memory; NumPy raises ValueError for arrays beyond any
+    address space, OpenCV its own error.
     """
     begins = ("array is too big", "Maximum allowed dimension", "std::bad_alloc")
     return (
@@ -65,5 +69,7 @@ def format_bytes(size: int) -> str:
 
 
 def blocks(count: int, size: int) -> list[slice]:
-    """Split ``range(count)`` into slices of ``size``, the last one shorter, for processing that limits memory."""
+    """Split ``range(count)`` into slices of ``size``, the last one shorter, for processing that
+    limits memory.
+    """
     return [slice(start, min(start + size, count)) for start in range(0, count, size)]

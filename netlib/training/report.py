@@ -1,5 +1,5 @@
-"""Lines of Caffe's training log: losses, outputs of nets, debug_info; their format (glog), which log parsers read; and
-the test of a net.
+"""Lines of Caffe's training log: losses, outputs of nets, debug_info; their format (glog), which
+log parsers read; and the test of a net.
 """
 
 from __future__ import annotations
@@ -28,7 +28,9 @@ def copied(source: object, ignored: Iterable[str], missing: Iterable[str]) -> No
 
 
 def outputs(what: str, net: Net, values_of: Mapping[str, Array]) -> None:
-    """Log ``    Train net output #0: loss = 0.86 (* 1 = 0.86 loss)`` for each value of each output."""
+    """Log ``    Train net output #0: loss = 0.86 (* 1 = 0.86 loss)`` for each value
+    of each output.
+    """
     for number, score in enumerate(scores(net, values_of)):
         log.info("    %s net output #%d: %s", what, number, score)
 
@@ -44,7 +46,9 @@ def scores(net: Net, values_of: Mapping[str, Array]) -> Iterator[str]:
 
 
 def lack_of_loss(net: Net) -> Iterator[str]:
-    """Yield a warning for each output that looks like a loss but has no loss_weight, or for a net without any loss."""
+    """Yield a warning for each output that looks like a loss but has no loss_weight, or for a net
+    without any loss.
+    """
     outputs = [
         (at.layer, name, blob)
         for at in net.connections
@@ -83,9 +87,9 @@ Functions = list[Callable[[], object]]
 def warn_of_no_progress(
     net: Net, on_step: Functions, on_gradients_ready: Functions, iterations: int = 3
 ) -> None:
-    """Add functions to these lists of a solver that warn once of a training which changes no weight: its net has no
-    loss, or the gradients of its first iterations are all 0. Those of one batch can be, as of a hinge loss without
-    violations.
+    """Add functions to these lists of a solver that warn once of a training which changes no
+    weight: its net has no loss, or the gradients of its first iterations are all 0. Those of one
+    batch can be, as of a hinge loss without violations.
     """
     left = [iterations]
 
@@ -117,7 +121,9 @@ def warn_of_no_progress(
 def means_of(
     net: Net, what: str, batches: int, is_stopped: Callable[[], bool]
 ) -> tuple[float, dict[str, Array]] | None:
-    """Run batches of a net; returns the mean loss, and the mean of each output, flat. None if it was stopped.
+    """Run batches of a net; returns the mean loss, and the mean of each output, flat.
+
+    None if it was stopped.
 
     ``what`` names the net in messages. Raises LayerError for an output whose size changes.
     """
@@ -142,8 +148,8 @@ def means_of(
 
 
 def debug_forward(net: Net) -> float:
-    """Run the layers one by one and log the mean absolute values of their tops and parameters, as Caffe's debug_info
-    does. Returns the loss.
+    """Run the layers one by one and log the mean absolute values of their tops and parameters, as
+    Caffe's debug_info does. Returns the loss.
     """
     for number, at in enumerate(net.connections):
         net.run_forward(number, number + 1)
@@ -166,7 +172,9 @@ def debug_forward(net: Net) -> float:
 
 
 def debug_backward(net: Net) -> None:
-    """Run the layers backwards one by one and log the mean absolute values of the gradients that they compute."""
+    """Run the layers backwards one by one and log the mean absolute values of the gradients
+    that they compute.
+    """
     for number, at in reversed(list(enumerate(net.connections))):
         net.run_backward(number, number + 1)
         for name, blob, down in zip(at.layer.spec.bottom, at.bottom, at.propagate_down):
@@ -217,7 +225,8 @@ def _mean(array: Any) -> float:
 def show_printable(record: logging.LogRecord) -> bool:
     """Logging filter that escapes arguments, so that no name can start a new line.
 
-    Numbers are not changed. A Message (a prototxt) may have several lines; its names are quoted already.
+    Numbers are not changed. A Message (a prototxt) may have several lines; its names are
+    quoted already.
     """
     if isinstance(record.args, tuple) and record.args:
         record.args = tuple(
@@ -233,7 +242,9 @@ log.addFilter(show_printable)
 
 
 class CaffeFormatter(logging.Formatter):
-    """Formats lines as glog does: ``I1121 01:57:02.956642 28053 solver.py:238] Iteration 3 ...``."""
+    """Formats lines as glog does: ``I1121 01:57:02.956642 28053
+    solver.py:238] Iteration 3 ...``.
+    """
 
     def format(self, record: logging.LogRecord) -> str:
         """Return the line for one record."""

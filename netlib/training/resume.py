@@ -1,7 +1,9 @@
-"""The snapshots of a training: collect its state in a solver state, write it, and restore it exactly.
+"""The snapshots of a training: collect its state in a solver state, write it, and
+restore it exactly.
 
-For a resume that is exact to the bit, a state contains, in addition to Caffe's iteration and histories, the random
-generators and data positions of all layers and the losses being averaged. States written by Caffe have none of these.
+For a resume that is exact to the bit, a state contains, in addition to Caffe's iteration and
+histories, the random generators and data positions of all layers and the losses being averaged.
+States written by Caffe have none of these.
 """
 
 from __future__ import annotations
@@ -61,9 +63,11 @@ class Snapshots:
 
     @property
     def prefix(self) -> Path:
-        """The path that names start with: snapshot_prefix, by default the solver's path without suffix.
+        """The path that names start with: snapshot_prefix, by default the solver's path
+        without suffix.
 
-        If it is a directory, the solver's name is appended. A directory created after the first use has no effect.
+        If it is a directory, the solver's name is appended. A directory created after the first use
+        has no effect.
         """
         given, source = self._solver.param.snapshot_prefix, Path(self._solver.source)
         if not given:
@@ -93,7 +97,9 @@ class Snapshots:
 
     @contextlib.contextmanager
     def reserved(self) -> Iterator[None]:
-        """Context manager: no other process writes snapshots of this prefix, and this one will be able to."""
+        """Context manager: no other process writes snapshots of this prefix, and this one
+        will be able to.
+        """
         solver = self._solver
         if solver.ranks.rank or not self.are_written:
             yield
@@ -106,7 +112,10 @@ class Snapshots:
             yield
 
     def write(self) -> Path:
-        """Write weights and solver state; returns the path of the state. Raises WeightsError, DivergenceError."""
+        """Write weights and solver state; returns the path of the state.
+
+        Raises WeightsError, DivergenceError.
+        """
         solver = self._solver
         for param in solver.net.learnable:
             if not np.isfinite(param.blob.data).all():
@@ -139,7 +148,8 @@ def state_of(
 ) -> SolverState:
     """Content of the solver state that goes with the weights ``learned_net``.
 
-    ``others`` are the layer states of ranks 1 and up. Raises TypeError if the state of a layer cannot be stored.
+    ``others`` are the layer states of ranks 1 and up. Raises TypeError if the state of a layer
+    cannot be stored.
     """
     per_parameter = len(solver.history[0]) if solver.history else 0
     histories = [h[i] for i in range(per_parameter) for h in solver.history]  # Caffe's order
@@ -224,8 +234,8 @@ def restore_state(solver: Solver, path: str | Path) -> None:
 def _states_of_rank(solver: Solver, state: SolverState) -> list[dict[str, Any]]:
     """The states of the layers of all nets for this rank.
 
-    If the number of ranks is unchanged, each rank gets its own. Otherwise data positions are kept, and the random
-    generators of ranks other than 0 are reset.
+    If the number of ranks is unchanged, each rank gets its own. Otherwise data positions are kept,
+    and the random generators of ranks other than 0 are reset.
     """
     nets: list[dict[str, Any]] = list(state.extra.get("layers", []))
     others = state.extra.get("ranks", [])
@@ -240,7 +250,9 @@ def _states_of_rank(solver: Solver, state: SolverState) -> list[dict[str, Any]]:
 
 
 def undo_of(nets: Sequence[Net]) -> Callable[[], None]:
-    """Return a function that restores the current data positions, random generators and moving averages of the nets."""
+    """Return a function that restores the current data positions, random generators and moving
+    averages of the nets.
+    """
     before = [net.layer_states() for net in nets]
     means = [(array, array.copy()) for net in nets for array in moving(net)]
 
@@ -255,7 +267,8 @@ def undo_of(nets: Sequence[Net]) -> Callable[[], None]:
 
 @contextlib.contextmanager
 def undone_without_data(nets: Sequence[Net]) -> Iterator[Callable[[], None]]:
-    """Context manager: if data end, undo the part of an iteration that was made, so that a resume repeats it.
+    """Context manager: if data end, undo the part of an iteration that was made, so that a
+    resume repeats it.
 
     Yields the function that does so.
     """

@@ -45,8 +45,10 @@ def parameter_of(tree: Message, **changes: Any) -> SolverParameter:
 
 
 def state_of(phase: schema.Phase, *states: NetState) -> NetState:
-    """The state to build a net for: ``phase``, unless a state sets another. The last state that sets a field takes
-    precedence, and stages add up, as in Caffe."""
+    """The state to build a net for: ``phase``, unless a state sets another.
+
+    The last state that sets a field takes precedence, and stages add up, as in Caffe.
+    """
     level = 0
     for state in states:
         phase = state.phase if schema.is_set(state, "phase") else phase
@@ -55,7 +57,10 @@ def state_of(phase: schema.Phase, *states: NetState) -> NetState:
 
 
 def type_of(p: SolverParameter) -> str:
-    """Type of a solver, which older files give as ``solver_type``. Raises PrototxtError if both differ."""
+    """Type of a solver, which older files give as ``solver_type``.
+
+    Raises PrototxtError if both differ.
+    """
     if p.solver_type is None:
         return p.type
     old = OLD_TYPES[p.solver_type]
@@ -135,7 +140,7 @@ def _rate_mistakes(p: SolverParameter) -> Iterator[tuple[str, str]]:
         )
 
 
-# ---------------------------------------------------------------------------------------------- nets
+# --------------------------------------------------------------------------------------------- nets
 
 
 def train_net(p: SolverParameter, source: str) -> tuple[str, NetParameter]:
@@ -155,7 +160,9 @@ def train_net(p: SolverParameter, source: str) -> tuple[str, NetParameter]:
 
 
 def test_nets(p: SolverParameter, source: str) -> list[tuple[str, NetParameter]]:
-    """Load the test nets: test_net_param, test_net, then ``net`` for the remaining entries of test_iter."""
+    """Load the test nets: test_net_param, test_net, then ``net`` for the remaining
+    entries of test_iter.
+    """
     named: list[str | Message] = [*p.test_net_param, *p.test_net]
     general = p.net_param if p.net_param is not None else p.net
     if general is not None:

@@ -76,7 +76,9 @@ def net_text(folder: Path, skeleton: Skeleton) -> str:
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_frames(tmp_path: Path, seed: int) -> None:
-    """Every joint is inside the visible surface, nothing is detached from the body, and the limits are kept."""
+    """Every joint is inside the visible surface, nothing is detached from the body, and the
+    limits are kept.
+    """
     recipe = exact_recipe(write_body(tmp_path, seed))
     frames, skeleton = Generator(seed, "train", recipe).block(0), recipe.prior.body()
     assert frames.dof is not None
@@ -98,7 +100,9 @@ def test_frames(tmp_path: Path, seed: int) -> None:
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_net_learns_it(tmp_path: Path, seed: int) -> None:
-    """The loss decreases with the model and the limits of this body, and the scores are those of its joints."""
+    """The loss decreases with the model and the limits of this body, and the scores are those
+    of its joints.
+    """
     prior = write_body(tmp_path, seed)
     skeleton = prior_file.load(prior).body()
     data = DataSet(tmp_path, [(Generator(0, "train", recipe_of(prior)), 64)])
@@ -161,11 +165,16 @@ def test_fits_to_depth(tmp_path: Path, seed: int) -> None:
 
 
 def test_parts_that_are_about_hands(tmp_path: Path) -> None:
-    """Features for hands, such as detection, mirroring and tracking, reject other bodies with a one-line error."""
+    """Features for hands, such as detection, mirroring and tracking, reject other bodies with a
+    one-line error.
+    """
     prior = write_body(tmp_path, 1)
     text = net_text(tmp_path, prior_file.load(prior).body())
     start, end = text.index("layer {"), text.index('layer {\n  name: "small"')
-    given = 'layer { name: "in" type: "Input" top: "depth" input_param { shape { dim: 1 dim: 1 dim: 128 dim: 128 } } }\n'
+    given = (
+        'layer { name: "in" type: "Input" top: "depth" input_param { shape { dim: 1 dim: 1 dim: '
+        "128 dim: 128 } } }\n"
+    )
     (tmp_path / "net.prototxt").write_text(
         text[:start] + given + text[end : text.index('layer { name: "joint_loss"')]
     )

@@ -41,7 +41,9 @@ def held(name: str, pose: str, **degrees: float) -> dict[str, np.ndarray]:
 
 
 def test_a_person_of_adult_size() -> None:
-    """The person has 21 joints and 40 DoFs, the proportions of an adult of 1.75 m, and symmetric sides."""
+    """The person has 21 joints and 40 DoFs, the proportions of an adult of 1.75 m, and
+    symmetric sides.
+    """
     skeleton = skeletons.load(BODY / "person.prototxt")
     assert (len(skeleton.joint_names), len(skeleton.dof_names)) == (21, 40)
     rest = held("person", "")
@@ -77,7 +79,9 @@ def test_a_person_of_adult_size() -> None:
 )
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_which_way_limbs_bend(side: str, dof: str, joint: str, moves: tuple[object, ...]) -> None:
-    """Limbs bend in the same direction on both sides; the limits of knees and elbows allow only one direction."""
+    """Limbs bend in the same direction on both sides; the limits of knees and elbows allow only
+    one direction.
+    """
     out = 1 if side == "left" else -1
     wanted = [
         {"out": out, "in": -out}.get(move, move) if isinstance(move, str) else move
@@ -111,7 +115,9 @@ def test_poses_with_a_name(name: str) -> None:
 
 
 def test_a_person_in_poses() -> None:
-    """Raised arms have the hands above the head; seated persons have knees in front of the hips at their height."""
+    """Raised arms have the hands above the head; seated persons have knees in front of the hips
+    at their height.
+    """
     up = held("person", "arms_raised")
     assert min(up["hand_left"][1], up["hand_right"][1]) > up["head"][1] + 200
     sits = held("person", "sit")
@@ -125,7 +131,9 @@ def test_a_person_in_poses() -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_frames_show_the_whole_body(name: str) -> None:
-    """All joints are in the cube and the camera sees the whole body; with a sensor's noise most pixels remain."""
+    """All joints are in the cube and the camera sees the whole body; with a sensor's noise most
+    pixels remain.
+    """
     recipe = recipe_of(BODY / f"{name}_prior.prototxt")
     frames = Generator(1, "train", recipe).block(2)
     clear = Generator(
@@ -139,7 +147,9 @@ def test_frames_show_the_whole_body(name: str) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_tools(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The commands of docs/bodies.md run: frames, two iterations, a score with each joint, and pictures."""
+    """The commands of docs/bodies.md run: frames, two iterations, a score with each
+    joint, and pictures.
+    """
     monkeypatch.chdir(tmp_path)
     prior = str(BODY / f"{name}_prior.prototxt")
     done = run_tool(
@@ -208,7 +218,9 @@ def test_a_page_of_a_person() -> None:
 def test_what_is_no_prior_or_not_for_a_body(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A body without a name has no folder, a skeleton is no prior, and recipes are for hands only."""
+    """A body without a name has no folder, a skeleton is no prior, and recipes are
+    for hands only.
+    """
     monkeypatch.chdir(tmp_path)
     for name in ("arm", "arm_prior"):
         text = (BODY / f"{name}.prototxt").read_text().replace('name: "arm"', 'name: "../arm"', 1)

@@ -1,4 +1,7 @@
-"""Fixtures of the comparisons with Caffe. The fixture ``caffe_data``, the folder itself, is in tests/conftest.py."""
+"""Fixtures of the comparisons with Caffe.
+
+The fixture ``caffe_data``, the folder itself, is in tests/conftest.py.
+"""
 
 from pathlib import Path
 
@@ -7,7 +10,9 @@ import pytest
 
 @pytest.fixture
 def solvers(caffe_data: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder of the recorded training runs as the working directory, to which paths in their files are relative."""
+    """The folder of the recorded training runs as the working directory, to which paths in their
+    files are relative.
+    """
     monkeypatch.chdir(caffe_data / "solvers")
     return caffe_data / "solvers"
 

@@ -21,7 +21,9 @@ FOLDER = Path(__file__).resolve().parent
 
 
 def relative(got: Any, want: Any) -> float:
-    """max |got - want| / max |want|; infinite if they differ in shape, or in where they are finite."""
+    """max |got - want| / max |want|; infinite if they differ in shape, or in where
+    they are finite.
+    """
     got, want = np.asarray(got, np.float64), np.asarray(want, np.float64)
     finite = np.isfinite(want)
     if got.shape != want.shape or not np.array_equal(np.isfinite(got), finite):
@@ -38,12 +40,15 @@ def distance(got: Any, want: Any) -> float:
     return float(np.linalg.norm(got - want) / max(np.linalg.norm(want), 1e-30))
 
 
-# ---------------------------------------------------------------------------------------------- layers
+# ------------------------------------------------------------------------------------------- layers
 
 
 @dataclass(frozen=True)
 class Array:
-    """One array of a layer case. A few large arrays are only partly kept; the rest of an input is then 0."""
+    """One array of a layer case.
+
+    A few large arrays are only partly kept; the rest of an input is then 0.
+    """
 
     shape: tuple[int, ...]
     kept: Any  # the index of the kept part
@@ -57,7 +62,9 @@ class Array:
         target[self.kept] = self.single
 
     def differs(self, got: np.ndarray) -> float:
-        """Return the difference of a result from Caffe's; 0 if Caffe's net of this type was not recorded."""
+        """Return the difference of a result from Caffe's; 0 if Caffe's net of this type
+        was not recorded.
+        """
         want = self.single if got.dtype == np.float32 else self.double
         if want is None:
             return 0.0
@@ -90,7 +97,9 @@ class Case:
 
 
 def differences(case: Case, dtype: Any) -> dict[str, float]:
-    """Run a case forward and backward in a net of this type; return result -> difference from Caffe's."""
+    """Run a case forward and backward in a net of this type; return
+    result -> difference from Caffe's.
+    """
     net = netlib.Net(prototxt.parse(case.prototxt, case.name), case.phase, dtype=dtype)
     for (layer, index), array in case.of("param"):
         array.put(net.params[layer][int(index)].data)
@@ -151,7 +160,7 @@ def slices(text: str) -> Any:
     )
 
 
-# ---------------------------------------------------------------------------------------------- solvers
+# ------------------------------------------------------------------------------------------ solvers
 
 
 @dataclass(frozen=True)
@@ -206,7 +215,7 @@ class Follow:
                 self.worst, self.compared = max(self.worst, far), self.compared + 1
 
 
-# ---------------------------------------------------------------------------------------------- logs
+# --------------------------------------------------------------------------------------------- logs
 
 
 def log_lines(name: str) -> list[str]:
@@ -215,7 +224,9 @@ def log_lines(name: str) -> list[str]:
 
 
 def texts(lines: Iterable[str]) -> list[str]:
-    """Return the texts of a log, without prefixes like ``I20261121 01:57:02.956642 28053 caffe.cpp:197] ``."""
+    """Return the texts of a log, without prefixes like ``I20261121 01:57:02.956642
+    28053 caffe.cpp:197] ``.
+    """
     return [re.sub(r"^[IWE]\d+ [\d:.]+ +\d+ [\w.]+:\d+\] ", "", line) for line in lines]
 
 
@@ -235,7 +246,9 @@ NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
 
 def said(lines: Iterable[str]) -> list[str]:
-    """Return the lines of a log that Caffe prints too, without the speed, the snapshot format and the folder."""
+    """Return the lines of a log that Caffe prints too, without the speed, the snapshot format
+    and the folder.
+    """
     found = []
     for line in lines:
         if COMPARED.match(line):
@@ -262,7 +275,10 @@ def numbers(lines: Iterable[str]) -> list[str]:
 
 
 def same_print(ours: str | float, theirs: str | float) -> bool:
-    """Return whether two numbers agree to six digits. The last digit may differ by one: 0.5 rounds either way."""
+    """Return whether two numbers agree to six digits.
+
+    The last digit may differ by one: 0.5 rounds either way.
+    """
     a, b = float(ours), float(theirs)
     return abs(a - b) <= 1.01 * 10 ** (np.floor(np.log10(abs(b))) - 5) if b else a == 0
 

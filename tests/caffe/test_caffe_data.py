@@ -17,13 +17,17 @@ pytestmark = pytest.mark.both_engines
 
 @pytest.fixture
 def hdf5data(caffe_data: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder with the data, as the working directory: nets and lists refer to their files from there."""
+    """The folder with the data, as the working directory: nets and lists refer to their
+    files from there.
+    """
     monkeypatch.chdir(caffe_data / "hdf5data")
     return caffe_data / "hdf5data"
 
 
 def test_rows_come_in_caffes_order(hdf5data: Path) -> None:
-    """Without shuffle, batches continue across file ends, wrap around, and may be larger than the data."""
+    """Without shuffle, batches continue across file ends, wrap around, and may be larger
+    than the data.
+    """
     recorded = np.load("hdf5data.npz")
     ran = 0
     for case in json.loads(Path("index.json").read_text()):
@@ -45,7 +49,9 @@ def test_rows_come_in_caffes_order(hdf5data: Path) -> None:
 
 @pytest.mark.parametrize("case", ["shuffle_b7", "shuffle_one_b7"])
 def test_files_and_the_rows_of_a_file_are_shuffled(hdf5data: Path, case: str) -> None:
-    """Every pass, in Caffe's recording and in netlib, has the rows of one file after the other, in a new order."""
+    """Every pass, in Caffe's recording and in netlib, has the rows of one file after the other,
+    in a new order.
+    """
     index = {entry["case"]: entry for entry in json.loads(Path("index.json").read_text())}[case]
     file_of = {}
     for name in Path(index["source"]).read_text().split():

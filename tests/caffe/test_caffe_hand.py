@@ -34,7 +34,8 @@ def test_hand_model(
     suffix: str,
     tolerance: float,
 ) -> None:
-    """Joints and gradients of 32 poses agree with Caffe, under this project's type name and the released one.
+    """Joints and gradients of 32 poses agree with Caffe, under this project's type name and
+    the released one.
 
     Some poses have angles of 900 rad, where neighbouring float32 numbers are 6e-5 rad apart.
     """
@@ -53,7 +54,10 @@ def test_hand_model(
     "layer", ['"DeepHandModelDofConstraintLoss"', '"PhysLimit" phys_limit_param { norm: L2 }']
 )
 def test_phys_limit(caffe_data: Path, net_of: Callable[..., netlib.Net], layer: str) -> None:
-    """The squared hinge of 64 poses agrees. Caffe leaves the diffs of fixed DoFs unwritten; netlib sets them to 0."""
+    """The squared hinge of 64 poses agrees.
+
+    Caffe leaves the diffs of fixed DoFs unwritten; netlib sets them to 0.
+    """
     recorded = np.load(caffe_data / "phys_limit.npz")
     net = net_of(
         "force_backward: true "

@@ -14,7 +14,8 @@ pytestmark = pytest.mark.both_engines
 
 KNOWN = set(netlib.layer_type_list())
 TOLERANCE = {np.float32: 1e-5, np.float64: 1e-12}
-# Caffe's double net was not recorded for two cases, with results of the smallest float and of 0 / 0.
+# Caffe's double net was not recorded for two cases, with results of the smallest
+# float and of 0 / 0.
 RUNNING = [
     pytest.param(case, dtype, id=f"{case.name}-{dtype.__name__}")
     for dtype in TOLERANCE

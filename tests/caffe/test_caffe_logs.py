@@ -1,7 +1,9 @@
-"""Compare netlib's log of signals with that of real Caffe; test plot_log. tests/tools/test_caffe.py has whole logs.
+"""Compare netlib's log of signals with that of real Caffe; test plot_log. tests/tools/test_caffe.py
+has whole logs.
 
-Only the text after ``] `` is compared. Three things are not: durations; the losses of sigint.log, whose training
-started with Caffe's own random weights; and the lines on how a net is built, which netlib lacks.
+Only the text after ``] `` is compared. Three things are not: durations; the losses of
+sigint.log, whose training started with Caffe's own random weights; and the lines on how a net is
+built, which netlib lacks.
 """
 
 from __future__ import annotations
@@ -31,7 +33,9 @@ def solver_of(log: str, tmp_path: Path, **changes: str) -> netlib.Solver:
 def test_the_log_of_signals(
     solvers: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """SIGHUP writes a snapshot and continues, SIGINT writes one and stops, in a hundredth of Caffe's iterations."""
+    """SIGHUP writes a snapshot and continues, SIGINT writes one and stops, in a hundredth of
+    Caffe's iterations.
+    """
     caplog.set_level("INFO", "netlib")
     solver = solver_of("sigint.log", tmp_path, display="20", weights='"init.caffemodel.h5"')
 

@@ -1,4 +1,6 @@
-"""The paper's network compared with real Caffe for 50 iterations. The recording is too large for a clone.
+"""The paper's network compared with real Caffe for 50 iterations.
+
+The recording is too large for a clone.
 
 A clone has chain_deepmodel_small among the layer cases, a net of the same form with fewer features.
 """
@@ -21,13 +23,16 @@ pytestmark = pytest.mark.both_engines
 def test_the_papers_network_follows_caffe_for_50_iterations(
     whole: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture, engine_in_use: str
 ) -> None:
-    """Every loss within 1e-5, every parameter's norm within 1e-4 (biases start as sums of cancelling gradients).
+    """Every loss within 1e-5, every parameter's norm within 1e-4 (biases start as sums of
+    cancelling gradients).
 
-    Where two values of a window, or a value and zero, differ by less than float32's rounding, a gradient may go the
-    other way. The plain engine's products round so that this happens in iteration 1 (three times in 4 million values;
-    in float64 it agrees with Caffe to 1e-6), which moves a bias of 3e-7 by 1.4e-4 of itself.
+    Where two values of a window, or a value and zero, differ by less than float32's rounding, a
+    gradient may go the other way. The plain engine's products round so that this happens in
+    iteration 1 (three times in 4 million values; in float64 it agrees with Caffe to 1e-6), which
+    moves a bias of 3e-7 by 1.4e-4 of itself.
 
-    The log as well, but for tests: their data were not recorded. The plain engine takes the first 3 iterations.
+    The log as well, but for tests: their data were not recorded. The plain engine takes the
+    first 3 iterations.
     """
     network = whole / "deepmodel"
     text = "\n".join(log_lines("deepmodel_train.log"))

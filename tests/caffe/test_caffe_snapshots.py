@@ -42,10 +42,11 @@ def ours(solvers: Path, tmp_path: Path) -> Path:
 def test_training_goes_on_from_caffes_solver_state(
     solvers: Path, tmp_path: Path, theirs: str, format: str
 ) -> None:
-    """Resumed from iteration 10, training follows Caffe's own resumed training to iteration 20 and its last snapshot.
+    """Resumed from iteration 10, training follows Caffe's own resumed training to iteration 20 and
+    its last snapshot.
 
-    Caffe's resumed and uninterrupted trainings are equal, number for number: after 10 batches of 8, the 40 rows of
-    data are at their first row in both.
+    Caffe's resumed and uninterrupted trainings are equal, number for number: after 10 batches of 8,
+    the 40 rows of data are at their first row in both.
     """
     changes = {"snapshot_prefix": str(tmp_path / "ours"), "display": 0, "snapshot_format": format}
     solver = netlib.get_solver(f"solver_{CASE}.prototxt", **changes)
@@ -94,7 +95,9 @@ def check_state(mine: str | Path, theirs: str | Path) -> None:
 
 @pytest.mark.parametrize("kind", ["caffemodel", "solverstate"])
 def test_our_file_has_the_layout_of_caffes(ours: Path, kind: str) -> None:
-    """Names, shapes and types in the files are Caffe's; a solver state also has the data for an exact resumption."""
+    """Names, shapes and types in the files are Caffe's; a solver state also has the data for an
+    exact resumption.
+    """
     name = f"{CASE}_iter_10.{kind}.h5"
     mine, theirs = layout(ours / name), layout(Path("snap") / name)
     assert set(mine) - set(theirs) == ({"netlib"} if kind == "solverstate" else set())
@@ -117,7 +120,9 @@ def layout(path: Path) -> dict[str, Any]:
 
 
 def test_caffes_binary_files_are_read_and_written_byte_for_byte(solvers: Path) -> None:
-    """Binary weights and states are read and rewritten with the same fields, numbers and order as in Caffe's files."""
+    """Binary weights and states are read and rewritten with the same fields, numbers and order as
+    in Caffe's files.
+    """
     files = [
         Path("init.caffemodel"),
         Path("init_shared.caffemodel"),
@@ -162,7 +167,9 @@ LENET = """
 
 
 def test_a_real_lenet_reads_digits(whole: Path) -> None:
-    """Binary weights trained by Caffe classify 1,952 of these 2,000 digits correctly, as in PyTorch."""
+    """Binary weights trained by Caffe classify 1,952 of these 2,000 digits correctly,
+    as in PyTorch.
+    """
     folder = whole.parent / "lenet"
     digits = np.load(folder / "mnist_test_2000.npz")
     images = digits[next(name for name in digits if digits[name].ndim >= 3)]
@@ -176,7 +183,9 @@ def test_a_real_lenet_reads_digits(whole: Path) -> None:
 
 
 def test_shared_weights_load_from_caffes_snapshot(solvers: Path, tmp_path: Path) -> None:
-    """Caffe's HDF5 file has the weights shared by ipA and ipB once, and so does the file that netlib writes."""
+    """Caffe's HDF5 file has the weights shared by ipA and ipB once, and so does the file that
+    netlib writes.
+    """
     net = netlib.Net("net_shared.prototxt", "init_shared.caffemodel.h5", netlib.TEST)
     binary = snapshot.read_weights("init_shared.caffemodel")
     for layer, blobs in net.params.items():

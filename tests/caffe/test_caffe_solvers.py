@@ -16,7 +16,9 @@ pytestmark = pytest.mark.both_engines
 
 @pytest.mark.parametrize("case", solver_cases())
 def test_solver_follows_caffe(solvers: Path, caplog: pytest.LogCaptureFixture, case: str) -> None:
-    """Weights and loss after each of 20 updates and the learning rates agree with Caffe, also as printed in the log."""
+    """Weights and loss after each of 20 updates and the learning rates agree with Caffe, also as
+    printed in the log.
+    """
     caplog.set_level("INFO", "netlib")
     theirs = trajectory(case)
     solver = netlib.get_solver(f"solver_{case}.prototxt", snapshot=0)
@@ -38,7 +40,9 @@ def test_solver_follows_caffe(solvers: Path, caplog: pytest.LogCaptureFixture, c
 
 
 def test_every_solver_and_policy_is_recorded(solvers: Path) -> None:
-    """All 16 recorded training runs are repeated; they cover all six solvers and most of Caffe's policies."""
+    """All 16 recorded training runs are repeated; they cover all six solvers and most of
+    Caffe's policies.
+    """
     cases = solver_cases()
     assert len(cases) == 16
     assert sorted(Path(f"solver_{case}.prototxt").stem for case in cases) == sorted(

@@ -1,4 +1,6 @@
-"""The recordings of this folder agree with the whole ones, and netlib also agrees with the parts left out here."""
+"""The recordings of this folder agree with the whole ones, and netlib also agrees with the parts
+left out here.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,9 @@ from tests.caffe.recorded import (
 
 
 def test_every_number_is_one_that_caffe_recorded(whole: Path) -> None:
-    """The layer cases and the trajectories equal the whole recordings, bit for bit; other files are copies."""
+    """The layer cases and the trajectories equal the whole recordings, bit for bit; other
+    files are copies.
+    """
     made = ("layers.json", "layers.h5", "hdf5data.npz", "trajectories.h5")  # from these recordings
     for path in sorted(FOLDER.rglob("*")):
         if path.is_file() and path.suffix not in (".py", ".pyc", ".md") and path.name not in made:

@@ -1,4 +1,6 @@
-"""Documents: links lead to files, headings and names that exist, and the reference pages are complete."""
+"""Documents: links lead to files, headings and names that exist, and the reference
+pages are complete.
+"""
 
 from __future__ import annotations
 
@@ -62,7 +64,9 @@ def test_links_that_lead_nowhere_are_found() -> None:
 
 
 def test_every_layer_type_is_described() -> None:
-    """Every layer type is in the document on Caffe and, except the old DeepHandModel names, in that on layers."""
+    """Every layer type is in the document on Caffe and, except the old DeepHandModel names, in
+    that on layers.
+    """
     layers, of_caffe = (
         (ROOT / f"docs/{name}.md").read_text(encoding="utf-8") for name in ("layers", "caffe")
     )
@@ -72,7 +76,9 @@ def test_every_layer_type_is_described() -> None:
 
 
 def test_all_of_pycaffe_is_described() -> None:
-    """Every name of the module and every public name of its Net and solvers is in the document on Caffe."""
+    """Every name of the module and every public name of its Net and solvers is in the
+    document on Caffe.
+    """
     text = (ROOT / "docs/caffe.md").read_text(encoding="utf-8")
     names = {
         *caffe.__all__,
@@ -92,7 +98,9 @@ def test_all_of_pycaffe_is_described() -> None:
 
 
 def test_the_changelog_has_the_version() -> None:
-    """The changelog's first release is the version in handpose/__init__.py, which setup.cfg reads."""
+    """The changelog's first release is the version in handpose/__init__.py, which
+    setup.cfg reads.
+    """
     headings = re.findall(
         r"^## (.*)$", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE
     )

@@ -1,4 +1,6 @@
-"""What ``make docs`` makes: the generated parts of documents, the site, the notebooks and the figures."""
+"""What ``make docs`` makes: the generated parts of documents, the site, the notebooks
+and the figures.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +44,9 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_site_works_offline(site: Path) -> None:
-    """Pages load nothing from a network; formulas, figures, the search and embedded pages are part of the site."""
+    """Pages load nothing from a network; formulas, figures, the search and embedded pages are
+    part of the site.
+    """
     pages = [path for path in site.rglob("*.html") if path.name != "404.html"]
     assert len(pages) > 40
     for page in pages:
@@ -63,7 +67,9 @@ def test_the_site_works_offline(site: Path) -> None:
 
 
 def test_pages_fit_a_phone(site: Path, browser: Any) -> None:
-    """No page is wider than a phone, and an embedded page is as high as its content, so it does not scroll."""
+    """No page is wider than a phone, and an embedded page is as high as its content, so it
+    does not scroll.
+    """
     tab = browser.new_page(viewport={"width": 390, "height": 800})
     for name in ("index", "camera", "book/3_convolution"):
         tab.goto((site / f"{name}.html").as_uri())
@@ -102,7 +108,9 @@ def test_a_figure_is_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_five_minutes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The training of chapter 0 on two frames prints its errors, which fall, and draws the picture."""
+    """The training of chapter 0 on two frames prints its errors, which fall, and
+    draws the picture.
+    """
     pytest.importorskip("matplotlib")
     monkeypatch.setattr("docs.making.five_minutes.BATCH", 8)
     monkeypatch.setattr("docs.making.five_minutes.HELD_OUT", 6)

@@ -48,7 +48,9 @@ def test_dropout_passes_the_gradient_where_it_passed_the_value() -> None:
 def test_losses_are_those_of_netlib(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """``--check`` compares the losses with netlib's in float64, without dropout: here 2 updates instead of 20."""
+    """``--check`` compares the losses with netlib's in float64, without dropout: here 2 updates
+    instead of 20.
+    """
     monkeypatch.setattr(sys, "argv", ["nano.py", "--check"])
     monkeypatch.setattr(check_nano.largest_difference, "__defaults__", (2,))
     runpy.run_path(COMMAND[-1], run_name="__main__")
@@ -60,8 +62,8 @@ def test_losses_are_those_of_netlib(
 
 
 def test_errors_and_drawings_are_of_the_joints(hand) -> None:
-    """The error is the mean distance in mm; a drawing has the true bones as dots, where the predicted ones, o, are not
-    on top of them, and joints beyond the frame at its edge.
+    """The error is the mean distance in mm; a drawing has the true bones as dots, where the
+    predicted ones, o, are not on top of them, and joints beyond the frame at its edge.
     """
     true = nano.hand_model(np.zeros((1, 47)), hand)[0]
     assert nano.error_mm(true + [0.3, 0.4, 0], true) == pytest.approx(75)
@@ -74,7 +76,9 @@ def test_errors_and_drawings_are_of_the_joints(hand) -> None:
 
 
 def test_it_prints_losses() -> None:
-    """It prints losses and errors, from update 0 on: those of nearly the hand's initial pose, for any seed."""
+    """It prints losses and errors, from update 0 on: those of nearly the hand's initial
+    pose, for any seed.
+    """
     environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
     with subprocess.Popen(COMMAND, stdout=subprocess.PIPE, text=True, env=environment) as running:
         assert running.stdout is not None
@@ -85,7 +89,9 @@ def test_it_prints_losses() -> None:
 
 
 def test_frames_are_the_renderers() -> None:
-    """The file has the renderer's first training frames, except for a few pixels at edges, which rounding decides."""
+    """The file has the renderer's first training frames, except for a few pixels at edges, which
+    rounding decides.
+    """
     block = Generator(seed=0, split="train").block(0)
     with np.load(nano.FRAMES) as data:
         assert (data["depth"] != np.rint(block.depth * 127)).mean() <= 1e-3

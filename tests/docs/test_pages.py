@@ -1,4 +1,6 @@
-"""docs/making/pages.py: the pages of the book compute the same as netlib, and are operated as by a reader."""
+"""docs/making/pages.py: the pages of the book compute the same as netlib, and are operated
+as by a reader.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +43,9 @@ def test_a_page_fits_a_phone_and_names_its_controls(
 
 @pytest.mark.parametrize("number", range(len(pages.LAYERS)), ids=list(pages.LAYERS))
 def test_windows_are_those_of_the_layer(visit: Visit, page_of: PageOf, number: int) -> None:
-    """For random numbers, some of them equal, the page and the layer compute the same y, dx, dw and db."""
+    """For random numbers, some of them equal, the page and the layer compute the same y,
+    dx, dw and db.
+    """
     tab, rng = visit(page_of("windows")), np.random.default_rng(number)
     entry, (kind, options) = pages.windows()["layers"][number], list(pages.LAYERS.values())[number]
     picture, kernel, bias = (

@@ -1,4 +1,6 @@
-"""Paths, commands and make targets in any text of the project exist: code, help, prototxt, cards, settings."""
+"""Paths, commands and make targets in any text of the project exist: code, help, prototxt,
+cards, settings.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +38,9 @@ def files() -> list[str]:
 
 
 def wrong_paths(text: str, files: list[str]) -> Iterator[str]:
-    """The paths into folders of the project, and those of Python and Markdown files, that no file has."""
+    """The paths into folders of the project, and those of Python and Markdown files,
+    that no file has.
+    """
     folders = "|".join({name.split("/")[0] for name in files if "/" in name and name[0] != "."})
     end = r"(?![\w*{}/<\[])"
     inside = re.findall(rf"(?<![\w./*{{}}<$-])((?:{folders})/[\w.-]+(?:/[\w.-]+)*/?){end}", text)

@@ -7,9 +7,9 @@ prototxt   read as a net, a solver, a skeleton or another message
 json       parsed
 text       not code; directly after a python or bash block that is run, its output
 
-A comment directly above a block gives a condition: ``<!-- not run: REASON -->``, of commands the arguments are checked
-all the same; ``<!-- file: NAME -->``, a file of the reader's, which later blocks use. Blocks that cog generates come
-from files that other tests run.
+A comment directly above a block gives a condition: ``<!-- not run: REASON -->``, of commands the
+arguments are checked all the same; ``<!-- file: NAME -->``, a file of the reader's, which later
+blocks use. Blocks that cog generates come from files that other tests run.
 """
 
 from __future__ import annotations
@@ -70,7 +70,8 @@ def parse(document: Document) -> Iterator[Region]:
 
 
 def failures(path: Path, folder: Path, names: dict[str, object]) -> Iterator[str]:
-    """Run a document in the working folder ``folder``; yield a line and a reason for each block that fails.
+    """Run a document in the working folder ``folder``; yield a line and a reason for each
+    block that fails.
 
     ``names`` exist before the first block. Raises ModuleNotFoundError for a missing package.
     """
@@ -89,7 +90,8 @@ def failures(path: Path, folder: Path, names: dict[str, object]) -> Iterator[str
 
 
 class _Checker(OutputChecker):
-    """Compares output: white space is ignored, numbers agree to the digits shown, ``1.`` in an array to 1e-4.
+    """Compares output: white space is ignored, numbers agree to the digits shown, ``1.`` in an
+    array to 1e-4.
 
     ``…`` matches anything; in an output with one, numbers are compared as text.
     """

@@ -1,4 +1,6 @@
-"""The commands of a document's bash block: run them, or check only that programs accept their arguments."""
+"""The commands of a document's bash block: run them, or check only that programs accept
+their arguments.
+"""
 
 from __future__ import annotations
 
@@ -25,10 +27,13 @@ SECONDS = 300  # for the commands of one block; reached by a hang only
 
 
 def run(script: str, folder: Path) -> str:
-    """Run a block in the document's folder and return its output. Raises AssertionError if a command failed.
+    """Run a block in the document's folder and return its output.
 
-    Blocks of tools alone run in this process if ``folder`` is the working directory, because imports take most of the
-    time; tests/tools/test_tools.py starts every tool as a program. The folder's ``.venv/bin`` comes first on PATH.
+    Raises AssertionError if a command failed.
+
+    Blocks of tools alone run in this process if ``folder`` is the working directory, because
+    imports take most of the time; tests/tools/test_tools.py starts every tool as a program. The
+    folder's ``.venv/bin`` comes first on PATH.
     """
     words = [shlex.split(line) for line in lines_of(script)]
     plain = not re.search(r"[^\w\s./,:=-]", "".join(lines_of(script)))
@@ -74,7 +79,9 @@ def lines_of(script: str) -> list[str]:
 
 
 def mistakes(script: str) -> Iterator[str]:
-    """Yield a line for each of the project's commands that does not exist or does not accept its arguments."""
+    """Yield a line for each of the project's commands that does not exist or does not accept
+    its arguments.
+    """
     for line in lines_of(script):
         lexer = shlex.shlex(line, posix=True, punctuation_chars=";&|<>()")
         lexer.whitespace_split = True
@@ -87,7 +94,9 @@ def mistakes(script: str) -> Iterator[str]:
 
 
 def _mistake(words: list[str]) -> str:
-    """The reason why a command does not exist or does not accept its arguments, or an empty string."""
+    """The reason why a command does not exist or does not accept its arguments, or
+    an empty string.
+    """
     name, *rest = words or [""]
     if name == "make":
         return "".join(
@@ -115,7 +124,9 @@ def _mistake(words: list[str]) -> str:
 
 
 def _refused(module: str, argv: list[str]) -> str:
-    """The reason why a program of this project does not accept its arguments, or an empty string."""
+    """The reason why a program of this project does not accept its arguments, or
+    an empty string.
+    """
     parse = argparse.ArgumentParser.parse_args
 
     def parse_and_stop(*args: object, **options: object) -> argparse.Namespace:

@@ -1,4 +1,6 @@
-"""Files that documents assume a reader to have: camera frames, a crop, trained weights, joints, a data set, nets."""
+"""Files that documents assume a reader to have: camera frames, a crop, trained weights, joints, a
+data set, nets.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +46,9 @@ def frames(folder: Path) -> None:
 
 
 def frame(folder: Path) -> Names:
-    """frame.png and ``depth``, its depth in mm; crop.png, the hand in it, and ``crop``, the same as a net's input."""
+    """frame.png and ``depth``, its depth in mm; crop.png, the hand in it, and ``crop``, the same as
+    a net's input.
+    """
     depth = next(iter(recording())).depth
     cut = crops.crop(depth, recording().truth(0).hands[0].center_uvd, CUBE_MM, KINECT2)
     cv2.imwrite(str(folder / "frame.png"), np.rint(depth).astype(np.uint16))
@@ -53,7 +57,9 @@ def frame(folder: Path) -> Names:
 
 
 def training(folder: Path) -> None:
-    """snapshots/nyu_iter_1000.caffemodel.h5, the packaged weights; train.log, of the same network, by real Caffe."""
+    """snapshots/nyu_iter_1000.caffemodel.h5, the packaged weights; train.log, of the same network,
+    by real Caffe.
+    """
     (folder / "snapshots").mkdir()
     packaged = ROOT / "models" / "paper_hand" / "paper_hand.caffemodel.h5"
     shutil.copyfile(packaged, folder / "snapshots" / "nyu_iter_1000.caffemodel.h5")
@@ -95,7 +101,9 @@ SOLVER = 'net: "{}" base_lr: 0.001 lr_policy: "fixed" max_iter: 3 snapshot_prefi
 
 
 def nets(folder: Path) -> None:
-    """net.prototxt, solver.prototxt, deploy.prototxt and the weights net.caffemodel of a net with one layer."""
+    """net.prototxt, solver.prototxt, deploy.prototxt and the weights net.caffemodel of a net
+    with one layer.
+    """
     dummy = 'layer { name: "in" type: "DummyData" top: "data" top: "label"'
     dummy += " dummy_data_param { shape { dim: 3 dim: 2 } } }\n"
     loss = 'layer { name: "loss" type: "EuclideanLoss" bottom: "fc" bottom: "label" top: "loss" }\n'
@@ -116,7 +124,9 @@ LOSS = 'layer { name: "loss" type: "SoftmaxWithLoss" bottom: "fc7" bottom: "labe
 
 
 def pictures(folder: Path) -> None:
-    """pictures/, list.txt, train_test.prototxt, deploy.prototxt and solver.prototxt for them, and weights."""
+    """pictures/, list.txt, train_test.prototxt, deploy.prototxt and solver.prototxt for
+    them, and weights.
+    """
     rng = np.random.default_rng(0)
     (folder / "pictures").mkdir()
     for n in range(4):
@@ -154,8 +164,8 @@ layer {{ name: "d" type: "Data" top: "data" top: "label" transform_param {{ {} }
 
 
 def classifier(folder: Path) -> None:
-    """cat.png, dog.png, labels.txt; deploy.prototxt and net.caffemodel, which know them; list.txt and pictures/; two
-    training nets.
+    """cat.png, dog.png, labels.txt; deploy.prototxt and net.caffemodel, which know them; list.txt
+    and pictures/; two training nets.
     """
     rng, images = np.random.default_rng(0), []
     for name in CLASSES:

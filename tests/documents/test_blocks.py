@@ -1,4 +1,6 @@
-"""Every code block in every document runs and prints the output shown; a block that cannot run gives its reason."""
+"""Every code block in every document runs and prints the output shown; a block that cannot run
+gives its reason.
+"""
 
 from __future__ import annotations
 
@@ -71,7 +73,9 @@ layer { name: "r" type: "ReLU" botom: "x" }
 
 
 def test_a_block_that_is_wrong_fails(tmp_path: Path) -> None:
-    """Another number, output or status, an unknown option and an unknown field are reported, each with its line."""
+    """Another number, output or status, an unknown option and an unknown field are reported, each
+    with its line.
+    """
     (tmp_path / "page.md").write_text(WRONG, encoding="utf-8")
     found = dict(failure.split(": ", 1) for failure in failures(tmp_path / "page.md", tmp_path, {}))
     assert list(found) == [f"line {number}" for number in (8, 14, 17, 21, 24)]

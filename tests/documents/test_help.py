@@ -1,4 +1,6 @@
-"""The help of every command: its examples run, in their smallest form, and its defaults are those of the code."""
+"""The help of every command: its examples run, in their smallest form, and its defaults are
+those of the code.
+"""
 
 from __future__ import annotations
 
@@ -57,7 +59,9 @@ NEEDS = {
 
 
 def lists(folder: Path) -> None:
-    """cat.jpg, list.txt with paths in pictures/, mean.binaryproto, train_lmdb, and a net with layers conv3 and fc7."""
+    """cat.jpg, list.txt with paths in pictures/, mean.binaryproto, train_lmdb, and a net with
+    layers conv3 and fc7.
+    """
     given.classifier(folder)
     text = (
         (folder / "deploy.prototxt")
@@ -153,7 +157,9 @@ def annotation(folder: Path) -> None:
 
 
 def training_nets(folder: Path) -> None:
-    """train_val.prototxt, whose data have a size, and lenet_train_test.prototxt, whose data have none."""
+    """train_val.prototxt, whose data have a size, and lenet_train_test.prototxt, whose
+    data have none.
+    """
     reader = 'layer { name: "d" type: "Data" top: "data" top: "label" %s data_param { source: "lmdb" batch_size: 9 } } '
     rest = """layer { name: "fc" type: "InnerProduct" bottom: "data" top: "fc" inner_product_param { num_output: 2 } }
         layer { name: "loss" type: "SoftmaxWithLoss" bottom: "fc" bottom: "label" top: "loss" }"""
@@ -209,7 +215,9 @@ GIVEN: dict[str, tuple[Callable[[Path], object], ...]] = {
 
 
 def examples(name: str) -> Iterator[str]:
-    """The commands in a docstring, without comments and pipes, and those in the list of commands."""
+    """The commands in a docstring, without comments and pipes, and those in the
+    list of commands.
+    """
     for program, shown in EXAMPLES.items():
         for command, arguments in shown.items():
             if name == (NET_TOOLS.get(command) if program == "netlib" else command):
@@ -240,7 +248,10 @@ def run(line: str) -> None:
 def test_the_examples_of_the_help_run(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """In a folder with the files that they name. Cameras and several processes are not there: these are parsed."""
+    """In a folder with the files that they name.
+
+    Cameras and several processes are not there: these are parsed.
+    """
     for package in NEEDS.get(name, ()):
         if find_spec(package) is None:
             pytest.skip(f"tools/{name}.py uses {package}: pip install -e '.[test]'")

@@ -35,7 +35,9 @@ def test_every_target_is_run_or_says_why_not() -> None:
 
 @pytest.fixture(scope="module")
 def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A copy of the project in a folder with a space in its name, with environments in which nothing is missing."""
+    """A copy of the project in a folder with a space in its name, with environments in which
+    nothing is missing.
+    """
     folder = tmp_path_factory.mktemp("make") / "the project"
     workplace.furnish(folder)
     given.small_batches(folder)

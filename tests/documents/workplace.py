@@ -1,4 +1,6 @@
-"""A folder like the project's for running a document, in a process whose state is restored afterwards."""
+"""A folder like the project's for running a document, in a process whose state is
+restored afterwards.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,9 @@ LARGE = 100_000
 
 
 def furnish(folder: Path) -> None:
-    """Fill a new folder with the project's files, as links where nothing is written, and programs in .venv/bin."""
+    """Fill a new folder with the project's files, as links where nothing is written, and
+    programs in .venv/bin.
+    """
     folder.mkdir()
     for name in LINKED:
         (folder / name).symlink_to(ROOT / name)
@@ -59,7 +63,9 @@ def _small_copy(source: str, target: str) -> None:
 
 @contextlib.contextmanager
 def at_work_in(folder: Path) -> Iterator[None]:
-    """Use ``folder`` as the working folder; afterwards restore the imports, settings and random numbers."""
+    """Use ``folder`` as the working folder; afterwards restore the imports, settings and
+    random numbers.
+    """
     before, modules, threads, drawn = (
         Path.cwd(),
         set(sys.modules),

@@ -2,8 +2,8 @@
 
 python -m tests.exercises.reduce_recordings
 
-Only the first image of the convolutions and poolings is kept, so their parameter gradients, which sum over all
-images, are left out.
+Only the first image of the convolutions and poolings is kept, so their parameter gradients, which
+sum over all images, are left out.
 """
 
 from __future__ import annotations

@@ -1,4 +1,6 @@
-"""The command lists, starts and checks exercises, and ends with one line whatever a solution does."""
+"""The command lists, starts and checks exercises, and ends with one line whatever a
+solution does.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,9 @@ FORWARD = "y.data[...] = bottom[0].data"
 
 
 def write(first: str = "", forward: str = FORWARD) -> None:
-    """Write a solution of split, with code that runs when it is loaded, and another body of forward."""
+    """Write a solution of split, with code that runs when it is loaded, and another
+    body of forward.
+    """
     text = EXERCISES["split"].source()
     assert FORWARD in text
     Path("split.py").write_text(

@@ -1,4 +1,6 @@
-"""The first difference in words: the element, its expected value, and what the numbers look like."""
+"""The first difference in words: the element, its expected value, and what the
+numbers look like.
+"""
 
 from __future__ import annotations
 

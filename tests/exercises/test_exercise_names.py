@@ -1,4 +1,6 @@
-"""Every name in the instructions, hints and advice of an exercise exists where the student works."""
+"""Every name in the instructions, hints and advice of an exercise exists where the
+student works.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +43,9 @@ def imported_by(module: ModuleType) -> Iterator[ModuleType]:
 
 
 def is_known(parts: list[str], module: ModuleType, words: set[str]) -> bool:
-    """Whether a name exists: on the object that it starts from, or among the words of the source and its imports."""
+    """Whether a name exists: on the object that it starts from, or among the words of the source
+    and its imports.
+    """
     found = module
     for part in parts if hasattr(module, parts[0]) else ():
         if not hasattr(found, part):

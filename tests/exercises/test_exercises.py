@@ -1,4 +1,6 @@
-"""Every stub fails, every solution passes, every known mistake gets its own advice, and options come one by one."""
+"""Every stub fails, every solution passes, every known mistake gets its own advice, and options
+come one by one.
+"""
 
 from __future__ import annotations
 

@@ -153,7 +153,9 @@ def test_labels_of_nothing() -> None:
 
 
 def test_the_command_of_the_card(tmp_path: Path) -> None:
-    """With a single recording it makes a file of the form of the packaged one, and the same file again."""
+    """With a single recording it makes a file of the form of the packaged one, and the
+    same file again.
+    """
     card = (SYNTHETIC_HAND / "readme.md").read_text(encoding="utf-8").replace("\\\n", " ")
     [line] = [
         line for line in card.splitlines() if line.startswith("python -m experiments confidence")

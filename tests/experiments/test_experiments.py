@@ -121,7 +121,9 @@ def small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_fit(small_blocks: None) -> None:
-    """There is a row for the network and for each plan, with the fraction of right hands where it was requested."""
+    """There is a row for the network and for each plan, with the fraction of right hands where it
+    was requested.
+    """
     done = run("fit", "--frames", "3", "--recipes", "nyu", "--plans", "fast", "--hands")
     first, head, network, fast = done.out.splitlines()
     assert first.startswith("24 frames per recipe, seed 0") and head.split()[-2:] == ["right", "ms"]
@@ -154,7 +156,9 @@ def test_tracking() -> None:
 
 
 def test_gestures() -> None:
-    """The table has a row for each gesture, also where the recording is too short for any to be scored."""
+    """The table has a row for each gesture, also where the recording is too short for
+    any to be scored.
+    """
     lines = run("gestures", *RECORDING).out.splitlines()
     assert len(lines) == 1 + 8 + 1 and lines[-1].startswith("0 frames are recognized correctly; ")
 
@@ -229,7 +233,9 @@ def test_table1_without_data(tmp_path: Path) -> None:
 
 
 def test_package_model(tmp_path: Path, small_blocks: None) -> None:
-    """The packaged file is smaller, and the fit reads it with its error tables; a place for it is checked first."""
+    """The packaged file is smaller, and the fit reads it with its error tables; a place for it is
+    checked first.
+    """
     big, small = tmp_path / "big.caffemodel.h5", tmp_path / "small.caffemodel.h5"
     netlib.Net(DEPLOY, read_card(SYNTHETIC_HAND).weights, netlib.TEST).save(big)
     out = run(
@@ -253,11 +259,13 @@ def test_packaging_a_net_without_a_hand(tmp_path: Path) -> None:
         np.testing.assert_array_equal(again.params[name][0].data, rounded(blobs[0].data, 10))
 
 
-# ---------------------------------------------------------------------------------------------- figures
+# ------------------------------------------------------------------------------------------ figures
 
 
 def test_auc() -> None:
-    """Of 2 failed and 3 good frames, 5 of the 6 pairs are in order; with only one kind the result is NaN."""
+    """Of 2 failed and 3 good frames, 5 of the 6 pairs are in order; with only one kind the
+    result is NaN.
+    """
     score = np.array([1.0, 2, 3, 4, 5])
     assert fit.auc(score, np.array([False, False, True, False, True])) == pytest.approx(5 / 6)
     assert np.isnan(fit.auc(score, np.zeros(5, bool)))
@@ -275,7 +283,9 @@ class MadeRecording(SyntheticRecording):
 
 
 class MadeTracker:
-    """Reports each true hand with an offset of 3 mm; misses one frame, and reports a hand in a frame without one."""
+    """Reports each true hand with an offset of 3 mm; misses one frame, and reports a hand in a
+    frame without one.
+    """
 
     def header(self, source: str) -> TrackHeader:
         return HEADER
@@ -316,7 +326,7 @@ def test_true_joints_are_read_as_shown() -> None:
     assert sum(row.split()[1] != "0" for row in rows) >= 2 and float(last.split("%")[0]) > 95
 
 
-# ---------------------------------------------------------------------------------------------- benchmarks
+# --------------------------------------------------------------------------------------- benchmarks
 
 
 def few_layers(net: Text) -> str:

@@ -101,7 +101,9 @@ def test_the_columns() -> None:
 
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_a_recording_is_scored(tmp_path: Path, mirrored: bool) -> None:
-    """A frame without a label is left out; labels are those of the joints that the tracker reports."""
+    """A frame without a label is left out; labels are those of the joints that the
+    tracker reports.
+    """
     source, labels = write_labelled(tmp_path, unlabelled=[1])
     seen = list(followed(str(source), constants.labels_of(labels), 0, mirrored))
     assert len(seen) == 3 and all(

@@ -27,7 +27,9 @@ from tests.support.running import run_tool
 @example(1.25, 1, False)
 @given(st.floats(2.0**-100, 2.0**100, width=32), st.integers(0, 23), st.booleans())
 def test_rounding(value: float, bits: int, negative: bool) -> None:
-    """Mantissas are rounded to nearest, ties to even, as by NumPy's rounding; the shape is unchanged."""
+    """Mantissas are rounded to nearest, ties to even, as by NumPy's rounding; the
+    shape is unchanged.
+    """
     number = np.float32(-value if negative else value)
     mantissa, exponent = np.frexp(np.float64(number))
     expected = np.ldexp(np.rint(mantissa * 2 ** (bits + 1)), exponent - bits - 1)
@@ -37,7 +39,9 @@ def test_rounding(value: float, bits: int, negative: bool) -> None:
 
 
 def test_a_model_file(tmp_path: Path) -> None:
-    """The file is read back as weights and as the network's errors, and is smaller than its numbers."""
+    """The file is read back as weights and as the network's errors, and is smaller
+    than its numbers.
+    """
     net, path = (
         netlib.Net(HAND_FINDER / "deploy.prototxt", netlib.TEST, seed=3),
         tmp_path / "x.caffemodel.h5",
@@ -88,7 +92,9 @@ def structure_of(path: Path) -> dict[str, object]:
 def test_the_command_of_a_card_makes_its_file(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Names, shapes, types and attributes are those of the packaged file; so are the weights, which are rounded."""
+    """Names, shapes, types and attributes are those of the packaged file; so are the weights,
+    which are rounded.
+    """
     for module in (generator, fit):
         monkeypatch.setattr(module, "BLOCK", 24)
     card, words = read_card(folder), command_of(folder)

@@ -35,8 +35,8 @@ LISTS = {split: Path(f"/data/{split}.txt") for split in ("train", "test")}
 @pytest.mark.parametrize("recipe", RECIPES)
 @pytest.mark.parametrize("network", NETWORKS)
 def test_every_net_is_one(network: str, recipe: str) -> None:
-    """A printed net parses to the same text and has the data and losses of its recipe; up to the last hidden layer it
-    equals ours, character by character.
+    """A printed net parses to the same text and has the data and losses of its recipe; up to the
+    last hidden layer it equals ours, character by character.
     """
     printed = str(derived_net(network, RECIPES[recipe], LISTS))
     param = load_parameter(prototxt.parse(printed))
@@ -75,7 +75,9 @@ def test_by_the_papers_recipe_a_net_is_its_file_with_other_data() -> None:
 
 
 def test_our_recipes_net_is_that_for_synthetic_hands() -> None:
-    """Only the data, the augmentation and the second head differ from the net for synthetic hands."""
+    """Only the data, the augmentation and the second head differ from the net for
+    synthetic hands.
+    """
     ours, others = (
         PROTOTXT / "synthetic_train_test.prototxt",
         ("data", "augment", "direct", "direct_loss"),
@@ -137,7 +139,7 @@ def test_our_recipe_falls_in_a_straight_line() -> None:
     )
 
 
-# ---------------------------------------------------------------------------------------------- scores
+# ------------------------------------------------------------------------------------------- scores
 
 SKELETON = skeleton.load()
 FRAMES = Generator(5, "test").block(0)
@@ -156,7 +158,9 @@ def predicted(inputs: np.ndarray, bones: np.ndarray | None = None) -> Prediction
 
 
 def test_scores_of_a_perfect_network() -> None:
-    """True joints have no error, with true or with fitted angles, except for angles that joints do not determine."""
+    """True joints have no error, with true or with fitted angles, except for angles that joints do
+    not determine.
+    """
     perfect = predicted(INPUTS)
     row = scores(perfect, INPUTS, INPUTS, INPUTS, None, SKELETON)
     assert row == {
@@ -177,7 +181,9 @@ def test_scores_of_a_perfect_network() -> None:
 
 
 def test_mm_are_those_of_the_frames_cube() -> None:
-    """A tenth of a half-cube is 15 mm for one subject and 13.05 mm for the other; the total error is the mean."""
+    """A tenth of a half-cube is 15 mm for one subject and 13.05 mm for the other; the total
+    error is the mean.
+    """
     moved = INPUTS.copy()
     moved[:, SKELETON.dof_names.index("palm_x")] += 0.1
     row = scores(predicted(moved), moved, INPUTS + 0.01, INPUTS, None, SKELETON)
@@ -188,7 +194,9 @@ def test_mm_are_those_of_the_frames_cube() -> None:
 
 
 def test_what_bones_give_back() -> None:
-    """True angles are right on the person's bones; a common factor is enough only if all bones differ by the same."""
+    """True angles are right on the person's bones; a common factor is enough only if all bones
+    differ by the same.
+    """
     one = np.tile(SKELETON.bones * 1.1, (24, 1))
     several = one * np.random.default_rng(0).uniform(0.9, 1.1, one.shape)
     for bones, scaled_is_enough in ((one, True), (several, False)):

@@ -21,10 +21,12 @@ def engine_in_use() -> Iterator[None]:
 
 @pytest.fixture
 def agree(net_of: Callable[..., netlib.Net]) -> Callable[..., netlib.Net]:
-    """``agree(text, {"x": x}, {"x": more}, tolerance=1e-11)``: the engines agree in passes over these inputs.
+    """``agree(text, {"x": x}, {"x": more}, tolerance=1e-11)``: the engines agree in passes
+    over these inputs.
 
-    Compared are outputs, gradients of the inputs, and parameters and their gradients, relative to the largest value of
-    an array, or to 1. ``prepare`` changes each net first. Returns the fast net.
+    Compared are outputs, gradients of the inputs, and parameters and their gradients,
+    relative to the largest value of an array, or to 1. ``prepare`` changes each net first.
+    Returns the fast net.
     """
 
     def passed(net: netlib.Net, batch: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

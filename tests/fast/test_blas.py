@@ -1,4 +1,6 @@
-"""BLAS threads and kernels are configured, before or after NumPy is imported, and the user's settings are kept."""
+"""BLAS threads and kernels are configured, before or after NumPy is imported, and the user's
+settings are kept.
+"""
 
 import ctypes
 import os
@@ -62,7 +64,9 @@ def test_late_import_is_told() -> None:
     ("given", "few"), [({}, True), ({"MALLOC_TRIM_THRESHOLD_": "100000"}, False)]
 )
 def test_freed_memory_is_used_again(given: dict[str, str], few: bool) -> None:
-    """Arrays of a few MB cost no page faults once others have been freed, unless the user has set another threshold."""
+    """Arrays of a few MB cost no page faults once others have been freed, unless the user has set
+    another threshold.
+    """
     if not hasattr(ctypes.CDLL(None), "mallopt"):
         pytest.skip("not the GNU C library")
     code = (

@@ -1,4 +1,6 @@
-"""The fast convolution and deconvolution agree with the plain layers, for random shapes and options."""
+"""The fast convolution and deconvolution agree with the plain layers, for random
+shapes and options.
+"""
 
 from __future__ import annotations
 
@@ -143,7 +145,9 @@ def test_bottoms_of_several_sizes(
     sizes: tuple[int, int],
     options: str,
 ) -> None:
-    """Each bottom may have another algorithm; memory that both use has no values of the other one."""
+    """Each bottom may have another algorithm; memory that both use has no values of
+    the other one.
+    """
     shapes = {f"x{i}": (2, 3, n, n) for i, n in enumerate(sizes)}
     text = (
         f'layer {{ name: "c" type: "{kind}" bottom: "x0" bottom: "x1" top: "y0" top: "y1" convolution_param {{'
@@ -188,7 +192,9 @@ def geometry_for(algorithm: Algorithm, rng: np.random.Generator, channels: int) 
 )
 @pytest.mark.parametrize("case", range(25))
 def test_each_algorithm(algorithm: Algorithm, case: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every algorithm gives the same as Columns, for sizes for which it is not chosen, too, and in small blocks."""
+    """Every algorithm gives the same as Columns, for sizes for which it is not chosen, too, and
+    in small blocks.
+    """
     rng = np.random.default_rng(case)
     if case % 2:
         for name, value in SMALL_BLOCKS.items():

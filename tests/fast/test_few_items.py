@@ -31,9 +31,11 @@ def forward(x: Array) -> Array:
 def test_an_item_does_not_depend_on_the_others(
     rng: np.random.Generator, keep_threads: None, count: int, threads: int
 ) -> None:
-    """Several items, in blocks of outputs, give the same results as each item alone, in one product.
+    """Several items, in blocks of outputs, give the same results as each item alone,
+    in one product.
 
-    They are bitwise equal with OpenBLAS's kernels for x86; in other libraries rounding may depend on the position.
+    They are bitwise equal with OpenBLAS's kernels for x86; in other libraries rounding may depend
+    on the position.
     """
     assert 4 * INPUTS * OUTPUTS > 3 * CACHED_BYTES
     netlib.set_threads(threads)
@@ -47,7 +49,9 @@ def test_an_item_does_not_depend_on_the_others(
 def test_large_weights_in_blocks_for_each_thread(
     rng: np.random.Generator, keep_threads: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """One item is multiplied by a part of large weights on each thread, with the same results as in one product."""
+    """One item is multiplied by a part of large weights on each thread, with the same results as
+    in one product.
+    """
     netlib.set_threads(3)
     x = rng.normal(size=(1, INPUTS)).astype(np.float32)
     whole = forward(x)

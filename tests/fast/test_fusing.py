@@ -82,7 +82,9 @@ def fused(net: netlib.Net) -> int:
 def test_the_plain_layers_values(
     first: str, chain: str, shape: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """One image and a batch in slices; the weights may change between passes, and parts of the net may be run."""
+    """One image and a batch in slices; the weights may change between passes, and parts of the
+    net may be run.
+    """
     monkeypatch.setattr(depthwise, "FILTERED", 100)
     plain, fast = (make(first, chain, shape, engine) for engine in ("plain", "fast"))
     assert fused(fast) == CHAINS[chain][1]
@@ -118,9 +120,14 @@ def test_the_plain_layers_values(
     ],
 )
 def test_a_backward_pass(chain: str, count: int, rng: np.random.Generator) -> None:
-    """Only a ReLU, and a Scale behind a BatchNorm by the statistics of the batch, are fused if gradients are computed,
-    which are those of the plain engine, as are the diffs of all blobs, also if parts of the net are run."""
-    end = 'layer { name: "l" type: "Reduction" bottom: "y" top: "l" loss_weight: 1 reduction_param { operation: SUMSQ } }'
+    """Only a ReLU, and a Scale behind a BatchNorm by the statistics of the batch, are fused if
+    gradients are computed, which are those of the plain engine, as are the diffs of all blobs, also
+    if parts of the net are run.
+    """
+    end = (
+        'layer { name: "l" type: "Reduction" bottom: "y" top: "l" loss_weight: 1 reduction_param '
+        "{ operation: SUMSQ } }"
+    )
     plain, fast = (
         make("rows", chain, (3, 4, 9, 9), engine, end, netlib.TRAIN) for engine in ("plain", "fast")
     )

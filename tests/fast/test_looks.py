@@ -1,4 +1,5 @@
-"""At any moment, a first access to any blob gives what the plain engine has there, or an error; never another value.
+"""At any moment, a first access to any blob gives what the plain engine has there, or an error;
+never another value.
 
 ``check(123)`` builds a random net under both engines, brings it to a moment of its life, lets a
 caller write something, and looks at one half of one blob, then at all others. ``CELLS`` counts
@@ -31,7 +32,9 @@ CELLS: Counter[tuple[str, str, str, bool, bool]] = Counter()
 
 
 def passes(net: Net, rng: Generator, kinds: str) -> None:
-    """Run forwards for each ``f``, backwards for each ``b``; multiply the weights for each ``w``."""
+    """Run forwards for each ``f``, backwards for each ``b``; multiply the weights
+    for each ``w``.
+    """
     for kind in kinds:
         if kind == "f":
             net.forward(**images(net, rng))
@@ -139,7 +142,9 @@ def look(net: Net, name: str, half: str) -> Any:
 
 
 def agree(fast: Any, plain: Any, where: str, may_fail: bool) -> bool:
-    """Assert that a look gives the value of the plain engine or an allowed error; returns whether it is a value."""
+    """Assert that a look gives the value of the plain engine or an allowed error; returns whether
+    it is a value.
+    """
     if isinstance(fast, netlib.NetlibError):
         assert may_fail, f"{where}: {fast}"
         return False

@@ -207,7 +207,9 @@ LAYERS = [
 @pytest.mark.parametrize("phase", [netlib.TRAIN, netlib.TEST])
 @pytest.mark.parametrize("layer", LAYERS)
 def test_other_windows(layer: str, phase: int) -> None:
-    """One such value in x or in dy of a pooling, with winners and without, or of a normalization."""
+    """One such value in x or in dy of a pooling, with winners and without, or of a
+    normalization.
+    """
     rng = np.random.default_rng(0)
     text = (
         'force_backward: true layer { name: "x" type: "Input" top: "x" '
@@ -235,7 +237,9 @@ def test_other_windows(layer: str, phase: int) -> None:
 def test_large_values_spoil_only_their_windows(
     channels: int, size: int, kernel: int, share: float
 ) -> None:
-    """Outputs whose windows do not contain one of the values 65535, as of depth sensors, are right to 1e-3."""
+    """Outputs whose windows do not contain one of the values 65535, as of depth sensors, are
+    right to 1e-3.
+    """
     rng = np.random.default_rng(1)
     x = rng.normal(size=(8, channels, size, size)).astype(np.float32)
     large = rng.random((8, size, size)) < share

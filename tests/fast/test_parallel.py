@@ -1,4 +1,6 @@
-"""Threads: every job runs once, errors are raised, jobs can run jobs, and each thread has its own buffers."""
+"""Threads: every job runs once, errors are raised, jobs can run jobs, and each thread has
+its own buffers.
+"""
 
 from __future__ import annotations
 

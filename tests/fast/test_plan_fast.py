@@ -1,4 +1,7 @@
-"""The plan of the fast engine for the paper's network. A lost optimization would make it slower, but not wrong."""
+"""The plan of the fast engine for the paper's network.
+
+A lost optimization would make it slower, but not wrong.
+"""
 
 from pathlib import Path
 
@@ -55,7 +58,9 @@ def paper_network() -> netlib.Net:
 
 
 def test_the_plan_of_the_papers_network() -> None:
-    """The convolutional layers run together, 32 images at a time; the blobs between them are hidden and tiled."""
+    """The convolutional layers run together, 32 images at a time; the blobs between them are
+    hidden and tiled.
+    """
     net = paper_network()
     [sliced] = [step for step in net.steps if isinstance(step, SlicedStep)]
     pieces = sliced.pieces()

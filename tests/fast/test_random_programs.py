@@ -1,11 +1,13 @@
 """Random nets, used at random, under the plain engine and the fast one on 1 and on 4 threads.
 
-A *program* is a net and a list of operations, run by ``check(123)``. After each operation the three nets must agree: on
-values returned or errors raised, on parameters, gradients, outputs; plain and fast to rounding in float64, fast on 1
-and on 4 threads bit for bit. The programs of the test find five planted faults: gradients of weights without the last
-slice, padding that keeps old values, a winner of max pooling one column off in windows beyond the image, the slope of
-ReLU at 0, lanes one for each thread. What docs/net.md excludes is not generated: a gradient read after another pass or
-new weights, a blob written after a pass that did not store all blobs, and inputs that are views of each other.
+A *program* is a net and a list of operations, run by ``check(123)``. After each operation the
+three nets must agree: on values returned or errors raised, on parameters, gradients, outputs;
+plain and fast to rounding in float64, fast on 1 and on 4 threads bit for bit. The programs of the
+test find five planted faults: gradients of weights without the last slice, padding that keeps old
+values, a winner of max pooling one column off in windows beyond the image, the slope of ReLU at 0,
+lanes one for each thread. What docs/net.md excludes is not generated: a gradient read after
+another pass or new weights, a blob written after a pass that did not store all blobs, and inputs
+that are views of each other.
 """
 
 from __future__ import annotations
@@ -25,8 +27,9 @@ from tests.support.nets import inputs
 
 TOLERANCE = 1e-9  # of the largest value of an array, or of 1 where all are smaller
 
-# Options of layers, and weights of their choice. One of the <alternatives|in angle brackets> is drawn. A layer reads a
-# blob and, where "B" stands, any other; it writes a new one, and another one where "Z" stands.
+# Options of layers, and weights of their choice. One of the <alternatives|in angle brackets> is
+# drawn. A layer reads a blob and, where "B" stands, any other; it writes a new one, and another one
+# where "Z" stands.
 CONVOLUTION = """type: "Convolution" convolution_param { num_output: <1|2|3|4> bias_term: <true|false>
     weight_filler { type: "gaussian" std: 0.5 } bias_filler { type: "uniform" min: -1 max: 1 } """
 # of two layers
@@ -63,7 +66,10 @@ def pick(rng: Random, weights: dict[str, int], count: int) -> list[str]:
 
 
 def random_net(rng: Random) -> str:
-    """Return the text of a random net. The name of an input ends in the step of its sizes: ``x1``."""
+    """Return the text of a random net.
+
+    The name of an input ends in the step of its sizes: ``x1``.
+    """
     T = rng.choice([1] * 6 + [2, 4])  # 1, or of a depth image
     C, sizes = (
         rng.randint(1, 4 if T == 1 else 1),
@@ -75,8 +81,8 @@ def random_net(rng: Random) -> str:
     layers = pick(rng, LAYERS, rng.randint(2, 10))
     layers += [SHARED] * layers.count(SHARED)
     if T > 1:
-        # A convolution and a pooling that fit together, whose windows of background the fast engine skips. A second max
-        # pooling would choose between values that differ only by rounding.
+        # A convolution and a pooling that fit together, whose windows of background the fast engine
+        # skips. A second max pooling would choose between values that differ only by rounding.
         layers = [
             CONVOLUTION + f"kernel_size: {T + 1} }}",
             *[RELU] * rng.choice([0, 1, 1]),
@@ -108,7 +114,9 @@ def random_net(rng: Random) -> str:
 
 
 def images(net: netlib.Net, rng: np.random.Generator, new: float = 0) -> dict[str, Any]:
-    """Draw an array for each input: noise; for a depth image, before zeros as background, whose products are exact."""
+    """Draw an array for each input: noise; for a depth image, before zeros as background, whose
+    products are exact.
+    """
     change = rng.integers(-2, 3, 2) * (rng.random() < new)
     count, found = rng.integers(8) if rng.random() < new else None, {}
     for name in net.inputs:
@@ -133,7 +141,10 @@ def forward(net: netlib.Net, rng: np.random.Generator) -> dict[str, Any]:
 
 
 def backward(net: netlib.Net, rng: np.random.Generator, fewer: bool = False) -> dict[str, Any]:
-    """With ``fewer`` items than before. More would be constant images, and rounding would decide between maxima."""
+    """With ``fewer`` items than before.
+
+    More would be constant images, and rounding would decide between maxima.
+    """
     if fewer:
         net.forward(**images(net, rng))
         count = int(rng.integers(min(net.blobs[name].shape[0] for name in net.inputs) + 1))
@@ -168,7 +179,8 @@ def write(rng: np.random.Generator, arrays: dict[str, Any]) -> None:
         array[...] = rng.normal(size=array.shape) if rng.random() < 0.5 else array
 
 
-# weight of the choice, effect, function of a net and a generator, which has the same seed for each net
+# weight of the choice, effect, function of a net and a generator, which has the same
+# seed for each net
 OPERATIONS = {
     "forward": (17, "pass", forward),
     "forward of new images": (3, "pass", lambda net, rng: net.forward(**images(net, rng))),
@@ -211,7 +223,9 @@ OPERATIONS = {
 
 
 def check(seed: int) -> None:
-    """Run the program of a seed; every second one in slices of two items, so that there are several."""
+    """Run the program of a seed; every second one in slices of two items, so that
+    there are several.
+    """
     slices.MAX_SLICE, rng = 2 if seed % 2 else 64, Random(seed)
     model, phase = (
         prototxt.parse(random_net(rng)),

@@ -1,4 +1,6 @@
-"""RowTiles: the fast convolution gives the same results as plain loops, for all layouts of its top."""
+"""RowTiles: the fast convolution gives the same results as plain loops, for all
+layouts of its top.
+"""
 
 import numpy as np
 import pytest
@@ -10,7 +12,9 @@ from tests.support.tiled import load, store, tiled
 
 
 def fast(x, w, b, dy, tile=None, bottom_tile=None):
-    """Compute y, dx, dw, db by RowTiles, with a top in tiles of ``tile`` and a bottom in tiles of ``bottom_tile``."""
+    """Compute y, dx, dw, db by RowTiles, with a top in tiles of ``tile`` and a bottom in tiles of
+    ``bottom_tile``.
+    """
     _N, _C, _H, W = x.shape
     O, _, kh, kw = w.shape
     layer = gradcheck.make_layer(
@@ -42,7 +46,9 @@ def fast(x, w, b, dy, tile=None, bottom_tile=None):
     ],
 )
 def test_any_size(rng, image, kernel, tile, bottom_tile):
-    """Forward is the definition, backward its transpose; images that are adjacent in a row do not affect each other."""
+    """Forward is the definition, backward its transpose; images that are adjacent in a row do not
+    affect each other.
+    """
     x, w, b = rng.normal(size=(3, 2, *image)), rng.normal(size=(2, 2, *kernel)), rng.normal(size=2)
     want = convolve(x, w, b)
     dy = rng.normal(size=want.shape)
@@ -60,7 +66,9 @@ def test_toeplitz_and_fold_are_adjoint(rng, T):
 
 
 def test_new_weights_make_new_matrices(rng):
-    """The matrices are computed again if the weights differ, also if the same array was modified."""
+    """The matrices are computed again if the weights differ, also if the same
+    array was modified.
+    """
     way, w = RowTiles(), rng.normal(size=(2, 1, 2, 2))
     before = way.matrices(w, 2)[0].copy()
     assert np.array_equal(way.matrices(w, 2)[0], before)

@@ -45,17 +45,21 @@ HIDDEN = ["c1", "p1", "c2", "p2"]
 
 @pytest.fixture(autouse=True)
 def slices_of_any_size(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A small batch is one slice. Products of other sizes round differently, and the values under a pooling window over
-    the background are equal up to rounding, so the winner would change.
+    """A small batch is one slice.
+
+    Products of other sizes round differently, and the values under a pooling window over the
+    background are equal up to rounding, so the winner would change.
     """
     monkeypatch.setattr(slices, "SPLITS", ())
 
 
 def batch(count: int, seed: int = 0, flat: bool = True) -> Arrays:
-    """Images like depth crops with an object before a constant background, and labels. One image is only background.
+    """Images like depth crops with an object before a constant background, and labels.
 
-    Unless ``flat``, the background is rough. On a flat background the values of a convolution are equal except for
-    rounding, so a max pooling after it may pass the gradient to any of them.
+    One image is only background.
+
+    Unless ``flat``, the background is rough. On a flat background the values of a convolution are
+    equal except for rounding, so a max pooling after it may pass the gradient to any of them.
     """
     rng = np.random.default_rng(seed)
     x = np.ones((count, 1, 128, 128), np.float32)
@@ -131,8 +135,9 @@ def is_sliced(net: netlib.Net) -> bool:
 def test_slices_give_what_layer_by_layer_gives(
     net_of: MakeNet, monkeypatch: pytest.MonkeyPatch, start: str, items: int, engine: str
 ) -> None:
-    """Results in float64 are equal up to rounding, with both engines and 1, 2 and 4 slices. In training, the first
-    convolution computes only windows that are not background.
+    """Results in float64 are equal up to rounding, with both engines and 1, 2 and 4 slices.
+
+    In training, the first convolution computes only windows that are not background.
     """
     monkeypatch.setattr(slices, "MAX_SLICE", 4)
     sliced = net_of(start + PAPER, dtype=np.float64)
@@ -163,7 +168,9 @@ def test_any_background_gives_the_same(net_of: MakeNet, background: str) -> None
 
 
 def expected_of(net_of: MakeNet, inputs: Arrays) -> dict[str, Arrays]:
-    """Data and diff of every blob of the paper's network, and the parameters' diffs, layer by layer."""
+    """Data and diff of every blob of the paper's network, and the parameters' diffs,
+    layer by layer.
+    """
     net = layer_by_layer(net_of(PAPER))
     grads = everything(net, inputs)
     return {
@@ -180,7 +187,9 @@ def check_blob(net: netlib.Net, name: str, half: str, expected: dict[str, Arrays
 @pytest.mark.parametrize("when", ["before forward", "after forward", "after backward"])
 @pytest.mark.parametrize("name", HIDDEN)
 def test_a_hidden_blob_is_true_when_somebody_looks(net_of: MakeNet, name: str, when: str) -> None:
-    """A hidden blob is correct whenever it is first accessed and in later passes; the access changes no other value."""
+    """A hidden blob is correct whenever it is first accessed and in later passes; the access
+    changes no other value.
+    """
     net, inputs = net_of(PAPER), batch(10, flat=name != "c2")
     expected = expected_of(net_of, inputs)
     if when == "before forward":
@@ -220,7 +229,9 @@ def test_a_look_costs_one_pass_and_all_blobs_are_stored_from_then_on(
 
 @pytest.mark.parametrize("how", ["a look", "a part"])
 def test_what_overflows_is_computed_again_without_a_warning(net_of: MakeNet, how: str) -> None:
-    """Computing infinite values again gives no warning, as in the pass itself. (A warning fails the tests.)"""
+    """Computing infinite values again gives no warning, as in the pass itself.
+    (A warning fails the tests.)
+    """
     net = net_of(PAPER)
     for params in net.params.values():
         params[0].data[...] = 1e30
@@ -239,7 +250,10 @@ def test_a_reshape_that_changes_nothing_loses_nothing(net_of: MakeNet) -> None:
 
 
 def test_another_number_of_items_keeps_the_plan(net_of: MakeNet) -> None:
-    """The plan depends only on the shape of an item. The results are those of a net that has run no other batch."""
+    """The plan depends only on the shape of an item.
+
+    The results are those of a net that has run no other batch.
+    """
     net, other = net_of(PAPER), net_of(PAPER)
     everything(net, batch(5))
     steps = net.steps
@@ -252,7 +266,9 @@ def test_another_number_of_items_keeps_the_plan(net_of: MakeNet) -> None:
 
 @pytest.mark.parametrize("has_loss", [False, True])
 def test_recent_numbers_of_items_need_no_new_slices(net_of: MakeNet, has_loss: bool) -> None:
-    """Without a backward pass, the slices of the last few batches are kept, with the same results."""
+    """Without a backward pass, the slices of the last few batches are kept, with
+    the same results.
+    """
     text = PAPER if has_loss else PAPER[: PAPER.index('layer { name: "label"')]
     net = net_of(text)
     layers: dict[int, object] = {}
@@ -271,7 +287,9 @@ def test_recent_numbers_of_items_need_no_new_slices(net_of: MakeNet, has_loss: b
 
 
 def test_a_hidden_blob_does_not_outlive_its_net(net_of: MakeNet) -> None:
-    """Accessing a hidden blob after its net was deleted raises an error instead of returning zeros."""
+    """Accessing a hidden blob after its net was deleted raises an error instead of
+    returning zeros.
+    """
 
     def blobs() -> dict[str, Any]:
         net = net_of(PAPER)
@@ -309,7 +327,9 @@ OF_X, OF_Y = (
 def test_blobs_of_different_numbers_of_items(
     agree: Agree, rng: np.random.Generator, order: str
 ) -> None:
-    """Numbers of items differ between blobs after a Filter, in every pass, or if one of two inputs is reshaped."""
+    """Numbers of items differ between blobs after a Filter, in every pass, or if one of two
+    inputs is reshaped.
+    """
     x, y = rng.normal(size=(2, 6, 1, 8, 8)).astype(np.float32)
     chosen = [1, 1, 1, 1], [1, 0, 0, 1], [0, 1, 1, 1], [0, 0, 0, 0], [1, 1, 1, 1]
     batches = [{"x": x[:4], "y": y[:4], "s": np.array(items)} for items in chosen]
@@ -320,7 +340,9 @@ def test_blobs_of_different_numbers_of_items(
 
 
 def test_relu_after_max_pooling_is_relu_before_it(agree: Agree) -> None:
-    """Exchanging the two layers on a hidden blob changes no value, winner or gradient, including zeros and ties."""
+    """Exchanging the two layers on a hidden blob changes no value, winner or gradient, including
+    zeros and ties.
+    """
     text = """
         force_backward: true
         layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 3 dim: 2 dim: 6 dim: 6 } } }
@@ -384,7 +406,9 @@ def test_only_a_monotone_layer_changes_places_with_a_max_pooling(
 
 
 def test_no_relu_changes_places_with_a_max_pooling_that_has_empty_windows(net_of: MakeNet) -> None:
-    """A ReLU before the pooling does not change the value of an empty window, minus infinity, to 0."""
+    """A ReLU before the pooling does not change the value of an empty window, minus
+    infinity, to 0.
+    """
     text = (ODD % 'type: "ReLU"').replace("kernel_size: 3 stride: 3", "kernel_size: 1 stride: 4")
     text += """layer { name: "d" type: "Convolution" bottom: "p" top: "d"
                        convolution_param { num_output: 1 kernel_size: 1 } }"""
@@ -398,7 +422,9 @@ def test_no_relu_changes_places_with_a_max_pooling_that_has_empty_windows(net_of
 
 
 def test_a_look_repeats_only_what_ran_in_slices(net_of: MakeNet, rng: np.random.Generator) -> None:
-    """A layer that ran whole keeps its output when a hidden blob is read after its input was written."""
+    """A layer that ran whole keeps its output when a hidden blob is read after its
+    input was written.
+    """
     net = net_of(
         inputs(x=(3, 1, 8, 8), z=(2, 1, 8, 8))
         + """layer { name: "c" type: "Convolution" bottom: "x" top: "c"
@@ -453,7 +479,9 @@ def test_backward_after_an_input_was_written_is_an_error(net_of: MakeNet, change
 
 
 def test_backward_after_a_look_may_use_new_inputs(net_of: MakeNet) -> None:
-    """The net stores all blobs then, so the gradient is that of Caffe: of old blobs and the new input."""
+    """The net stores all blobs then, so the gradient is that of Caffe: of old blobs and
+    the new input.
+    """
     net, plain = net_of(PAPER), net_of(PAPER, engine="plain")
     for one in (net, plain):
         feed(one, batch(3))
@@ -512,7 +540,10 @@ def test_a_look_after_a_parameter_was_reshaped(net_of: MakeNet) -> None:
 
 
 def test_diffs_of_a_pass_before_are_unknown(net_of: MakeNet) -> None:
-    """Data are those of the last forward pass. The diffs that it has replaced are an error until the next backward."""
+    """Data are those of the last forward pass.
+
+    The diffs that it has replaced are an error until the next backward.
+    """
     net, expected = net_of(PAPER), expected_of(net_of, batch(3))
     everything(net, batch(5))
     feed(net, batch(3))
@@ -622,7 +653,9 @@ def test_tops_of_a_split_share_memory_unless_a_layer_overwrites_it(
 
 
 def test_after_a_step_of_a_solver_all_blobs_have_its_values(tmp_path: Path) -> None:
-    """Also those that were not stored, with dropout, and although the weights have been updated since."""
+    """Also those that were not stored, with dropout, and although the weights have been
+    updated since.
+    """
     text = PAPER.replace(
         'layer { name: "fc" type',
         'layer { name: "drop" type: "Dropout" bottom: "c3" top: "c3" } layer { name: "fc" type',

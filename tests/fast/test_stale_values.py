@@ -67,7 +67,9 @@ def test_narrower_and_lower_images_after_wider_and_higher_ones(
 def test_a_layer_that_overwrites_pooled_values(
     agree: Agree, rng: np.random.Generator, function: str
 ) -> None:
-    """A ReLU is not moved behind a pooling whose values are overwritten, because its backward reads their signs."""
+    """A ReLU is not moved behind a pooling whose values are overwritten, because its backward
+    reads their signs.
+    """
     agree(
         CONVOLUTION % (POOLING + IN_PLACE % function, "d"),
         {"x": rng.normal(size=(3, 1, 9, 6))},
@@ -80,7 +82,9 @@ def test_a_layer_that_overwrites_pooled_values(
 def test_a_first_look_shows_the_last_pass(
     net_of: MakeNet, rng: np.random.Generator, half: str, change: str
 ) -> None:
-    """The first access returns the values of the last pass, even if blobs were modified or shared since."""
+    """The first access returns the values of the last pass, even if blobs were modified
+    or shared since.
+    """
     text = CONVOLUTION % (POOLING + IN_PLACE % 'type: "Sigmoid"', "d")
     fast, plain = both(net_of, text)
     x, value = rng.normal(size=(3, 1, 9, 6)), rng.normal(size=(3, 1, 4, 3))

@@ -32,7 +32,9 @@ def test_where_a_value_stands_in_tiles() -> None:
     spare=st.integers(0, 2),
 )
 def test_tiles_and_back(shape: tuple[int, ...], one: int, other: int, spare: int) -> None:
-    """Converting plain arrays to tiles, to other tiles and back keeps the values, also for sizes not divisible by T."""
+    """Converting plain arrays to tiles, to other tiles and back keeps the values, also for sizes
+    not divisible by T.
+    """
     x = np.random.default_rng(0).normal(size=shape)
     first, second = tiled(shape, one, spare), tiled(shape, other)
     store(first, "data", x)

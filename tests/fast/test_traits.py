@@ -67,7 +67,9 @@ def test_a_batchwise_layer_treats_every_item_alone(name: str) -> None:
 
 @pytest.mark.parametrize("name", CASES)
 def test_backward_reads_only_what_it_says(name: str) -> None:
-    """If ``reads_bottom`` or ``reads_top`` is false, backward does not read these data, which may be overwritten."""
+    """If ``reads_bottom`` or ``reads_top`` is false, backward does not read these data, which may
+    be overwritten.
+    """
     layer, arrays = made(name)
     options = CASES[name][2]
     wanted = options.get("wanted", [True] * len(arrays))

@@ -1,4 +1,6 @@
-"""WindowTiles: the convolution that skips the background gives the same results as the plain one."""
+"""WindowTiles: the convolution that skips the background gives the same results as
+the plain one.
+"""
 
 import numpy as np
 import pytest
@@ -97,13 +99,17 @@ def test_forward_and_backward(rng, seen, T, k, size, dtype):
     ids=["another kernel", "another size", "another tile", "two channels", "no tiles"],
 )
 def test_what_does_not_fit(T, k, size, channels):
-    """Other shapes are rejected: a window must read exactly 2 x 2 blocks of one channel, with T of 2, 4 or 8."""
+    """Other shapes are rejected: a window must read exactly 2 x 2 blocks of one channel, with
+    T of 2, 4 or 8.
+    """
     bottom, top = Blob((1, channels, size, size)), tiled((1, 2, size - k + 1, size - k + 1), T)
     assert not fits(bottom, top, (2, channels, k, k))
 
 
 def test_only_windows_that_see_something_are_stored():
-    """One foreground pixel, in block (2, 2) of 4 x 4 pixels, gives the four windows that read this block."""
+    """One foreground pixel, in block (2, 2) of 4 x 4 pixels, gives the four windows that
+    read this block.
+    """
     x = np.ones((1, 1, 16, 16), np.float32)
     x[0, 0, 9, 9] = 0
     bottom, top = blobs(x, 1, 5, 4)

@@ -1,4 +1,5 @@
-"""Readers: functions that write small good files to the working directory, and functions that read them.
+"""Readers: functions that write small good files to the working directory, and functions
+that read them.
 
 Databases, recordings, tracks, models and data sets of hands are damaged in their own tests.
 """
@@ -103,7 +104,9 @@ def run_once(path: Path) -> None:
 
 
 def make_training() -> list[str]:
-    """Write the files of a training, in which state and weights of iteration 5 are of an earlier version."""
+    """Write the files of a training, in which state and weights of iteration 5 are of an
+    earlier version.
+    """
     for file in [
         *(ROOT / "tests/netlib/older").iterdir(),
         *(RECORDED / "solvers").glob("train?.h5"),
@@ -113,7 +116,9 @@ def make_training() -> list[str]:
 
 
 def read_solver(path: Path) -> None:
-    """Build a solver and make two steps if they are short; no snapshots, whose paths may be damaged."""
+    """Build a solver and make two steps if they are short; no snapshots, whose paths
+    may be damaged.
+    """
     solver = netlib.get_solver("solver.prototxt", snapshot=0, snapshot_after_train=False)
     if max([solver.param.iter_size, *solver.param.test_iter]) <= 1000:
         solver.step(2)
@@ -209,7 +214,9 @@ def read_batches(path: Path) -> None:
 
 
 def make_hdf5() -> list[str]:
-    """Write contiguous rows, rows in compressed chunks and rows behind a link, and the list of the files."""
+    """Write contiguous rows, rows in compressed chunks and rows behind a link, and the
+    list of the files.
+    """
     put("net.prototxt", DATA_LAYER % ("HDF5Data", ""))
     rng = np.random.default_rng(4)
     write_hdf5("a.h5", data=rng.uniform(-0.9, 0.9, (5, 2, 3)).astype("f4"), label=np.zeros(5, "f4"))
@@ -251,7 +258,9 @@ def make_pictures() -> list[str]:
 
 
 def read_pictures(path: Path) -> None:
-    """Read pictures and their list with the layer, with caffe.io and with tools/compute_image_mean.py."""
+    """Read pictures and their list with the layer, with caffe.io and with
+    tools/compute_image_mean.py.
+    """
     read_batches(path)
     if path.suffix in (".png", ".jpg", ".bmp"):
         load_image(path)

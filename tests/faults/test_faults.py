@@ -1,11 +1,13 @@
 """Damaged files, kills and full disks.
 
-Readers: a damaged file gives a right result or a one-line error: no traceback, no crash, no hang, bounded memory. The
-cases run in a forked process, which is replaced when it dies. Its death is accepted for an HDF5 file without this
-project's checksum only, because such a file can crash the HDF5 library.
+Readers: a damaged file gives a right result or a one-line error: no traceback, no crash, no
+hang, bounded memory. The cases run in a forked process, which is replaced when it dies. Its
+death is accepted for an HDF5 file without this project's checksum only, because such a file can
+crash the HDF5 library.
 
-Writers: after a kill, or on a full disk, the old files or the new ones are there, and the next run succeeds. Temporary
-files, which are hidden, may remain. tests/netlib/snapshots/test_kills.py kills trainings.
+Writers: after a kill, or on a full disk, the old files or the new ones are there, and the next
+run succeeds. Temporary files, which are hidden, may remain. tests/netlib/snapshots/test_kills.py
+kills trainings.
 """
 
 from __future__ import annotations
@@ -74,7 +76,9 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def in_child(function: Callable[[], Iterator[str]]) -> tuple[int, list[str]]:
-    """Run a function in a forked process; returns its exit status, negative for a signal, and the lines it yields."""
+    """Run a function in a forked process; returns its exit status, negative for a signal, and the
+    lines it yields.
+    """
     readable, writable = os.pipe()
     if (child := os.fork()) == 0:
         status = 99
@@ -91,7 +95,9 @@ def in_child(function: Callable[[], Iterator[str]]) -> tuple[int, list[str]]:
 
 
 def failures(reader: Reader, folder: Path, cases: int = CASES) -> list[str]:
-    """Damage the files of a reader, whose good ones are in the working directory; returns one line for each failure."""
+    """Damage the files of a reader, whose good ones are in the working directory; returns one line
+    for each failure.
+    """
     files = {name: Path(name).read_bytes() for name in reader.make()}
     found: list[str] = []
     first = 0

@@ -16,7 +16,9 @@ def test_every_name_exists(name):
 
 
 def test_other_names_do_not_exist():
-    """A misspelled name is an AttributeError, as of any module, and so an ImportError of a from-import."""
+    """A misspelled name is an AttributeError, as of any module, and so an ImportError of
+    a from-import.
+    """
     with pytest.raises(
         AttributeError, match=r"^module 'handpose' has no attribute 'load_predictors'$"
     ):

@@ -40,7 +40,9 @@ def listed(program: str) -> str:
 def shown(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> Callable[..., str]:
-    """``shown("track", "--help")``: the output of ``handpose track --help``, run in this process, which is faster."""
+    """``shown("track", "--help")``: the output of ``handpose track --help``, run in this process,
+    which is faster.
+    """
 
     def run(*words: str) -> str:
         interrupt = signal.getsignal(signal.SIGINT)
@@ -88,7 +90,9 @@ def test_the_lists_have_examples() -> None:
 
 
 def test_help_of_an_installed_command_names_commands(shown: Callable[..., str]) -> None:
-    """Help for ``handpose NAME`` names neither tools nor pages by their files, which are not installed."""
+    """Help for ``handpose NAME`` names neither tools nor pages by their files, which are
+    not installed.
+    """
     for name, path in commands().items():
         text = path.read_text(encoding="utf-8")
         if "tools/" in text or "docs/" in text:

@@ -79,10 +79,12 @@ def run() -> Callable[..., Run]:
 
 @pytest.fixture
 def by_hand(run: Callable[..., Run]) -> Callable[..., None]:
-    """``by_hand("ReLU", [x], [y], [dy], [dx])``: the tops, and the gradients of the bottoms, are these numbers.
+    """``by_hand("ReLU", [x], [y], [dy], [dx])``: the tops, and the gradients of the bottoms, are
+    these numbers.
 
-    The first word is the type, others are its options. A bottom with dx None has no gradient; without dy there is no
-    backward pass. ``dparams`` are the gradients of the parameters, whose values are ``params``.
+    The first word is the type, others are its options. A bottom with dx None has no gradient;
+    without dy there is no backward pass. ``dparams`` are the gradients of the parameters, whose
+    values are ``params``.
     """
 
     def equal(found: np.ndarray, wanted: ArrayLike) -> None:

@@ -1,4 +1,6 @@
-"""Layers that cannot be built or run: options, shapes or values of the bottoms, and the line of the error."""
+"""Layers that cannot be built or run: options, shapes or values of the bottoms, and the
+line of the error.
+"""
 
 import numpy as np
 
@@ -31,7 +33,9 @@ NONE_FOR = "has no gradient for its {}; set propagate_down: false for them"
 
 
 def of(layer, *rows):
-    """Rows (text, bottoms, line, tops) of a layer type, from rows (options, bottoms, line[, tops])."""
+    """Rows (text, bottoms, line, tops) of a layer type, from rows
+    (options, bottoms, line[, tops]).
+    """
     kind, *field = layer.split(maxsplit=1)
     texts = [
         f'type: "{kind}"' + "".join(f" {field[0]} {{ {options} }}" for _ in field)
@@ -633,7 +637,10 @@ BAD = [
             (
                 "",
                 [NEAR, [[[[0, 2], [wrong, 10]]]]],
-                f"mask 'bottom1' is {wrong} at (0, 0, 1, 0), expected 0 to 15 for a top of 4 x 4; its Pooling must read ...",
+                (
+                    f"mask 'bottom1' is {wrong} at (0, 0, 1, 0), expected 0 to 15 for a top of 4 "
+                    "x 4; its Pooling must read ..."
+                ),
             )
             for wrong in (-1, 16, np.nan)
         ),
@@ -841,11 +848,16 @@ def test_layers_that_are_refused(given, rejected):
     {
         'type: "Clip" clip_param { min: 0 }': "<gradcheck>:1:...: error: missing required field 'max' in clip_param",
         'type: "Tile" tile_param { axis: 1 }': "<gradcheck>:1:36: error: missing required field 'tiles' in tile_param",
-        'type: "Reduction" reduction_param { operation: MAX }': "<gradcheck>:1:59: error: unknown value MAX of 'operation'; known values: SUM, ASUM, SUMSQ, MEAN",
+        'type: "Reduction" reduction_param { operation: MAX }': (
+            "<gradcheck>:1:59: error: unknown value MAX of 'operation'; known values: SUM, ASUM, "
+            "SUMSQ, MEAN"
+        ),
         'type: "HingeLoss" hinge_loss_param { norm: 0 }':
         # in numbers L1 is 1 and L2 is 2
         "<gradcheck>:1:55: error: unknown value 0 of 'norm'; known values: L1, L2",
-        'type: "DetectionOutput"': "<gradcheck>:1:1: error: missing required field 'num_classes' in detection_output_param",
+        'type: "DetectionOutput"': (
+            "<gradcheck>:1:1: error: missing required field 'num_classes' in detection_output_param"
+        ),
         "no H": (
             'type: "InfogainLoss" infogain_loss_param { source: "H.binaryproto" }',
             DataError,
@@ -929,7 +941,9 @@ def test_texts_that_are_refused(given, rejected):
     },
 )
 def test_shapes_that_must_stay(given, rejected):
-    """What the shapes of the parameters depend on may not change after setup; nothing is broadcast."""
+    """What the shapes of the parameters depend on may not change after setup;
+    nothing is broadcast.
+    """
     text, bottoms, later = given
     done = Run(text, arrays(bottoms))
     for blob, shape in zip(done.bottom, later):
@@ -1043,6 +1057,8 @@ def test_what_has_no_gradient(given, rejected):
     },
 )
 def test_nets_that_are_refused(net_of, given, rejected):
-    """Layers that cannot run in place, statistics with a learning rate, and options of another type are an error."""
+    """Layers that cannot run in place, statistics with a learning rate, and options of another
+    type are an error.
+    """
     with rejected:
         net_of(inputs(x=(2, 3)) + f"\nlayer {{ {given} }}")

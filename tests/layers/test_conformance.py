@@ -1,4 +1,6 @@
-"""Requirements of every layer type: its gradient, other batch sizes, running in place, and no misspelt hook."""
+"""Requirements of every layer type: its gradient, other batch sizes, running in place, and no
+misspelt hook.
+"""
 
 from __future__ import annotations
 
@@ -64,7 +66,9 @@ def test_only_wanted_gradients_are_written(name: str) -> None:
 def test_forced_backward_asks_for_the_gradients_that_there_are(
     net_of: Callable[..., Net], name: str
 ) -> None:
-    """``force_backward`` computes the gradient of every bottom that has one, and of no label, index or image."""
+    """``force_backward`` computes the gradient of every bottom that has one, and of no label,
+    index or image.
+    """
     options, bottoms, more = CASES[name]
     arrays = {f"x{i}": np.asarray(x, np.float64) for i, x in enumerate(bottoms(2))}
     text = "force_backward: true "
@@ -96,7 +100,9 @@ def test_types_that_share_a_block_read_the_same_in_it() -> None:
 
 @pytest.mark.parametrize("name", list(LAYER_TYPES))
 def test_options_are_frozen_dataclasses_with_a_docstring(name: str) -> None:
-    """Options cannot change after the prototxt is read, and their docstring is not the generated one."""
+    """Options cannot change after the prototxt is read, and their docstring is not the
+    generated one.
+    """
     cls = LAYER_TYPES[name]
     assert cls.param_type.__dataclass_params__.frozen  # type: ignore[attr-defined]
     generated = f"{cls.param_type.__name__}("  # the start of a dataclass's generated docstring

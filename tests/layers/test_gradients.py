@@ -1,4 +1,6 @@
-"""Gradients of options and shapes whose computation no case of support/layer_cases.py and no recording of Caffe has."""
+"""Gradients of options and shapes whose computation no case of support/layer_cases.py and no
+recording of Caffe has.
+"""
 
 from __future__ import annotations
 

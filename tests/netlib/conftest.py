@@ -19,13 +19,17 @@ RECORDINGS = Path(__file__).resolve().parents[1] / "caffe" / "solvers"
 
 
 def furnish(folder: Path) -> None:
-    """Copy a training with its state of version 0.1.0 to a folder: a small net, shuffled data, dropout."""
+    """Copy a training with its state of version 0.1.0 to a folder: a small net, shuffled
+    data, dropout.
+    """
     shutil.copytree(Path(__file__).parent / "older", folder, dirs_exist_ok=True)
     (folder / "list.txt").write_text(f"{RECORDINGS}/train0.h5\n{RECORDINGS}/train1.h5\n")
 
 
 def everything(solver: netlib.Solver) -> str:
-    """All on which the rest of a training depends: iteration, losses, weights, histories, states of layers."""
+    """All on which the rest of a training depends: iteration, losses, weights, histories,
+    states of layers.
+    """
     arrays = [*(p.blob.data for p in solver.net.learnable), *(a for h in solver.history for a in h)]
     states = [net.layer_states() for net in [solver.net, *solver.test_nets]]
     return f"{solver.iter} {list(solver.smoothed)} {states} {[array.tobytes() for array in arrays]}"
@@ -43,7 +47,9 @@ ONE_WEIGHT = """
 
 @pytest.fixture
 def solver_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> MakeSolver:
-    """``solver_of(net, options)`` writes a solver and its net; the defaults are base_lr 0.1 and a fixed policy."""
+    """``solver_of(net, options)`` writes a solver and its net; the defaults are base_lr 0.1 and
+    a fixed policy.
+    """
     monkeypatch.chdir(tmp_path)
 
     def make(net: str, options: str = "", seed: int | None = None) -> netlib.Solver:
@@ -64,7 +70,9 @@ def solver_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> MakeSolver:
 
 @pytest.fixture
 def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> MakeModule:
-    """``module(name, code)`` writes a module to the working directory, from which it can be imported."""
+    """``module(name, code)`` writes a module to the working directory, from which it
+    can be imported.
+    """
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
 

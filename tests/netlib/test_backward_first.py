@@ -1,4 +1,6 @@
-"""backward before forward: layers that have not run are run forwards once, and what has run is not run again."""
+"""backward before forward: layers that have not run are run forwards once, and what has run is
+not run again.
+"""
 
 from __future__ import annotations
 
@@ -72,7 +74,9 @@ def test_a_diff_that_the_caller_wrote_stays() -> None:
 
 
 def test_a_middle_blob_that_was_written_and_read_keeps_its_values() -> None:
-    """After forward(start=...), backward runs the layers before it once, but not over what the others have read."""
+    """After forward(start=...), backward runs the layers before it once, but not over what the
+    others have read.
+    """
     net = net_of(
         X
         + LINEAR % ("a", "x", "y", 1)
@@ -87,7 +91,9 @@ def test_a_middle_blob_that_was_written_and_read_keeps_its_values() -> None:
 
 
 def test_a_part_that_has_run_is_not_run_again() -> None:
-    """After a part with a new batch size, a full backward runs the rest and keeps the mask of the part."""
+    """After a part with a new batch size, a full backward runs the rest and keeps the
+    mask of the part.
+    """
     net = net_of(X + layer("Dropout", top="r") + LINEAR % ("b", "r", "z", 1))
     net.forward()
     net.blobs["x"].reshape(6, 3)
@@ -146,7 +152,9 @@ def test_a_branch_that_keeps_its_shape() -> None:
 
 
 def test_a_layer_in_place_that_has_run() -> None:
-    """A layer behind it that runs again reads what it has written, though the layer before it runs again, too."""
+    """A layer behind it that runs again reads what it has written, though the layer before it
+    runs again, too.
+    """
     net = net_of("""
         layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 3 dim: 2 dim: 8 dim: 8 } } }
         layer { name: "conv" type: "Convolution" bottom: "x" top: "a"

@@ -22,7 +22,10 @@ from tests.support.nets import X, inputs, ip, loss, shared
 pytestmark = pytest.mark.both_engines
 
 
-WRITTEN = "is already written by layer {!r}; give it another name, or that of the bottom in the same place ({}) to run ..."
+WRITTEN = (
+    "is already written by layer {!r}; give it another name, or that of the bottom in the same "
+    "place ({}) to run ..."
+)
 BN = '(the layer BN needs the current format: layer { type: "BN" ... })'
 
 
@@ -163,7 +166,8 @@ def after(shape: str, layer: str) -> str:
                     "{ pool: AVE kernel_size: 4294967295 pad: 4294967294 }",
                 ),
                 OutOfMemoryError,
-                "layer 'l': reshape: a blob cannot have the shape (1, 1, 4294967302, 4294967302): no computer has so much "
+                "layer 'l': reshape: a blob cannot have the shape (1, 1, 4294967302, "
+                "4294967302): no computer has so much "
                 "memory; use a smaller batch or layer",
             ),
             (

@@ -16,7 +16,9 @@ def test_a_new_blob_is_zero() -> None:
 
 
 def test_an_array_has_its_own_shape_and_flags() -> None:
-    """The shape and the flags of an accessed array are local to it, as in pycaffe; its values are the blob's."""
+    """The shape and the flags of an accessed array are local to it, as in pycaffe; its values
+    are the blob's.
+    """
     blob, other = Blob((2, 3)), Blob((6,))
     other.share(blob)
     for one in (blob, other):
@@ -30,7 +32,9 @@ def test_an_array_has_its_own_shape_and_flags() -> None:
 
 
 def test_an_assigned_parameter_shares_its_memory() -> None:
-    """A parameter that is assigned has the values and gradients of the other blob; the list keeps its own blob."""
+    """A parameter that is assigned has the values and gradients of the other blob; the list
+    keeps its own blob.
+    """
     own, other = BlobVec([Blob((2, 3)), Blob((4,))]), Blob((3, 2))
     kept, other.data[...] = own[0], 5
     own[0] = other

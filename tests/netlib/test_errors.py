@@ -55,7 +55,9 @@ def test_the_nearest_name() -> None:
     ],
 )
 def test_options_of_forks_are_no_misspellings(name: str, other: str) -> None:
-    """Parts that many names have do not make two options similar; a wrong hint would hide the list of known names."""
+    """Parts that many names have do not make two options similar; a wrong hint would hide the list
+    of known names.
+    """
     assert did_you_mean(name, [other]) == ""
 
 
@@ -65,7 +67,9 @@ def test_a_message_is_one_line() -> None:
 
 @given(ANY_TEXT)
 def test_an_error_can_be_shown_whatever_it_names(name: str) -> None:
-    """A message is printable on one line, without terminal control codes or marks that change the writing direction."""
+    """A message is printable on one line, without terminal control codes or marks that change the
+    writing direction.
+    """
     assert str(NetlibError(f"no layer {name}")).isprintable()
     assert str(PrototxtError(f"{name}:1:2", name)).isprintable()
     assert printable(printable(name)) == printable(name)

@@ -157,7 +157,9 @@ def test_the_error_names_the_layer_and_its_class(module: MakeModule) -> None:
 
 
 def test_bottoms_that_want_no_gradient_are_left_out(layer: Callable[[type[Layer]], Layer]) -> None:
-    """A bottom without a gradient, such as labels, gets propagate_down false and is not compared."""
+    """A bottom without a gradient, such as labels, gets propagate_down false and
+    is not compared.
+    """
     relu = gradcheck.make_layer('type: "ReLU"', [X])
     assert "nothing was checked" in repr(gradcheck.check(relu, [X], wanted=[False]))
     gradcheck.check(layer(Right), [X], wanted=[False])

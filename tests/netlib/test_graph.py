@@ -20,7 +20,9 @@ def backwards(net: netlib.Net) -> dict[str, list[bool]]:
 
 
 def test_a_blob_with_two_readers_sums_their_gradients(net_of: MakeNet) -> None:
-    """A Split layer sums the gradients, as in Caffe; a loss weight on the blob counts as one more reader."""
+    """A Split layer sums the gradients, as in Caffe; a loss weight on the blob counts as
+    one more reader.
+    """
     text = (
         "force_backward: true "
         + X
@@ -111,7 +113,9 @@ def test_loss_weight(net_of: MakeNet, weight: float, layer: str) -> None:
 
 
 def test_loss_weight_on_an_ordinary_top(net_of: MakeNet) -> None:
-    """The loss is the weighted sum of the top's values and its gradient is the weight; 0 disables a loss layer."""
+    """The loss is the weighted sum of the top's values and its gradient is the weight; 0
+    disables a loss layer.
+    """
     net = net_of(X + ip("a", "x", "a", "loss_weight: 0.5"))
     net.forward(x=np.ones((2, 3)))
     net.backward()
@@ -121,7 +125,9 @@ def test_loss_weight_on_an_ordinary_top(net_of: MakeNet) -> None:
 
 
 def test_a_loss_may_go_without_a_top(net_of: MakeNet) -> None:
-    """A loss without a top is named "(automatic)" as in Caffe; it contributes to the loss and is not an output."""
+    """A loss without a top is named "(automatic)" as in Caffe; it contributes to the loss and is
+    not an output.
+    """
     net = net_of(
         X + ip("a", "x", "a") + 'layer { name: "l" type: "EuclideanLoss" bottom: "a" bottom: "x" }'
     )
@@ -169,7 +175,9 @@ def test_a_gradient_that_will_be_wrong_is_said(
     behind: list[str],
     warning: str,
 ) -> None:
-    """A warning reports a layer in place that overwrites a top needed by another gradient; Caffe gives none."""
+    """A warning reports a layer in place that overwrites a top needed by another gradient;
+    Caffe gives none.
+    """
     text = (
         X + ip("a", "x", "a") + f'layer {{ name: "r" type: "{below}" bottom: "a" top: "{top}" }} '
     )

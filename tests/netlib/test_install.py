@@ -1,4 +1,7 @@
-"""``import caffe`` finds netlib.caffe after install_as_caffe or in a Python layer. Each test runs a new process."""
+"""``import caffe`` finds netlib.caffe after install_as_caffe or in a Python layer.
+
+Each test runs a new process.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +46,9 @@ def test_it_wins_over_what_else_is_called_caffe(tmp_path: Path) -> None:
 
 
 def test_modules_that_a_fork_adds_to_the_package(tmp_path: Path) -> None:
-    """Those of python/caffe of a fork are found on the path, and import netlib.caffe as caffe; ours come first."""
+    """Those of python/caffe of a fork are found on the path, and import netlib.caffe as caffe;
+    ours come first.
+    """
     for name, text in (
         ("__init__", "1 / 0"),
         ("io", "1 / 0"),
@@ -77,12 +82,17 @@ NET = """
 layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 2 } } }
 layer { name: "ten" type: "Python" bottom: "x" top: "y" python_param { module: "%s" layer: "Ten" } }
 """
-FORWARD = "import netlib; n = netlib.Net('net.prototxt', 1); n.blobs['x'].data[...] = 3; print(n.forward()['y'].tolist())"
+FORWARD = (
+    "import netlib; n = netlib.Net('net.prototxt', 1); n.blobs['x'].data[...] = 3; "
+    "print(n.forward()['y'].tolist())"
+)
 
 
 @pytest.mark.parametrize("module", ["ten", "layers", "tools.ten"])
 def test_a_python_layer_that_imports_caffe(tmp_path: Path, module: str) -> None:
-    """A Python layer can import caffe and use Python 2's xrange, also in a module named like one of the project's."""
+    """A Python layer can import caffe and use Python 2's xrange, also in a module named like one of
+    the project's.
+    """
     path = tmp_path / (module.replace(".", "/") + ".py")
     path.parent.mkdir(exist_ok=True)
     path.write_text(LAYER)
@@ -106,12 +116,17 @@ MISSING = "import sys; sys.modules['google.protobuf'] = None\n"  # as if protobu
 
 
 def test_without_protobuf(tmp_path: Path) -> None:
-    """Without protobuf, Net, the solvers, Classifier and io work; caffe.proto and NetSpec name the package."""
+    """Without protobuf, Net, the solvers, Classifier and io work; caffe.proto and NetSpec
+    name the package.
+    """
     (tmp_path / "net.prototxt").write_text(
         'layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 2 } } }'
     )
     code = MISSING + "import netlib; netlib.install_as_caffe(); import caffe\n"
-    code += "print(caffe.Net('net.prototxt', caffe.TEST).inputs, caffe.Classifier, caffe.SGDSolver, caffe.io.oversample)\n"
+    code += (
+        "print(caffe.Net('net.prototxt', caffe.TEST).inputs, caffe.Classifier, caffe.SGDSolver, "
+        "caffe.io.oversample)\n"
+    )
     code += "for use in (lambda: caffe.NetSpec().to_proto(), lambda: __import__('caffe.proto.caffe_pb2'),\n"
     code += "            lambda: caffe.io.caffe_pb2, lambda: exec('from caffe.proto import caffe_pb2')):\n"
     code += "    try: use()\n"
@@ -126,7 +141,9 @@ def test_without_protobuf(tmp_path: Path) -> None:
 
 
 def test_a_script_as_it_is(tmp_path: Path) -> None:
-    """``python -m netlib.caffe script.py argument`` runs the script with its own folder, arguments and ``__main__``."""
+    """``python -m netlib.caffe script.py argument`` runs the script with its own folder, arguments
+    and ``__main__``.
+    """
     (tmp_path / "scripts").mkdir()
     (tmp_path / "scripts" / "helper.py").write_text("x = 7")
     code = "import sys, caffe, helper\nif __name__ == '__main__': print(caffe.TEST, helper.x, sys.argv, sys.path[0])\n"
@@ -161,7 +178,9 @@ SHOW = "import sys, caffe, helper; print(__name__, caffe.TEST, helper.x, sys.arg
     ],
 )
 def test_a_script_that_is_no_file(tmp_path: Path, arguments: list[str], typed: str) -> None:
-    """Standard input, code, a module, and a pipe, with the working folder on the path, as Python runs them."""
+    """Standard input, code, a module, and a pipe, with the working folder on the path, as
+    Python runs them.
+    """
     (tmp_path / "helper.py").write_text("x = 7")
     (tmp_path / "show.py").write_text(SHOW)
     done = run_python("-m", "netlib.caffe", *arguments, typed=typed, cwd=tmp_path)

@@ -35,7 +35,9 @@ def test_the_constructor_is_pycaffes(net_of: MakeNet, tmp_path: Path) -> None:
 def test_set_random_seed_decides_the_weights(
     net_of: MakeNet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The seed applies to nets and solvers without their own seed; each one gets different numbers, as in Caffe."""
+    """The seed applies to nets and solvers without their own seed; each one gets different
+    numbers, as in Caffe.
+    """
     monkeypatch.setattr(netlib.net, "_seeds", None)
     tree = prototxt.parse(X + ip("ip", "x", "y"))
     options = SolverParameter(net_param=tree, base_lr=0.1, lr_policy="fixed")
@@ -54,7 +56,9 @@ def test_set_random_seed_decides_the_weights(
 
 
 def test_forward_takes_inputs_and_gives_outputs(net_of: MakeNet) -> None:
-    """Inputs and outputs are passed by name, with more blobs on request; outputs are blobs that no layer reads."""
+    """Inputs and outputs are passed by name, with more blobs on request; outputs are blobs that
+    no layer reads.
+    """
     net = net_of(X + ip("a", "x", "a") + ip("b", "a", "b"))
     x = np.random.default_rng(0).normal(size=(2, 3)).astype(np.float32)
     found = net.forward(["a"], x=x)
@@ -118,7 +122,9 @@ def test_param_diffs_add_up_until_they_are_cleared(net_of: MakeNet) -> None:
 
 
 def test_copy_from_copies_by_layer_name(net_of: MakeNet, tmp_path: Path) -> None:
-    """Weights are copied from a file or a net; layers that exist only in the source are returned."""
+    """Weights are copied from a file or a net; layers that exist only in the
+    source are returned.
+    """
     source, net = (
         net_of(X + ip("a", "x", "a") + ip("more", "a", "more")),
         net_of(X + ip("a", "x", "y"), seed=2),
@@ -217,7 +223,9 @@ def test_stages_are_added_to_those_of_the_file(net_of: MakeNet) -> None:
 def test_weights_that_lack_a_layer(
     net_of: MakeNet, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """A layer without weights in the file keeps its initial values, as in pycaffe, and a note is logged."""
+    """A layer without weights in the file keeps its initial values, as in pycaffe, and a
+    note is logged.
+    """
     small, text = net_of(X + ip("a", "x", "a")), X + ip("a", "x", "a") + ip("b", "a", "b")
     small.save(tmp_path / "w.caffemodel")
     path = tmp_path / "net.prototxt"
@@ -238,7 +246,9 @@ layer { name: "l" type: "%s" bottom: "a" bottom: "b" top: "loss" loss_weight: 3 
 @pytest.mark.parametrize("kind", ["EuclideanLoss", "Eltwise"])
 @pytest.mark.parametrize("phase", [netlib.TRAIN, netlib.TEST])
 def test_the_diff_of_a_loss_is_its_weight_from_the_start(net_of, kind, phase):
-    """As in Caffe, the weight is written when the net is built; after a reshape it is written again."""
+    """As in Caffe, the weight is written when the net is built; after a reshape it is
+    written again.
+    """
     net = net_of(WEIGHED % kind, phase)
     assert np.array_equal(net.blobs["loss"].diff, np.full(net.blobs["loss"].shape, 3))
     for name in "ab":

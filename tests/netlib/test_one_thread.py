@@ -74,7 +74,9 @@ def test_a_second_thread_is_told(net_of: MakeNet, use: str) -> None:
 def test_a_thread_that_is_told_changes_nothing(
     net_of: MakeNet, use: Callable[[netlib.Net], object]
 ) -> None:
-    """Neither inputs nor diffs change, nor the steps of the net, which the first thread may be running."""
+    """Neither inputs nor diffs change, nor the steps of the net, which the first thread
+    may be running.
+    """
     net = net_of(NET)
     net.forward()
     steps = net.steps
@@ -97,7 +99,9 @@ def test_reading_a_blob_that_is_not_stored_is_use(net_of: MakeNet) -> None:
 
 
 def test_a_blob_that_another_thread_reads_during_a_reshape() -> None:
-    """The memory that the reader asks for is that of the shape before, or the one that the net writes."""
+    """The memory that the reader asks for is that of the shape before, or the one that
+    the net writes.
+    """
     shapes: list[tuple[int, ...]] = []
 
     def zeros(shape: tuple[int, ...], dtype: object) -> np.ndarray:
@@ -141,7 +145,9 @@ def test_the_same_thread_may_enter_again() -> None:
 def test_two_threads_with_a_net_each(
     net_of: MakeNet, rng: np.random.Generator, shared: bool, keep_threads: None
 ) -> None:
-    """Each thread gets the same results as alone, bit for bit; with shared weights only forward is compared."""
+    """Each thread gets the same results as alone, bit for bit; with shared weights only
+    forward is compared.
+    """
     if netlib.threads() > 1:
         netlib.set_threads(3)
     nets, images = (
@@ -173,7 +179,9 @@ def test_two_threads_with_a_net_each(
 
 
 def test_two_threads_make_the_first_nets() -> None:
-    """Two threads may build the first nets of a process at the same time, although this imports layers and engines."""
+    """Two threads may build the first nets of a process at the same time, although this imports
+    layers and engines.
+    """
     program = """
 import threading
 from concurrent.futures import ThreadPoolExecutor

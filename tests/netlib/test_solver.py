@@ -81,7 +81,9 @@ def weight(solver: netlib.Solver) -> float:
 def test_one_update_by_hand(
     solver_of: MakeSolver, param: str, options: str, expected: float
 ) -> None:
-    """The sum is clipped, divided by iter_size, decayed, and passed to the update rule, in this order."""
+    """The sum is clipped, divided by iter_size, decayed, and passed to the update rule,
+    in this order.
+    """
     solver = solver_of(ONE_WEIGHT % param, options)
     solver.step(1)
     assert weight(solver) == pytest.approx(expected, rel=1e-6)
@@ -111,7 +113,9 @@ def test_debug_info_shows_every_blob(
 def test_debug_info_shows_a_blob_before_a_layer_in_place(
     solver_of: MakeSolver, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """For a blob in place, the values after each layer are logged: y is 2, then 4; its gradient is 1, then 0.5."""
+    """For a blob in place, the values after each layer are logged: y is 2, then 4; its gradient
+    is 1, then 0.5.
+    """
     caplog.set_level("INFO", "netlib")
     ip = ONE_WEIGHT.split('layer { name: "loss"')[0] % ""
     text = """
@@ -168,7 +172,9 @@ def test_a_rate_beyond_all_numbers_ends_the_training(solver_of: MakeSolver, poli
 def test_the_state_of_the_training_net(
     solver_of: MakeSolver, of_net: str, of_solver: str, state: NetState
 ) -> None:
-    """train_state takes precedence over the net's state, then phase TRAIN and level 0; stages are added up."""
+    """train_state takes precedence over the net's state, then phase TRAIN and level 0;
+    stages are added up.
+    """
     solver = solver_of(ONE_WEIGHT % "" + f"state {{ {of_net} }}", f"train_state {{ {of_solver} }}")
     assert solver.net.state == state
 
@@ -185,7 +191,9 @@ def test_without_test_iter_nothing_is_tested(
 def test_a_test_iter_of_0_builds_the_test_net_only(
     solver_of: MakeSolver, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """Solvers of scripts that test by themselves, such as that of HED, have a test net and a test_iter of 0."""
+    """Solvers of scripts that test by themselves, such as that of HED, have a test net and a
+    test_iter of 0.
+    """
     caplog.set_level("INFO", "netlib")
     solver = solver_of(ONE_WEIGHT % "", "test_iter: 0 test_interval: 1 max_iter: 2")
     assert len(solver.test_nets) == 1
@@ -217,7 +225,9 @@ def test_a_test_net_that_is_not_finite_is_said(
 
 
 def test_test_nets_share_weights_and_are_averaged(solver_of: MakeSolver, rows: None) -> None:
-    """Test nets share the weights, and outputs are averaged over the batches, with dropout disabled."""
+    """Test nets share the weights, and outputs are averaged over the batches, with
+    dropout disabled.
+    """
     solver = solver_of(
         RANDOM, "test_iter: 2 test_interval: 2 test_initialization: false random_seed: 1"
     )
@@ -244,7 +254,9 @@ def test_test_nets_share_weights_and_are_averaged(solver_of: MakeSolver, rows: N
 def test_when_tests_are_made(
     solver_of: MakeSolver, caplog: pytest.LogCaptureFixture, options: str, iterations: list[int]
 ) -> None:
-    """Tests run every test_interval iterations before the update, and at 0 unless test_initialization is false."""
+    """Tests run every test_interval iterations before the update, and at 0 unless
+    test_initialization is false.
+    """
     caplog.set_level("INFO", "netlib")
     solver_of(ONE_WEIGHT % "", options + " test_iter: 1 snapshot_after_train: false").solve()
     assert messages(caplog, "Testing net") == [
@@ -255,7 +267,9 @@ def test_when_tests_are_made(
 def test_several_test_nets(
     solver_of: MakeSolver, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """``test_net`` files come first, then ``net`` for the remaining values of test_iter, each with its test_state."""
+    """``test_net`` files come first, then ``net`` for the remaining values of test_iter, each with
+    its test_state.
+    """
     caplog.set_level("INFO", "netlib")
     extra = 'layer { name: "p" type: "Power" bottom: "x" top: "p" include { stage: "more" } }'
     (tmp_path / "other.prototxt").write_text(ONE_WEIGHT % "" + extra)
@@ -283,7 +297,9 @@ def test_several_test_nets(
 def test_when_snapshots_are_written(
     solver_of: MakeSolver, tmp_path: Path, options: str, expected: list[int]
 ) -> None:
-    """Snapshots are written every ``snapshot`` updates and at the end, unless one was just written."""
+    """Snapshots are written every ``snapshot`` updates and at the end, unless one
+    was just written.
+    """
     assert solver_of(ONE_WEIGHT % "", options).solve()
     names = sorted(
         f"snap_iter_{i}.{kind}" for i in expected for kind in ("caffemodel", "solverstate")
@@ -350,8 +366,8 @@ def test_a_request_is_met_after_the_iteration(
 def test_n_updates_resume_n_more_equal_2n(
     solver_of: MakeSolver, rows: None, caplog: pytest.LogCaptureFixture, rule: str
 ) -> None:
-    """A resume is exact to the bit with dropout, shuffled data, a step policy and an averaged loss, without a seed: in
-    a new solver, and in the same one, which goes back.
+    """A resume is exact to the bit with dropout, shuffled data, a step policy and an averaged loss,
+    without a seed: in a new solver, and in the same one, which goes back.
     """
     options = RULES[rule] + (
         ' base_lr: 0.01 lr_policy: "step" stepsize: 5 gamma: 0.5 weight_decay: 0.01 average_loss: 9 iter_size: 2'

@@ -10,17 +10,20 @@ import pytest
 
 
 def whole_line(line: str) -> str:
-    """Return the regular expression of a line in which ``...`` stands for any text, as in doctest."""
+    """Return the regular expression of a line in which ``...`` stands for any text,
+    as in doctest.
+    """
     return rf"\A{'.*'.join(re.escape(part) for part in line.split('...'))}\Z"
 
 
 def bad_inputs(
     error: type[Exception], rows: Mapping[str, str | tuple[Any, ...]]
 ) -> pytest.MarkDecorator:
-    """Parametrize a test by ``given`` and ``rejected``, a context that requires the error of the row.
+    """Parametrize a test by ``given`` and ``rejected``, a context that requires the
+    error of the row.
 
-    rows  {id: (given, line)}, {id: (given, error, line)} for another class of errors, or {given: line}. The error's
-          message is the line, in which ``...`` stands for any text
+    rows  {id: (given, line)}, {id: (given, error, line)} for another class of errors, or {given:
+          line}. The error's message is the line, in which ``...`` stands for any text
     """
     params = []
     for name, row in rows.items():

@@ -61,7 +61,9 @@ class Messages:
         return self.encode("sensor_msgs/msg/Image", message)
 
     def packed(self, values: Depth, ns: int) -> bytes:
-        """Return an image in the format of the plug-in compressedDepth: twelve bytes, then a PNG."""
+        """Return an image in the format of the plug-in compressedDepth: twelve
+        bytes, then a PNG.
+        """
         return self.compressed(
             bytes(12) + cv2.imencode(".png", values)[1].tobytes(), ns, "16UC1; compressedDepth png"
         )
@@ -189,7 +191,9 @@ def write_ros2(
 def realsense(
     messages: Messages, depth: Depth, tail: bool = True, option: str = "Depth_Units", **info: Any
 ) -> Content:
-    """Return messages as from RealSense's SDK: mono16, the unit in an option, images four bytes longer than in ROS."""
+    """Return messages as from RealSense's SDK: mono16, the unit in an option, images four bytes
+    longer than in ROS.
+    """
     topic = f"{REALSENSE}/Depth_0"
     more = struct.pack("<f", 0.0001) if tail else b""
     info = {"model": "Brown Conrady", **info}

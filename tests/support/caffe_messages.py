@@ -1,4 +1,6 @@
-"""Write Caffe's binary messages for tests, byte by byte as in protocol buffers, and LMDB databases of them."""
+"""Write Caffe's binary messages for tests, byte by byte as in protocol buffers, and LMDB
+databases of them.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Fixtures for tests of pages in a Chromium without network access, whose console must stay empty."""
+"""Fixtures for tests of pages in a Chromium without network access, whose console
+must stay empty.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,9 @@ FLAGS = (
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    """A browser without a window for a module's pages, for tests that do not fork; skips if there is none."""
+    """A browser without a window for a module's pages, for tests that do not fork; skips if
+    there is none.
+    """
     sync_api = pytest.importorskip(
         "playwright.sync_api", reason="tests of pages need: pip install -e '.[test]'"
     )
@@ -49,8 +53,9 @@ _idle: weakref.WeakKeyDictionary[Any, list[Any]] = weakref.WeakKeyDictionary()
 
 @contextlib.contextmanager
 def visits(browser: Any) -> Iterator[Callable[..., Any]]:
-    """``visit(path)``: open a page from a file, as from disk, or from an address. In the end, no other address was
-    fetched, and the console is empty.
+    """``visit(path)``: open a page from a file, as from disk, or from an address.
+
+    In the end, no other address was fetched, and the console is empty.
 
     A tab that differs from others by its size only shows one page after the other.
     """

@@ -1,4 +1,6 @@
-"""Checks JSON values against docs/hands.schema.json, by the keywords of JSON Schema that this file uses."""
+"""Checks JSON values against docs/hands.schema.json, by the keywords of JSON Schema that
+this file uses.
+"""
 
 from __future__ import annotations
 

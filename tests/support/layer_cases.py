@@ -23,7 +23,8 @@ def different(*shape: int) -> np.ndarray:
     return RNG.permutation(int(np.prod(shape))).reshape(shape) / 7.0
 
 
-# type -> options, functions that make the bottoms for N items, number of tops; ``wanted``: bottoms with a gradient
+# type -> options, functions that make the bottoms for N items, number of tops; ``wanted``: bottoms
+# with a gradient
 CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
     "AbsVal": ("", lambda N: [off_zero(N, 3)], {}),
     "Accuracy": ("", lambda N: [off_zero(N, 3), RNG.integers(0, 3, N)], {"wanted": [False, False]}),

@@ -21,8 +21,8 @@ def skeleton_of(text: str) -> Skeleton:
 
 
 def any_skeleton(seed: int, joints: int = 7) -> Skeleton:
-    """Return a random skeleton: several roots, children before parents, up to five rotations and two translations of a
-    joint about any axes, some fixed, joints with and without bones.
+    """Return a random skeleton: several roots, children before parents, up to five rotations and
+    two translations of a joint about any axes, some fixed, joints with and without bones.
     """
     rng = np.random.default_rng(seed)
     names = [f"joint {i}" for i in range(joints)]
@@ -74,7 +74,9 @@ def any_hand(
 
 
 def any_track(header: TrackHeader, seed: int, frames: int = 5) -> list[TrackedFrame]:
-    """Return a right and a left hand at 30 frames a second; each is lost in some frames after its first, and grows."""
+    """Return a right and a left hand at 30 frames a second; each is lost in some frames after its
+    first, and grows.
+    """
     rng = np.random.default_rng(seed)
     made, known = [], {}
     for n in range(frames):

@@ -1,4 +1,6 @@
-"""Synthetic frames in the format of the NYU data set: whole depth images in mm, and joint_data.mat with the labels."""
+"""Synthetic frames in the format of the NYU data set: whole depth images in mm, and joint_data.mat
+with the labels.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +44,9 @@ def write_data_set(root: Path, counts: dict[Split, int]) -> Path:
 
 
 def annotation_of(joints: ArrayLike, center: ArrayLike) -> Array:
-    """The 36 annotated joints in mm for model joints (N, 31, 3) and crop centres (N, 3); others are interpolated."""
+    """The 36 annotated joints in mm for model joints (N, 31, 3) and crop centres (N, 3); others
+    are interpolated.
+    """
     joints = np.asarray(joints, dtype=np.float64)
     xyz = np.zeros((len(joints), ANNOTATED_JOINTS, 3))
     xyz[:, list(ANNOTATION_OF_JOINT)] = joints
@@ -78,7 +82,9 @@ def whole_image(scene: Scene, n: int) -> NDArray[np.float64]:
 
 
 def _enlarged(picked: NDArray[np.int64], pixels: int) -> tuple[slice, NDArray[np.int64]]:
-    """Along one axis, the image pixels that a crop covers, and for each the last crop pixel at or before it."""
+    """Along one axis, the image pixels that a crop covers, and for each the last crop pixel
+    at or before it.
+    """
     shown = np.flatnonzero(picked >= 0)
     at = picked[shown]
     step = int(np.ceil((at[-1] - at[0]) / max(len(at) - 1, 1)))
@@ -87,6 +93,8 @@ def _enlarged(picked: NDArray[np.int64], pixels: int) -> tuple[slice, NDArray[np
 
 
 def pack_depth(depth: ArrayLike) -> NDArray[np.uint8]:
-    """The inverse of ``images.unpack_depth``: whole mm (H, W) below 65536 to the pixels (H, W, 3) of a frame."""
+    """The inverse of ``images.unpack_depth``: whole mm (H, W) below 65536 to the pixels
+    (H, W, 3) of a frame.
+    """
     mm = np.asarray(depth).astype(np.uint16)
     return np.stack([mm & 255, mm >> 8, np.zeros_like(mm)], axis=-1).astype(np.uint8)

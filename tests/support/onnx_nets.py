@@ -48,7 +48,9 @@ def examples(cases: Cases) -> list[Any]:
 
 
 def check(files: Files, name: str, shapes: Shapes, options: str, tops: int) -> None:
-    """Check one layer with batches of 1 and 3: it agrees with netlib to 1e-6 of the largest value."""
+    """Check one layer with batches of 1 and 3: it agrees with netlib to 1e-6 of the
+    largest value.
+    """
     bottoms = " ".join(f'bottom: "x{i}"' for i in range(len(shapes) if name != "Parameter" else 0))
     names = " ".join(f'top: "y{i}"' for i in range(tops))
     also = (

@@ -1,4 +1,6 @@
-"""The hand that is fitted by default: its skeleton, and the distribution of its poses with exactly its bones."""
+"""The hand that is fitted by default: its skeleton, and the distribution of its poses with
+exactly its bones.
+"""
 
 from __future__ import annotations
 

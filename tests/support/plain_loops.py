@@ -1,10 +1,15 @@
-"""Layers by their definitions, as loops over single numbers, to compare the other implementations with."""
+"""Layers by their definitions, as loops over single numbers, to compare the other
+implementations with.
+"""
 
 import numpy as np
 
 
 def convolve(x, w, b, stride=1, pad=0, dilation=1, group=1):
-    """Compute a convolution by its definition. Stride, pad and dilation are one number, or one per spatial axis."""
+    """Compute a convolution by its definition.
+
+    Stride, pad and dilation are one number, or one per spatial axis.
+    """
     axes, C = x.ndim - 2, len(w) // group
     stride, pad, dilation = (np.broadcast_to(numbers, axes) for numbers in (stride, pad, dilation))
     padded = np.pad(x, [(0, 0), (0, 0), *((p, p) for p in pad)])
@@ -36,7 +41,9 @@ def outputs(size, kernel, stride, pad, ceil=True):
 
 
 def pool(x, kernel, stride, pad, mean=False, ceil=True):
-    """Compute a pooling by its definition: the outputs and the share of each input in each output, as (y, weights)."""
+    """Compute a pooling by its definition: the outputs and the share of each input in each output,
+    as (y, weights).
+    """
     H, W = x.shape[2:]
     Ho, Wo = (outputs(n, k, s, p, ceil) for n, k, s, p in zip((H, W), kernel, stride, pad))
     y, share = np.zeros((*x.shape[:2], Ho, Wo)), np.zeros((*x.shape[:2], Ho, Wo, H, W))

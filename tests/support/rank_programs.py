@@ -32,7 +32,9 @@ def caught(kind, function, *arguments):
 
 
 def sums(ranks):
-    """Sums are made in the order of the ranks, bit for bit, for any number of elements, and change nothing else."""
+    """Sums are made in the order of the ranks, bit for bit, for any number of elements, and
+    change nothing else.
+    """
     for dtype in (np.float32, np.float64):
         for shapes in ([(1,)], [(5,), (3, 7), ()], [(1000,), (2, 2)]):
             all_ranks = [
@@ -114,7 +116,9 @@ def failed(ranks):
 
 
 def two_solvers(ranks):
-    """Two solvers take turns on the same ranks; an error of one rank is raised on all, and both solvers continue."""
+    """Two solvers take turns on the same ranks; an error of one rank is raised on all, and both
+    solvers continue.
+    """
     files = "exact.prototxt", "small_solver.prototxt"
     one, other = (netlib.get_solver(file, ranks=ranks) for file in files)
     one.step(1)
@@ -136,7 +140,9 @@ def two_solvers(ranks):
 
 
 def losses(ranks):
-    """Train every solver file losses*.prototxt for 8 iterations; write its losses to a .json file of the same name."""
+    """Train every solver file losses*.prototxt for 8 iterations; write its losses to a .json file
+    of the same name.
+    """
     for path in sorted(Path().glob("losses*.prototxt")):
         got = train(netlib.get_solver(path, ranks=ranks), 8)
         if ranks.rank == 0:

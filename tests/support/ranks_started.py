@@ -1,4 +1,7 @@
-"""Real ``mpiexec``: programs of several ranks are run, or started and watched. Skips if there is none."""
+"""Real ``mpiexec``: programs of several ranks are run, or started and watched.
+
+Skips if there is none.
+"""
 
 from __future__ import annotations
 
@@ -29,8 +32,10 @@ needs_mpi = pytest.mark.skipif(
 
 
 def command(count: int, *words: object, by: tuple[str, ...] = ("-m", "mpi4py")) -> list[str]:
-    """Return the command for a Python program on several ranks. Each writes its process id into pid.RANK of the working
-    directory, and runs in the folder rank.RANK of it, if there is one.
+    """Return the command for a Python program on several ranks.
+
+    Each writes its process id into pid.RANK of the working directory, and runs in the folder
+    rank.RANK of it, if there is one.
     """
     shell = 'echo $$ > pid.$PMI_RANK; if [ -d rank.$PMI_RANK ]; then cd rank.$PMI_RANK; fi; exec "$0" "$@"'
     return [

@@ -1,4 +1,6 @@
-"""Run commands and programs for tests: in this process, or in a separate one where the process itself is tested."""
+"""Run commands and programs for tests: in this process, or in a separate one where the process
+itself is tested.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,8 @@ class Done(NamedTuple):
 def run_tool(name: str, *argv: object, status: int | None = 0) -> Done:
     """Run ``main`` of a command in this process; it must end with ``status``, unless that is None.
 
-    ``run_tool("train", "solver.prototxt")`` runs tools/train.py; a name with a dot is that of another module.
+    ``run_tool("train", "solver.prototxt")`` runs tools/train.py; a name with a dot is that of
+    another module.
     """
     main = importlib.import_module(name if "." in name else f"tools.{name}").main
     out, err = (io.TextIOWrapper(io.BytesIO(), "utf-8", newline="") for _ in range(2))
@@ -51,7 +54,9 @@ def contents() -> dict[Path, bytes | None]:
 
 
 def refusal(name: str, *argv: object) -> str:
-    """Return the one line of error of a command, which must end with status 1 and change no file."""
+    """Return the one line of error of a command, which must end with status 1 and
+    change no file.
+    """
     before = contents()
     (line,) = run_tool(name, *argv, status=1).err.splitlines()
     assert contents() == before
@@ -61,7 +66,8 @@ def refusal(name: str, *argv: object) -> str:
 def run_python(
     *argv: object, status: int | None = 0, cwd: Path = ROOT, typed: str = "", **changes: str | None
 ) -> Done:
-    """Run Python in a separate process, with this project on its path; it must end with ``status`` (None: any).
+    """Run Python in a separate process, with this project on its path; it must end with
+    ``status`` (None: any).
 
     ``typed`` is its standard input; ``changes`` are environment variables (None removes one).
     """

@@ -20,7 +20,9 @@ class TiledBlob(FastBlob):
 
 
 def tiled(shape, tile, spare=0, dtype=np.float64):
-    """Return a blob of this shape, in tiles of ``tile`` with spare windows in each row; plain if ``tile`` is None."""
+    """Return a blob of this shape, in tiles of ``tile`` with spare windows in each row; plain if
+    ``tile`` is None.
+    """
     blob = TiledBlob(shape, dtype)
     if tile is not None:
         blob.tile, blob.pitch = tile, (-(-shape[3] // tile) + spare) * tile

@@ -50,7 +50,9 @@ def work(here, small_data):
 
 @pytest.fixture(scope="session")
 def recorded(tmp_path_factory):
-    """A folder with two recordings of a hand at rest: take.npz, and slow.npz with an hour between its frames."""
+    """A folder with two recordings of a hand at rest: take.npz, and slow.npz with an hour
+    between its frames.
+    """
     folder = tmp_path_factory.mktemp("recorded")
     recording = SyntheticRecording("rest", ICVL, rate=15, seconds=COUNT / 15)
     for name, rate in (("take.npz", recording.rate), ("slow.npz", 1 / 3600)):
@@ -79,7 +81,9 @@ def signal_at_start(monkeypatch):
 
 @pytest.fixture
 def other_engine(monkeypatch):
-    """The fast engine while NETLIB_ENGINE selects the plain one; its number of threads is restored afterwards."""
+    """The fast engine while NETLIB_ENGINE selects the plain one; its number of threads is
+    restored afterwards.
+    """
     if not engine.has_fast():
         pytest.skip("the plain engine has one thread")
     fast = engine.get("fast")

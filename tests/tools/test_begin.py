@@ -35,7 +35,9 @@ def run(tmp_path: Path) -> Run:
 
 
 def interrupt_at(folder: Path, event: str, name: str) -> None:
-    """Make every Python with this folder on its path interrupt itself at an import or open event."""
+    """Make every Python with this folder on its path interrupt itself at an import
+    or open event.
+    """
     (folder / "sitecustomize.py").write_text(f"""
 import os, signal, sys
 def hook(event, args):
@@ -50,11 +52,13 @@ def begun(code: str) -> list[str]:
     return ["-c", f"import os, subprocess, sys, tools\ntools.begin('__main__')\n{code}"]
 
 
-# ---------------------------------------------------------------------------------------------- Ctrl-C
+# ------------------------------------------------------------------------------------------- Ctrl-C
 
 
 def test_every_program_begins_before_it_imports_what_takes_long() -> None:
-    """``tools.begin(__name__)`` is preceded only by imports of the standard library and of ``tools``."""
+    """``tools.begin(__name__)`` is preceded only by imports of the standard library
+    and of ``tools``.
+    """
     for program in PROGRAMS:
         statements = parsed(ROOT / program).body
         begun = [
@@ -90,11 +94,13 @@ def test_an_ignored_ctrl_c_stays_ignored(run: Run, tmp_path: Path) -> None:
     assert done.err == "net.prototxt:1:1: error: this file has no layers; expected a net\n"
 
 
-# ---------------------------------------------------------------------------------------------- standard error
+# ----------------------------------------------------------------------------------- standard error
 
 
 def test_numpy_s_warnings_are_not_shown(run: Run) -> None:
-    """NumPy's warnings are hidden, also in threads; C libraries and child processes can still write to stderr."""
+    """NumPy's warnings are hidden, also in threads; C libraries and child processes can still
+    write to stderr.
+    """
     code = """
 import numpy, threading
 threading.Thread(target=lambda: numpy.float32(1e38) * numpy.float32(10)).start()
@@ -136,7 +142,7 @@ def test_importing_a_command_changes_neither_signals_nor_streams() -> None:
     assert (sys.stderr, signal.getsignal(signal.SIGINT)) == before
 
 
-# ---------------------------------------------------------------------------------------------- before the guard
+# --------------------------------------------------------------------------------- before the guard
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,9 @@ FRAME = re.compile(
 
 @pytest.fixture(autouse=True)
 def solvers(monkeypatch):
-    """Change to the folder of the recorded training runs, whose files name each other relative to it."""
+    """Change to the folder of the recorded training runs, whose files name each other
+    relative to it.
+    """
     monkeypatch.chdir(SOLVERS)
 
 
@@ -56,7 +58,7 @@ def spoken(lines: list[str]) -> list[str]:
     return [said([line])[0] if COMPARED.match(line) else line for line in both]
 
 
-# ---------------------------------------------------------------------------------------------- train
+# -------------------------------------------------------------------------------------------- train
 
 
 def test_train_writes_the_recorded_log(trained):
@@ -92,9 +94,11 @@ def test_train_goes_on_from_a_snapshot(trained, tmp_path):
     ids=["SIGINT", "SIGHUP", "SIGINT snapshot", "SIGINT none", "SIGHUP stop", "SIGTERM"],
 )
 def test_signals(tmp_path, signal_at_start, number, flags, last):
-    """After a signal in the first iteration the exit status is 0 and the last lines are those of Caffe's log.
+    """After a signal in the first iteration the exit status is 0 and the last lines are those
+    of Caffe's log.
 
-    SIGTERM ends Caffe at once; here a snapshot is written first, and the exit status is that of the signal.
+    SIGTERM ends Caffe at once; here a snapshot is written first, and the exit status is that
+    of the signal.
     """
     short = written(
         tmp_path, "sigint.log", max_iter="3", test_interval="9", test_initialization="false"
@@ -113,7 +117,9 @@ def test_signals(tmp_path, signal_at_start, number, flags, last):
 
 
 def test_level_and_stage_choose_layers(tmp_path):
-    """-level and -stage select the training net's layers, in addition to the stages of train_state."""
+    """-level and -stage select the training net's layers, in addition to the stages
+    of train_state.
+    """
     net = Path("net.prototxt").read_text()
     for name, rule in (
         ("a", 'stage: "a" stage: "own"'),
@@ -137,11 +143,13 @@ def test_level_and_stage_choose_layers(tmp_path):
     assert made & {"a", "b", "c"} == {"a", "c"}  # -level replaces the solver's level, as in Caffe
 
 
-# ---------------------------------------------------------------------------------------------- the others
+# --------------------------------------------------------------------------------------- the others
 
 
 def test_test_writes_the_recorded_log():
-    """The log has every batch, the mean loss, and every output with its loss weight, as recorded."""
+    """The log has every batch, the mean loss, and every output with its loss
+    weight, as recorded.
+    """
     mine = texts(
         log_of("test", "-model", "net.prototxt", "-weights", "init.caffemodel", "-iterations", "3")
     )
@@ -156,7 +164,9 @@ def test_test_writes_the_recorded_log():
 
 
 def test_test_tells_of_layers_without_a_pair(tmp_path):
-    """Weights of unknown layers are ignored with Caffe's message; layers without weights are also reported."""
+    """Weights of unknown layers are ignored with Caffe's message; layers without weights are
+    also reported.
+    """
     (tmp_path / "net.prototxt").write_text(
         Path("net.prototxt").read_text().replace('"ip1"', '"other"')
     )

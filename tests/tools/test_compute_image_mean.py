@@ -1,4 +1,6 @@
-"""tools/compute_image_mean.py: the mean of images, as a file for transform_param and as printed numbers."""
+"""tools/compute_image_mean.py: the mean of images, as a file for transform_param and as
+printed numbers.
+"""
 
 from __future__ import annotations
 
@@ -43,14 +45,18 @@ def test_the_mean(images):
 
 
 def test_a_list_has_the_mean_of_the_database_of_its_images(images, pictures):
-    """Lists are those of ImageData layers: with and without labels, relative to the working directory or the list."""
+    """Lists are those of ImageData layers: with and without labels, relative to the working
+    directory or the list.
+    """
     done = run_tool("compute_image_mean", "-root_folder=p/", "list.txt", "mean.binaryproto")
     assert done.out == run_tool("compute_image_mean", "db", "same.binaryproto").out
     assert np.array_equal(read_blob("mean.binaryproto"), read_blob("same.binaryproto"))
 
 
 def test_images_of_a_list_are_resized_as_in_an_ImageData_layer(pictures):
-    """A net that resizes the images of the list to the same size and subtracts the mean has the mean 0."""
+    """A net that resizes the images of the list to the same size and subtracts the mean
+    has the mean 0.
+    """
     run_tool(
         "compute_image_mean",
         "-root_folder",

@@ -17,7 +17,9 @@ from tools import demo
 
 
 def test_demo(here):
-    """The demo writes two depth frames, a picture and the joints, and prints a command that runs as printed."""
+    """The demo writes two depth frames, a picture and the joints, and prints a command that
+    runs as printed.
+    """
     first, second = run_tool("demo", "--out", "my frames ö", "--frames", "2").out.splitlines()
     assert first.startswith("2 frames in ") and first.endswith(f": {Path('my frames ö/hands.png')}")
     command = second.removeprefix("For your own camera: ")

@@ -75,7 +75,9 @@ def layers_of(net: Net) -> list[tuple[str, str]]:
 
 
 def test_a_classifier() -> None:
-    """Data becomes an input of one picture, the loss a Softmax; the weights of the training net fit."""
+    """Data becomes an input of one picture, the loss a Softmax; the weights of the
+    training net fit.
+    """
     net = deploy(TRAINING)
     assert layers_of(net) == [("data", "Input"), ("fc", "InnerProduct"), ("prob", "Softmax")]
     assert (
@@ -155,7 +157,9 @@ def test_kinds_of_training_nets(text: str, layers: str) -> None:
 
 
 def test_statistics_of_the_training_are_used() -> None:
-    """A BatchNorm and a BN by the statistics of the batch, as in training nets, get those of the training."""
+    """A BatchNorm and a BN by the statistics of the batch, as in training nets, get those
+    of the training.
+    """
     options = "batch_norm_param { use_global_stats: false eps: 0.01 }"
     net = deploy(
         of_database() + end("BatchNorm", "data", name="b", more=options)

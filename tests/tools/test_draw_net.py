@@ -26,7 +26,9 @@ def test_a_picture(tmp_path):
 
 
 def test_graphvizs_own_language_needs_no_graphviz(tmp_path, monkeypatch):
-    """A .dot file is written without the program dot, like a .raw file; layers of older prototxts are drawn."""
+    """A .dot file is written without the program dot, like a .raw file; layers of older
+    prototxts are drawn.
+    """
     pytest.importorskip("pydot")
     monkeypatch.setenv("PATH", str(tmp_path))
     (tmp_path / "old.prototxt").write_text(OLD)

@@ -19,7 +19,9 @@ FRAMES = 20
 
 @pytest.fixture
 def files(here):
-    """Annotations of 20 ICVL frames, the same moved by 3 mm and by 30 mm along z, and the latter also as x y z."""
+    """Annotations of 20 ICVL frames, the same moved by 3 mm and by 30 mm along z, and the latter
+    also as x y z.
+    """
     truth = np.random.default_rng(0).normal((0, 0, 400), 30, (FRAMES, 16, 3))
     for name, move in (("truth", 0), ("near", 3), ("far", 30)):
         np.savetxt(
@@ -72,7 +74,9 @@ def test_wrong_format_is_noticed(files):
 
 
 def test_pictures(files):
-    """Plots are written in each format, with more methods than colours, and names are not typeset by matplotlib."""
+    """Plots are written in each format, with more methods than colours, and names are not typeset
+    by matplotlib.
+    """
     pytest.importorskip("matplotlib")
     captured = run(*(f"_$n_{i}$=near.txt" for i in range(9)), "--plot", "a.png")
     assert captured.err == "wrote a.png\n"
@@ -84,7 +88,9 @@ def test_pictures(files):
 
 @pytest.fixture
 def hands2017(here):
-    """Labels of 20 frames as HANDS 2017 writes them, and predictions 3 mm lower in another order and with folders."""
+    """Labels of 20 frames as HANDS 2017 writes them, and predictions 3 mm lower in another order
+    and with folders.
+    """
     camera, truth = (
         published_predictions.HANDS2017,
         np.random.default_rng(0).normal((0, 50, 400), 30, (FRAMES, 21, 3)),
@@ -105,7 +111,9 @@ def hands2017(here):
 
 
 def test_labels_of_hands_2017(hands2017):
-    """Frames are matched by the names of their images; y is down in x y z, and v grows downwards in u v d."""
+    """Frames are matched by the names of their images; y is down in x y z, and v grows
+    downwards in u v d.
+    """
     out = run("Low=low.txt", dataset="hands2017").out.splitlines()
     assert out[0].startswith(
         "HANDS 2017, 20 frames of the test set's 295510, 21 joints: errors in mm"

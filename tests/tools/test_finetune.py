@@ -37,7 +37,9 @@ NUMBERS = ("--mean", "104,117,123", "--scale", "0.02")
 
 @pytest.fixture(autouse=True)
 def work(here: Path) -> None:
-    """A folder with a net for seven classes, its weights, and ten pictures of each of three colours."""
+    """A folder with a net for seven classes, its weights, and ten pictures of each of
+    three colours.
+    """
     write_net(NET)
     rng = np.random.default_rng(0)
     for name, colour in COLOURS.items():
@@ -125,7 +127,9 @@ def test_frozen_layers(freeze: str, layers: set[str]) -> None:
     ],
 )
 def test_pictures_are_read_as_netlib_run_reads_them(options: tuple[str, ...]) -> None:
-    """The input of a test is that of the command ``run``, bit for bit; only in training it is mirrored."""
+    """The input of a test is that of the command ``run``, bit for bit; only in training
+    it is mirrored.
+    """
     mean = np.random.default_rng(0).uniform(80, 120, (1, 3, 10, 10)).astype(np.float32)
     write_blob(mean, "mean.binaryproto")
     tuned("--iterations", "1", "--batch", "6", "--mirror", *options)
@@ -177,7 +181,9 @@ NETS = {
 def test_features_of_frozen_layers_are_computed_once(
     net: str, options: tuple[str, ...], first: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The files and the tests are those of a training that computes all layers in each step, up to rounding."""
+    """The files and the tests are those of a training that computes all layers in each step,
+    up to rounding.
+    """
     write_net(NETS[net])
     options = ("--iterations", "12", *options)
     done = tuned(*options, "--out", "fast")
@@ -339,10 +345,15 @@ def bad(name: str) -> tuple[object, ...]:
         "two outputs": "net.prototxt: the net has the outputs prob, x; expected one, ...",
         "no classifier": "net.prototxt: the last layer with weights: 'bn' has the type BatchNorm; expected ...",
         "a sigmoid": "net.prototxt: layer 'prob' of type Sigmoid follows the last layer with weights; expected ...",
-        "a map": "net.prototxt: with 3 classes in layer 'map' the output 'prob' has shape (2, 3, 5, 5); expected (N, 3)",
+        "a map": (
+            "net.prototxt: with 3 classes in layer 'map' the output 'prob' has shape (2, 3, 5, "
+            "5); expected (N, 3)"
+        ),
         "an unknown layer": "net.prototxt: there is no layer 'cone' before 'fc' (did you mean 'conv'?)",
         "an earlier run": "finetuned: has the files of an earlier run; delete it, or give another --out",
-        "a narrow net with a mean image": "net.prototxt: the input has 9 x 8 px; with --mean-file expected a square, ...",
+        "a narrow net with a mean image": (
+            "net.prototxt: the input has 9 x 8 px; with --mean-file expected a square, ..."
+        ),
     }.items(),
 )
 def test_what_is_refused(name: str, line: str) -> None:

@@ -63,7 +63,9 @@ def placed(path):
 
 @pytest.mark.parametrize("fmt", ["xyz", "uvd"])
 def test_the_joints_of_a_text_file(joints, tmp_path, fmt):
-    """With the written angles the model's joints are at the given positions; without --out nothing is written."""
+    """With the written angles the model's joints are at the given positions; without --out
+    nothing is written.
+    """
     before = sorted(tmp_path.iterdir())
     out = run_tool("fit_pose", f"{fmt}.txt", "--format", fmt).out
     assert sorted(tmp_path.iterdir()) == before
@@ -81,7 +83,9 @@ def test_the_joints_of_a_text_file(joints, tmp_path, fmt):
 
 
 def test_some_of_the_frames(joints):
-    """--frames selects evenly spaced frames, including the first and the last, and stores their indices."""
+    """--frames selects evenly spaced frames, including the first and the last, and stores
+    their indices.
+    """
     run_tool("fit_pose", "uvd.txt", "--frames", "3", "--out", "angles.h5")
     with h5py.File("angles.h5") as file:
         assert file["index"][...].tolist() == [0, 2, 4]
@@ -89,7 +93,9 @@ def test_some_of_the_frames(joints):
 
 
 def figures_of(*argv):
-    """The residual in mm and the percentage of the frames with an angle outside its limits that a run prints."""
+    """The residual in mm and the percentage of the frames with an angle outside its limits
+    that a run prints.
+    """
     out = run_tool("fit_pose", *argv).out
     return float(re.search(r"residual (\S+) mm", out)[1]), float(
         re.search(r"(\S+)% of the frames", out)[1]
@@ -105,7 +111,9 @@ def test_the_swarm(joints):
 
 
 def test_limits_and_ridge(joints):
-    """For a hand 1.3 times as large, --no-limits exceeds the limits and --ridge increases the residual."""
+    """For a hand 1.3 times as large, --no-limits exceeds the limits and --ridge
+    increases the residual.
+    """
     large = joints[:2].mean(axis=1, keepdims=True) + 1.3 * (
         joints[:2] - joints[:2].mean(axis=1, keepdims=True)
     )
@@ -128,7 +136,9 @@ def test_another_hand(joints, tmp_path):
 
 
 def test_the_files_of_a_list(data, tmp_path):
-    """Each file gets a file of angles that refers to its data, and a list of them; a second run keeps the files."""
+    """Each file gets a file of angles that refers to its data, and a list of them; a second run
+    keeps the files.
+    """
     done = run_tool("fit_pose", "data/train.txt", "--out", "angles")
     assert re.match(r"5 frames in \d+ s: residual 0\.00\d\d mm", done.out) and done.err == ""
     assert (tmp_path / "angles" / "train.txt").read_text() == "angles/part_0.h5\nangles/part_1.h5\n"
@@ -141,7 +151,7 @@ def test_the_files_of_a_list(data, tmp_path):
     assert [(tmp_path / "angles" / name).stat().st_mtime_ns for name in FILES] == times
 
 
-# --------------------------------------------------------------------------------------------- mistakes
+# ----------------------------------------------------------------------------------------- mistakes
 
 
 @pytest.mark.parametrize(

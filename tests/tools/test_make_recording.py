@@ -29,7 +29,9 @@ pytestmark = pytest.mark.usefixtures("here")
 
 @pytest.mark.parametrize("name", ["take.npz", "take", "new/folder/take"])
 def test_a_recording_and_its_truth(name: str) -> None:
-    """The recording equals its generator frame by frame, the truth can be read back, and folders are created."""
+    """The recording equals its generator frame by frame, the truth can be read back, and
+    folders are created.
+    """
     truth = Path(name).with_name("take.truth.json")
     done = run_tool("make_recording", "rest", *SHORT, "--seed", "5", "--out", name)
     assert done.out == f"wrote {name}: 4 frames of 0.4 s, unit 1 mm; ground truth in {truth}\n"

@@ -38,7 +38,9 @@ def names(folder: Path) -> list[str]:
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Done]:
-    """The folder and the output of a small run, for tests that only read the files or work on a copy."""
+    """The folder and the output of a small run, for tests that only read the files or
+    work on a copy.
+    """
     folder = tmp_path_factory.mktemp("made") / "files"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(parts, "FRAMES_PER_FILE", 40)
@@ -57,7 +59,9 @@ def test_files_and_lists(made: tuple[Path, Done]) -> None:
 
 
 def test_what_a_second_run_keeps(made: tuple[Path, Done], tmp_path: Path) -> None:
-    """The same arguments change no file, a larger number of frames keeps unchanged files, another seed replaces all."""
+    """The same arguments change no file, a larger number of frames keeps unchanged files, another
+    seed replaces all.
+    """
     shutil.copytree(made[0], tmp_path, dirs_exist_ok=True)
     run_tool("make_synthetic", *arguments(tmp_path))  # rewrites the lists with the new paths
     before = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
@@ -82,7 +86,9 @@ def test_workers_change_no_byte(made: tuple[Path, Done], tmp_path: Path) -> None
 
 
 def test_what_is_replaced_with_force_only(tmp_path: Path) -> None:
-    """Frames of another body, and a folder's place taken by a file; a refusal is one line and changes nothing."""
+    """Frames of another body, and a folder's place taken by a file; a refusal is one line and
+    changes nothing.
+    """
     body = ["--body", str(NYU_HAND.parents[1] / "body" / "arm_prior.prototxt")]
     run_tool("make_synthetic", *arguments(tmp_path, train=10))
     before = (tmp_path / "train_000.h5").read_bytes()

@@ -33,7 +33,9 @@ def figures(monkeypatch):
 
 
 def test_logs_of_one_name_are_told_apart(tmp_path, figures):
-    """Losses and test outputs are drawn with their iterations; logs with the same name have those of their folders."""
+    """Losses and test outputs are drawn with their iterations; logs with the same name have those
+    of their folders.
+    """
     for name in ("one", "two"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "train.log").write_text(LOG)
@@ -72,7 +74,8 @@ def test_a_curve_of_one_point_is_seen(tmp_path, figures):
     ("count", "said"), [(plot_log.MAX_PANELS, ""), (400, "drew the first 8 of 400 test outputs\n")]
 )
 def test_many_test_outputs(tmp_path, figures, count, said):
-    """The first outputs have a panel each, and a line says that the others are not drawn; long names are cut.
+    """The first outputs have a panel each, and a line says that the others are not drawn; long
+    names are cut.
 
     A name is not typeset.
     """

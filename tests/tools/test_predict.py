@@ -76,7 +76,9 @@ def before_kinect():
 
 @pytest.fixture
 def frame(snapshot, before_kinect):
-    """Write frame.png, a 16-bit frame in mm of a hand 700 mm from a Kinect v2 before a wall; return its depth."""
+    """Write frame.png, a 16-bit frame in mm of a hand 700 mm from a Kinect v2 before a wall;
+    return its depth.
+    """
     depth = before_kinect.copy()
     depth[depth == 0] = 1500
     depth[:50] = 0
@@ -85,7 +87,9 @@ def frame(snapshot, before_kinect):
 
 
 def hands_of(text):
-    """The hands of a valid document, each with the keys of its frame and crop, and its joints by name."""
+    """The hands of a valid document, each with the keys of its frame and crop, and its
+    joints by name.
+    """
     document = json.loads(text)
     assert not json_schema.faults(document)
     names = document["skeleton"]["joints"]
@@ -113,7 +117,9 @@ def table(path):
 
 
 def test_crops(snapshot):
-    """Joints are in mm, scaled by the cube; without frames and a fit, JSON has neither a camera nor angles."""
+    """Joints are in mm, scaled by the cube; without frames and a fit, JSON has neither a
+    camera nor angles.
+    """
     text = run_tool("predict", *OWN, "crop.png", "crop.png", "--out", "p", "--json", "-").out
     lines = run_tool("predict", *OWN, "crop.png", "crop.png", "--out", "p", "--json", "a.json").out
     assert lines.startswith("crop.png: ") and Path("a.json").read_text() == text
@@ -151,7 +157,9 @@ def test_engine(snapshot, monkeypatch):
 
 
 def test_another_format_of_a_crop(snapshot):
-    """Landmarks are relative to the crop's image, metric joints to its centre; --csv has the columns of a track."""
+    """Landmarks are relative to the crop's image, metric joints to its centre; --csv has the
+    columns of a track.
+    """
     (found,) = predicted("crop.png", "--joints", "mediapipe", "--csv", "hands.csv")
     x, y, _ = found["mediapipe"]["landmarks"][4]
     tip = found["joints"]["thumb_tip"]
@@ -166,11 +174,13 @@ def test_another_format_of_a_crop(snapshot):
     )
 
 
-# ------------------------------------------------------------------------------------------- whole frames
+# ------------------------------------------------------------------------------------- whole frames
 
 
 def test_a_whole_frame(frame):
-    """The most likely position is cropped; the centre is given in px and in mm, and joints from the camera."""
+    """The most likely position is cropped; the centre is given in px and in mm, and joints
+    from the camera.
+    """
     options = ["frame.png", *KINECT, "--out", "p", "--json", "hands.json", "--csv", "hands.csv"]
     first, *joints = run_tool("predict", *OWN, *options, "--refine", "0").out.splitlines()
     place = r"at -?\d+, -?\d+, \d{3} mm"
@@ -195,7 +205,9 @@ def test_a_whole_frame(frame):
 
 
 def test_json_of_frames_is_read_as_a_track(frame):
-    """Frames are read like those of a track, with NaN for what only a fit determines; their sizes may differ."""
+    """Frames are read like those of a track, with NaN for what only a fit determines; their
+    sizes may differ.
+    """
     cv2.imwrite("smaller.png", frame[:-8])
     images = [
         "frame.png",
@@ -220,7 +232,9 @@ def test_json_of_frames_is_read_as_a_track(frame):
 
 @pytest.mark.parametrize(("name", "count"), [("mediapipe", 21), ("mano", 21), ("nyu", 14)])
 def test_joints_of_another_format(frame, name, count):
-    """With --joints JSON has the other format in addition; the table shows its joints and angles instead."""
+    """With --joints JSON has the other format in addition; the table shows its joints and
+    angles instead.
+    """
     options = [
         "frame.png",
         *KINECT,
@@ -246,8 +260,8 @@ def test_joints_of_another_format(frame, name, count):
 
 
 def test_centers(frame):
-    """U,V,D is used unchanged; for U,V the depth is read from the image, without the lens's distortion; each image may
-    have its own centre.
+    """U,V,D is used unchanged; for U,V the depth is read from the image, without the lens's
+    distortion; each image may have its own centre.
     """
     v, u = (int(np.median(where)) for where in np.nonzero((frame > 0) & (frame < 800)))
     (found,) = predicted("frame.png", *KINECT, "--refine", "0", "--center", f"{u},{v}")
@@ -277,7 +291,7 @@ def test_the_crop_is_moved_as_often_as_refine_says(frame, monkeypatch):
     assert sides == ["left", "right", "right", "right"]
 
 
-# ------------------------------------------------------------------------------------------- mistakes
+# ----------------------------------------------------------------------------------------- mistakes
 
 
 IMAGES = {
@@ -346,7 +360,9 @@ def test_mistakes(snapshot, argv, message):
 
 
 def test_what_is_likely_wrong(frame):
-    """If no hand is found, the error names the unit that may be wrong; an implausible camera gives a warning."""
+    """If no hand is found, the error names the unit that may be wrong; an implausible camera
+    gives a warning.
+    """
     cv2.imwrite("fifths.png", frame * 5)
     assert re.search("the unit, 1 mm, may be wrong: .*--unit 0.2 ", mistake("fifths.png", *KINECT))
     for camera, count in (("kinect2", 0), ("5,5,255.4,206.3", 1)):
@@ -356,7 +372,7 @@ def test_what_is_likely_wrong(frame):
         assert sum("check fx and fy" in line for line in lines) == count
 
 
-# ------------------------------------------------------------------------------------- a page for the browser
+# --------------------------------------------------------------------------- a page for the browser
 
 
 def hands_in(page):
@@ -375,7 +391,9 @@ def hands_in(page):
 
 
 def test_a_page_of_crops(snapshot):
-    """The page has all images, and its inputs give the printed joints for either hand and any cube."""
+    """The page has all images, and its inputs give the printed joints for either
+    hand and any cube.
+    """
     cv2.imwrite("b.png", np.random.default_rng(1).integers(0, 256, (128, 128), dtype=np.uint8))
     for side, cube in (("right", 300), ("left", 250)):
         printed = predicted(
@@ -392,11 +410,13 @@ def test_a_page_of_crops(snapshot):
             np.testing.assert_allclose(hand["joints"], found["positions_mm"], atol=0.02)
 
 
-# ------------------------------------------------------------------------------------- the packaged weights
+# ----------------------------------------------------------------------------- the packaged weights
 
 
 def test_a_hand_below_the_minimum_confidence(frame):
-    """The line, the table, JSON and CSV have its confidence and place, and no joints; there is nothing for a page."""
+    """The line, the table, JSON and CSV have its confidence and place, and no joints; there is
+    nothing for a page.
+    """
     options = ["frame.png", *CENTER, *KINECT, "--fit", "fast", "--hand", "right", "--out", "p"]
     (hand,) = hands_of(run_tool("predict", *options, "--min-confidence", "0", "--json", "-").out)
     assert hand["confidence"] < 1
@@ -431,7 +451,9 @@ def test_a_hand_below_the_minimum_confidence(frame):
 
 
 def test_a_hand_with_the_packaged_weights(here):
-    """A fitted hand has the correct side, an expected error, and 14 joints within 2 cm of the truth on average."""
+    """A fitted hand has the correct side, an expected error, and 14 joints within 2 cm of the
+    truth on average.
+    """
     depth, hand = rendered(prior_file.load(prior_file.PEOPLE_PRIOR), seed=3)
     cv2.imwrite("frame.png", depth)
     argv = [

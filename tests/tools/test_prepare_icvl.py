@@ -49,7 +49,9 @@ def prepare(root: Path) -> Done:
 
 
 def test_frames(root):
-    """Crops are centred on the palm in a 250 mm cube, with 16 joints in half-cubes; test sequences are concatenated."""
+    """Crops are centred on the palm in a 250 mm cube, with 16 joints in half-cubes; test sequences
+    are concatenated.
+    """
     out = prepare(root).out
     labels = icvl_files.read_annotation([root / name for name in icvl_files.ANNOTATION["test"]])
     with h5py.File(root.parent / "out" / "test_000.h5") as file:

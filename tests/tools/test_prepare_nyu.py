@@ -51,7 +51,7 @@ def names(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
 
 
-# ------------------------------------------------------------------------------------------- written files
+# ------------------------------------------------------------------------------------ written files
 
 
 def test_raw_equals_direct(root, tmp_path):
@@ -89,11 +89,13 @@ def test_other_centres(root):
     assert "centres of centers_test.txt" in done.out
 
 
-# ------------------------------------------------------------------------------------------------ the run
+# ------------------------------------------------------------------------------------------ the run
 
 
 def test_bad_frames(root, small):
-    """Bad frames are named, counted and left out in every run; --strict stops at the first, in one line."""
+    """Bad frames are named, counted and left out in every run; --strict stops at the
+    first, in one line.
+    """
     (root / "train" / frame_name(2)).unlink()
     damaged = root / "train" / frame_name(3)
     damaged.write_bytes(damaged.read_bytes()[:-100])
@@ -159,7 +161,7 @@ def test_rendered_frames_are_replaced_with_force_only(root):
         assert file.attrs["made_from"] == "NYU"
 
 
-# ------------------------------------------------------------------------------------------------ mistakes
+# ----------------------------------------------------------------------------------------- mistakes
 
 
 def test_check(root):

@@ -27,7 +27,9 @@ def frames(here: Path) -> Path:
 
 
 def test_convert_and_replay(frames: Path) -> None:
-    """Conversion from and to each format is lossless, assumptions are printed, and folders on the way are made."""
+    """Conversion from and to each format is lossless, assumptions are printed, and folders on
+    the way are made.
+    """
     out = run_tool("record", "frames", *CAMERA, "--out", "new/a").out
     assert "frames: 4 frames, 64 x 48 pixels, 30 frames/s\n" in out
     assert "a value of 1 is taken for 1 mm" in out and "30 frames per second assumed" in out

@@ -95,14 +95,18 @@ def test_blobs_in_files() -> None:
     ],
 )
 def test_preprocessing_as_in_opencv(options: list[str], arguments: tuple[object, ...]) -> None:
-    """The options are the arguments of cv2.dnn.blobFromImage; a mean file may have a number per channel."""
+    """The options are the arguments of cv2.dnn.blobFromImage; a mean file may have a
+    number per channel.
+    """
     np.save("mean.npy", np.array([1, 2, 3]))
     run("0.png", "1.png", "2.png", *options, "--blob", "data", "--out", "data.npy")
     assert np.array_equal(np.load("data.npy"), cv2.dnn.blobFromImages(images(), *arguments))
 
 
 def test_another_size() -> None:
-    """--size reshapes a net without fully connected layers, and --batch sets the number of images of a pass."""
+    """--size reshapes a net without fully connected layers, and --batch sets the number of
+    images of a pass.
+    """
     Path("net.prototxt").write_text(NET[: NET.index("layer", NET.index("pool"))])
     run(
         "0.png",
@@ -137,7 +141,9 @@ def test_a_folder_of_pictures() -> None:
 
 
 def test_a_list_of_images_in_a_folder() -> None:
-    """--root-folder is prepended to each path; test_finetune.py compares the input with that of an ImageData layer."""
+    """--root-folder is prepended to each path; test_finetune.py compares the input with that of an
+    ImageData layer.
+    """
     Path("list.txt").write_text("0.png 7\n")
     run("list.txt", "--root-folder", "pictures/", "--out", "missing.npy", status=1)
     Path("pictures").mkdir()
@@ -147,7 +153,9 @@ def test_a_list_of_images_in_a_folder() -> None:
 
 @pytest.mark.parametrize("name", ["mean.binaryproto", "mean.npy"])
 def test_mean_image(name: str) -> None:
-    """With a mean image, images are resized to its size, it is subtracted, and the input is cut from the centre."""
+    """With a mean image, images are resized to its size, it is subtracted, and the input is cut
+    from the centre.
+    """
     mean = np.random.default_rng(3).uniform(90, 130, (1, 3, 13, 12)).astype(np.float32)
     if name.endswith(".npy"):
         np.save(name, mean[0].astype(np.float64))
@@ -194,7 +202,9 @@ layer { name: "found" type: "DetectionOutput" bottom: "loc" bottom: "conf" botto
 
 @pytest.fixture
 def detector() -> None:
-    """A net that finds one box of 4 x 4 px of its input of 10 x 8 in the centre of every image, as classes 1 and 2."""
+    """A net that finds one box of 4 x 4 px of its input of 10 x 8 in the centre of every image, as
+    classes 1 and 2.
+    """
     Path("net.prototxt").write_text(DETECTOR)
     net = netlib.Net("net.prototxt", netlib.TEST)
     for name, bias in (("loc", [0, 0, 0, 0]), ("conf", [0.9, 0.3, 0.8])):
@@ -205,7 +215,9 @@ def detector() -> None:
 
 @pytest.mark.usefixtures("detector")
 def test_detections() -> None:
-    """The best detections are printed with their boxes in px of the image, in each way to resize it."""
+    """The best detections are printed with their boxes in px of the image, in each
+    way to resize it.
+    """
     Path("labels.txt").write_text("background\ncat\ndog\n")
     stretched = "  0.8000  dog  4 5 8 15", "  0.3000  cat  4 5 8 15"
     assert run("1.png", "--labels", "labels.txt").out.splitlines() == [
@@ -216,7 +228,8 @@ def test_detections() -> None:
     assert run("2.png", "--top", "1", "--crop").out.splitlines()[1:] == [
         "  0.8000  class 2  13 2 17 7"
     ]
-    # of 30 x 9 px resized to 20 x 16: the input is (5, 4) to (15, 12) of it, the box (8, 6) to (12, 10)
+    # of 30 x 9 px resized to 20 x 16: the input is (5, 4) to (15, 12) of it, the box
+    # (8, 6) to (12, 10)
     assert run("2.png", "--top", "1", "--resize", "20x16").out.splitlines()[1:] == [
         "  0.8000  class 2  12 3 18 6"
     ]

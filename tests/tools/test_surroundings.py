@@ -1,4 +1,6 @@
-"""Commands in unusual environments: in the C locale, without a home, with names that are not UTF-8."""
+"""Commands in unusual environments: in the C locale, without a home, with names that
+are not UTF-8.
+"""
 
 from __future__ import annotations
 
@@ -57,7 +59,9 @@ class TestNamesThatAreNotUtf8:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no C locale")
 def test_the_c_locale_without_a_home(tmp_path: Path) -> None:
-    """In the C locale a file gets its exact name, which is printed escaped; Matplotlib prints nothing on stderr."""
+    """In the C locale a file gets its exact name, which is printed escaped; Matplotlib prints
+    nothing on stderr.
+    """
     (tmp_path / "home").touch()
     (tmp_path / "ö.log").write_text(LOG)
     changes = {

@@ -18,7 +18,9 @@ def solvers(caffe_data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_means_of_the_batches() -> None:
-    """Loss and outputs are means over the batches, as Caffe printed them, with the weights of each file."""
+    """Loss and outputs are means over the batches, as Caffe printed them, with the
+    weights of each file.
+    """
     done = run_tool(
         "test_net", "net.prototxt", "init.caffemodel", "init.caffemodel", "--iterations", "3"
     )
@@ -41,7 +43,9 @@ def test_layers_without_weights_are_reported(tmp_path: Path) -> None:
 
 
 def test_weights_of_another_net_are_reported(tmp_path: Path) -> None:
-    """Weights that name another net than the prototxt give a warning; those that name the same give none."""
+    """Weights that name another net than the prototxt give a warning; those that name the
+    same give none.
+    """
     netlib.Net("net.prototxt", "init.caffemodel", netlib.TEST).save(tmp_path / "own.caffemodel.h5")
     text = Path("net.prototxt").read_text()
     (tmp_path / "other.prototxt").write_text(text.replace('name: "small"', 'name: "other"', 1))

@@ -50,7 +50,9 @@ def test_a_deploy_net_is_timed_in_phase_test(tmp_path):
 
 @pytest.mark.parametrize("name", ENGINES)
 def test_memory(work, monkeypatch, name):
-    """Blobs are listed with their size, except those that the fast engine stores for a part of the batch."""
+    """Blobs are listed with their size, except those that the fast engine stores for a
+    part of the batch.
+    """
     monkeypatch.setenv("NETLIB_ENGINE", name)
     out = run_tool("time", "net.prototxt", "--memory").out
     assert re.search(r" 1\.00 MiB  blob depth 16x1x128x128$", out, re.MULTILINE)

@@ -29,7 +29,9 @@ def helps(name: str) -> str:
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_help_is_the_docstring(name: str) -> None:
-    """The help starts with the docstring as written; every command that runs one net has the same --engine."""
+    """The help starts with the docstring as written; every command that runs one net has the
+    same --engine.
+    """
     assert importlib.import_module(f"tools.{name}").__doc__.strip() in helps(name)
     assert name not in WITH_ENGINE or f"--engine {{{','.join(engine.NAMES)}}}" in helps(name)
 
@@ -60,7 +62,9 @@ def reached(path: Path) -> set[str]:
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_command_that_runs_nets_can_refuse_code(name: str) -> None:
-    """Exactly the commands that run nets have --no-python-layers, for nets from untrusted sources."""
+    """Exactly the commands that run nets have --no-python-layers, for nets from
+    untrusted sources.
+    """
     classes = {"netlib.net.Net", "netlib.solver.Solver"}
     runs_nets = bool(classes & reached(ROOT / "tools" / f"{name}.py"))
     assert ("--no-python-layers" in helps(name)) == runs_nets
@@ -247,7 +251,9 @@ def test_no_python_layers(name: str, argv: list[str], here: Path) -> None:
 
 
 def test_a_command_starts_without_what_few_need() -> None:
-    """Rarely used parts of SciPy and matplotlib are imported on use, because they take a third of the start-up time."""
+    """Rarely used parts of SciPy and matplotlib are imported on use, because they take a third of
+    the start-up time.
+    """
     names = [name for name in COMMANDS if name != "make_recording"]  # draws rotating hands
     code = f"import sys, {', '.join(f'tools.{name}' for name in names)}; print(*sys.modules)"
     done = subprocess.run(

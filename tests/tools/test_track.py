@@ -60,11 +60,13 @@ def stopped_at(monkeypatch: pytest.MonkeyPatch, number: int, stop: Any) -> None:
     monkeypatch.setattr(Tracker, "step", interrupted)
 
 
-# ------------------------------------------------------------------------------------------------ results
+# ------------------------------------------------------------------------------------------ results
 
 
 def test_without_any_output_named() -> None:
-    """By default a JSON file and a contact sheet, named after the source, have the results, smoothed both ways."""
+    """By default a JSON file and a contact sheet, named after the source, have the results,
+    smoothed both ways.
+    """
     _, said, error = run_tool("track", "takes/take.npz")
     assert files() == ["take.json", "take.png"]
     found = read_track("take.json")
@@ -93,7 +95,9 @@ def test_without_any_output_named() -> None:
 
 
 def test_lines_for_another_program() -> None:
-    """With --json - a header and a line per frame go to stdout, with other joints; messages go to stderr."""
+    """With --json - a header and a line per frame go to stdout, with other joints;
+    messages go to stderr.
+    """
     _, out, said = run_tool(
         "track", "takes/take.npz", "--json", "-", "--csv", "takes/a.csv", "--joints", "mano"
     )
@@ -150,7 +154,9 @@ def test_options() -> None:
 def test_the_minimum_confidence(
     options: list[str], expected: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It holds for what is written, after the smoothing; elsewhere the hand is present without joints."""
+    """It holds for what is written, after the smoothing; elsewhere the hand is present
+    without joints.
+    """
     release = LaterFrames._release
 
     def doubtful(self: LaterFrames[Any], count: int) -> list[tuple[Any, TrackedFrame]]:
@@ -220,7 +226,9 @@ def test_names_of_outputs(source: str, name: str, monkeypatch: pytest.MonkeyPatc
 
 
 def test_a_first_look(monkeypatch: pytest.MonkeyPatch) -> None:
-    """--look tracks nothing: it draws the first hand that is sure enough, otherwise the first one, without joints."""
+    """--look tracks nothing: it draws the first hand that is sure enough, otherwise the first one,
+    without joints.
+    """
     predict, seen = Predictor.in_frame, itertools.count()
 
     def doubtful(self: Predictor, *args: Any) -> Any:
@@ -236,7 +244,7 @@ def test_a_first_look(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "frame 2: right hand, " in run_tool("track", "takes/take.npz", "--look", "look.png").out
 
 
-# ------------------------------------------------------------------------------------------------ errors
+# ------------------------------------------------------------------------------------------- errors
 
 
 @pytest.mark.parametrize(
@@ -292,7 +300,9 @@ def test_a_frame_that_cannot_be_tracked(monkeypatch: pytest.MonkeyPatch) -> None
 
 
 def test_a_source_that_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
-    """All complete frames of a truncated source are tracked with a warning, and the file is not marked as cut."""
+    """All complete frames of a truncated source are tracked with a warning, and the file is not
+    marked as cut.
+    """
     frames_of = StackRecording.__iter__
 
     def until_the_cut(self: StackRecording) -> Iterator[DepthFrame]:
@@ -324,7 +334,9 @@ def test_nobody_there() -> None:
 
 
 def test_a_seed_repeats_a_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The random starts have the given seed, and a second run gives the same track, to the last digit."""
+    """The random starts have the given seed, and a second run gives the same track, to
+    the last digit.
+    """
     seeds, draw = [], depth_fit.drawn
     monkeypatch.setattr(depth_fit, "drawn", lambda *args: seeds.append(args[-1]) or draw(*args))
     documents = []

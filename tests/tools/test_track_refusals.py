@@ -49,7 +49,9 @@ def frames(here: Path) -> Path:
     ],
 )
 def test_what_cannot_be_written(argv: list[str], said: str) -> None:
-    """Outputs that are inputs, would be inputs of the next run, or cannot be written are rejected before tracking."""
+    """Outputs that are inputs, would be inputs of the next run, or cannot be written are rejected
+    before tracking.
+    """
     np.save("take.npy", np.full((2, 48, 64), 900, np.uint16))
     for name in ("own.json", "take.camera.json"):
         Path(name).write_text(CAMERA)

@@ -43,7 +43,9 @@ def weights(path):
 
 
 def test_log(work):
-    """The log has the lines of standard error, with glog's stamps; tests/caffe compares them with Caffe's."""
+    """The log has the lines of standard error, with glog's stamps; tests/caffe compares
+    them with Caffe's.
+    """
     done = train("--log", "train.log")
     log = (work / "train.log").read_text()
     assert log == done.err and "made from synthetic" in log
@@ -85,14 +87,18 @@ def test_weights_of_zero_are_reported(here):
 
 
 def test_threads_are_those_of_the_engine(work, other_engine):
-    """The log names engine and threads; --threads applies to the engine of --engine, not to that of NETLIB_ENGINE."""
+    """The log names engine and threads; --threads applies to the engine of --engine, not to that of
+    NETLIB_ENGINE.
+    """
     assert "Use CPU, 1 thread, engine plain. BLAS:" in train("--max-iter", "1").err
     done = train("--max-iter", "1", "--engine", "fast", "--threads", "3")
     assert "Use CPU, 3 threads, engine fast. " in done.err
 
 
 def test_resume(work):
-    """Three iterations, a resume and three more equal six, and add to the log; another run starts the log again."""
+    """Three iterations, a resume and three more equal six, and add to the log; another run starts
+    the log again.
+    """
     train("--max-iter", "3", "--log", "train.log")
     first = (work / "train.log").read_text()
     train("--snapshot", "snapshots/net_iter_3.solverstate", "--log", "train.log")
@@ -120,7 +126,8 @@ def test_seed_and_threads(work):
     [(signal.SIGINT, 130, 1), (signal.SIGTERM, 143, 1), (signal.SIGHUP, 0, 2)],
 )
 def test_signals(work, signal_at_start, monkeypatch, number, status, last):
-    """Ctrl-C and SIGTERM finish the iteration, write a snapshot, and determine the exit status; SIGHUP goes on.
+    """Ctrl-C and SIGTERM finish the iteration, write a snapshot, and determine the exit status;
+    SIGHUP goes on.
 
     The signal handlers are restored. The last line is the command that continues.
     """
@@ -193,7 +200,9 @@ READ = "is read in this run; expected another output"
     ],
 )
 def test_a_log_that_cannot_be_written(work, small_data, log, message):
-    """A log that is an input of the training run, or cannot be written, is rejected on one line and not changed."""
+    """A log that is an input of the training run, or cannot be written, is rejected on one line
+    and not changed.
+    """
     shutil.copytree(small_data, "data")
     Path("data/train.txt").write_text("data/train_000.h5\n")
     net = Path("net.prototxt").read_text().replace(f"{small_data}/train.txt", "data/train.txt")
@@ -208,7 +217,9 @@ def test_a_log_that_cannot_be_written(work, small_data, log, message):
 
 
 def test_a_training_that_does_not_begin_leaves_an_older_log_alone(work):
-    """A start that fails, a second training of the same snapshots, and one that cannot write them do not touch it."""
+    """A start that fails, a second training of the same snapshots, and one that cannot write them
+    do not touch it.
+    """
     Path("old.log").write_text("old")
     Path("snapshots").mkdir()
     first = locks.Lock(work / "snapshots" / ".net.netlib.lock")

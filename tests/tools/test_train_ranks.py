@@ -1,4 +1,6 @@
-"""tools/train.py on several ranks, with real ``mpiexec``: signals, and errors that end all ranks at once."""
+"""tools/train.py on several ranks, with real ``mpiexec``: signals, and errors that end all
+ranks at once.
+"""
 
 import os
 import re
@@ -19,7 +21,9 @@ pytestmark = needs_mpi
 
 @pytest.fixture
 def small(here):
-    """Change to a folder with a small net on three files of rows, and solver.prototxt for a long training run."""
+    """Change to a folder with a small net on three files of rows, and solver.prototxt for a
+    long training run.
+    """
     write_files()
 
 
@@ -55,7 +59,9 @@ def test_caffes_command(small):
 
 
 def test_wrong_usage_is_said_once(small):
-    """The usage error is printed once, and mpiexec returns status 2, with and without ``-m mpi4py``."""
+    """The usage error is printed once, and mpiexec returns status 2, with and without
+    ``-m mpi4py``.
+    """
     for by in (("-m", "mpi4py"), ()):
         done = ranks_started.run(2, TRAIN, "--max-iter", "x", "solver", by=by)
         assert done.returncode == 2
@@ -66,7 +72,9 @@ def test_wrong_usage_is_said_once(small):
 
 
 def test_a_signal_to_mpiexec(small):
-    """SIGUSR1 writes a snapshot; SIGTERM writes one and stops all ranks; only rank 0 logs; the resume is exact."""
+    """SIGUSR1 writes a snapshot; SIGTERM writes one and stops all ranks; only rank 0 logs; the
+    resume is exact.
+    """
     with ranks_started.started(2, TRAIN, "solver.prototxt", "--log", "log") as process:
         lines = ranks_started.lines_until(process, "Iteration 20 (")
         process.send_signal(signal.SIGUSR1)
@@ -121,7 +129,9 @@ def no_file(folder):
 
 
 def test_what_one_rank_finds_ends_all(small):
-    """NaN, another prototxt and a missing file give one line that names the rank; nothing is written."""
+    """NaN, another prototxt and a missing file give one line that names the rank;
+    nothing is written.
+    """
     for break_it, said in (
         (nan, r"rank 1: iteration \d+: the loss is nan; .* top blob 'y' of layer 'data'.*"),
         (other_net, r"rank 1 has another net prototxt than rank 0: .*; expected the same on all"),

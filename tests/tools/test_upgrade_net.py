@@ -28,7 +28,9 @@ TODAY = """
 
 @pytest.mark.parametrize("old", [V1, TODAY], ids=["V1", "today"])
 def test_a_text(here, old):
-    """An upgraded net is written as a person would write it; one in the current format is reported."""
+    """An upgraded net is written as a person would write it; one in the current
+    format is reported.
+    """
     (here / "old").write_text(old)
     _, out, err = run_tool("upgrade_net", "old", "new.prototxt")
     new = (here / "new.prototxt").read_text()
@@ -120,7 +122,9 @@ def test_a_solver(here, old, new):
     ],
 )
 def test_mistakes(here, content, flags, message):
-    """Errors are one line with status 1, and no file is written; options are checked although no layer is built."""
+    """Errors are one line with status 1, and no file is written; options are checked although no
+    layer is built.
+    """
     (here / "old").write_bytes(content)
     assert refusal("upgrade_net", "old", "new", *flags).startswith(message)
 
@@ -136,7 +140,9 @@ def test_files_that_cannot_be(here):
 
 
 def test_nets_of_forks_keep_their_options(here):
-    """A binary net of forks is written back as it is, with the numbers of the fork, and a text with its options."""
+    """A binary net of forks is written back as it is, with the numbers of the fork, and a text
+    with its options.
+    """
     # interp_param { zoom_factor: 8 } as field 143
     interp = b"\xa2\x06\x10\x0a\x01i\x12\x06Interp\xfa\x08\x02\x18\x08"
     text = b'layer {\n  name: "c"\n  type: "Convolution"\n  convolution_param {\n    conv_algorithm: "auto"\n  }\n}\n'

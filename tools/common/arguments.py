@@ -20,7 +20,9 @@ MAX_SHOWN = 100  # characters of a value in a message
 
 
 class _Parser(argparse.ArgumentParser):
-    """A parser whose help, for a user of the command handpose or netlib, names commands instead of files of a clone."""
+    """A parser whose help, for a user of the command handpose or netlib, names commands instead of
+    files of a clone.
+    """
 
     def format_help(self) -> str:
         text = super().format_help()
@@ -48,7 +50,9 @@ def parser_of(doc: str | None, nets: bool = False) -> argparse.ArgumentParser:
 
 
 def add_engine(parser: argparse.ArgumentParser, threads: bool = False) -> None:
-    """Add the option --engine, for tools that run one net, and with ``threads`` the option --threads."""
+    """Add the option --engine, for tools that run one net, and with ``threads`` the
+    option --threads.
+    """
     if threads:
         parser.add_argument(
             "--threads",
@@ -67,14 +71,18 @@ def add_engine(parser: argparse.ArgumentParser, threads: bool = False) -> None:
 def reject_given(
     parser: argparse.ArgumentParser, args: argparse.Namespace, names: Sequence[str], why: str
 ) -> None:
-    """Raise a usage error that ends in ``why`` if one of these options is given, because it would be ignored."""
+    """Raise a usage error that ends in ``why`` if one of these options is given, because it
+    would be ignored.
+    """
     for name in names:
         if getattr(args, name) != parser.get_default(name):
             parser.error(f"--{name.replace('_', '-')} {why}")
 
 
 def caffes_flags(argv: Sequence[str] | None) -> list[str]:
-    """The arguments (None: of the process) with two dashes before flags that have one, as in Caffe's programs."""
+    """The arguments (None: of the process) with two dashes before flags that have one, as in
+    Caffe's programs.
+    """
     words = sys.argv[1:] if argv is None else argv
     return [
         f"-{word}" if re.fullmatch(r"-[A-Za-z]\w+(=.*)?", word, re.DOTALL) else word
@@ -82,7 +90,7 @@ def caffes_flags(argv: Sequence[str] | None) -> list[str]:
     ]
 
 
-# ---------------------------------------------------------------------------------------------- types of arguments
+# ------------------------------------------------------------------------------- types of arguments
 
 
 def whole(least: int = 0, most: int = MAX_INTEGER) -> Callable[[str], int]:
@@ -102,7 +110,9 @@ def whole(least: int = 0, most: int = MAX_INTEGER) -> Callable[[str], int]:
 def real(
     least: float = -math.inf, most: float = math.inf, *, above: bool = False, unit: str = ""
 ) -> Callable[[str], float]:
-    """Return a parser of finite numbers from ``least`` to ``most``; ``above`` excludes ``least``."""
+    """Return a parser of finite numbers from ``least`` to ``most``; ``above``
+    excludes ``least``.
+    """
 
     def parse(text: str) -> float:
         found = _finite(text)
@@ -123,7 +133,9 @@ def real(
 def numbers(
     form: str = "numbers separated by commas", counts: Container[int] = range(1, MAX_COUNT)
 ) -> Callable[[str], tuple[float, ...]]:
-    """Return a parser of finite numbers separated by commas: as many as ``counts`` contains, in this ``form``."""
+    """Return a parser of finite numbers separated by commas: as many as ``counts`` contains, in
+    this ``form``.
+    """
 
     def parse(text: str) -> tuple[float, ...]:
         found = _finite(text)
@@ -180,7 +192,9 @@ def expected(form: str, text: str) -> argparse.ArgumentTypeError:
 
 
 def _finite(text: str) -> list[float]:
-    """Numbers separated by commas; empty if the text is anything else, or one of them is not finite."""
+    """Numbers separated by commas; empty if the text is anything else, or one of them
+    is not finite.
+    """
     try:
         found = [float(word) for word in text.split(",")]
     except ValueError:

@@ -19,7 +19,10 @@ DONE, FAILED = 0, 1  # argparse exits with 2 for wrong usage
 
 
 def guarded(run: Callable[[argparse.Namespace], int], args: argparse.Namespace) -> int:
-    """Run a tool. A user's mistake gives one line on stderr and exit status 1, never a traceback."""
+    """Run a tool.
+
+    A user's mistake gives one line on stderr and exit status 1, never a traceback.
+    """
     try:
         with (
             tools.interruptible(),
@@ -70,12 +73,16 @@ def _with_advice(error: NetlibError) -> str:
 
 
 def say(*words: object, sep: str = " ", file: TextIO | None = None) -> None:
-    """Print a line, with unprintable characters escaped, so that names cannot start another line."""
+    """Print a line, with unprintable characters escaped, so that names cannot
+    start another line.
+    """
     print(*map(printable, words), sep=sep, file=file)
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> str:
-    """Format rows of cells as a table with the first column left-aligned and the others right-aligned."""
+    """Format rows of cells as a table with the first column left-aligned and the others
+    right-aligned.
+    """
     rows = [[printable(cell) for cell in row] for row in rows]
     widths = [max(len(cell) for cell in column) for column in zip(*rows)]
     return "\n".join(

@@ -1,4 +1,6 @@
-"""What the commands test, time and caffe find of a net: mean outputs, seconds per layer and pass, bytes per blob."""
+"""What the commands test, time and caffe find of a net: mean outputs, seconds per layer and pass,
+bytes per blob.
+"""
 
 from __future__ import annotations
 
@@ -56,7 +58,10 @@ def _time_backward(
 
 
 def warn_of_another_net(weights: str, net: Net) -> None:
-    """Print a warning if weights name another net than the one that they were copied to. Raises WeightsError."""
+    """Print a warning if weights name another net than the one that they were copied to.
+
+    Raises WeightsError.
+    """
     name = snapshot.net_name(weights)
     if name and net.name and name != net.name:
         say(
@@ -98,8 +103,8 @@ def mean_scores(
 
 
 def report_time(net: Net, iterations: int, write: Callable[..., object]) -> tuple[float, float]:
-    """Time full passes as in training, then each layer on one thread; returns the seconds of a pass forwards and
-    backwards. Raises NetlibError.
+    """Time full passes as in training, then each layer on one thread; returns the seconds of a pass
+    forwards and backwards. Raises NetlibError.
 
     write  called with the cells of each line; the lines are those of ``caffe time``
     """

@@ -30,7 +30,8 @@ Shape = tuple[int, ...]
 
 STAGE = "deploy"  # of the layers that DIGITS puts into deploy nets only
 COLORS = 3
-# Pairs of options of readers with the height and the width of their images, in the order of precedence
+# Pairs of options of readers with the height and the width of their images, in the
+# order of precedence
 SIZES = (
     ("crop_size", "crop_size"), ("crop_height", "crop_width"), ("crop_h", "crop_w"), ("new_height", "new_width"),
     ("height", "width"),
@@ -57,7 +58,8 @@ layer {{ name: "detection_out" type: "DetectionOutput" top: "detection_out"
           code_type: {code_type} keep_top_k: 200 confidence_threshold: 0.01
           nms_param {{ nms_threshold: 0.45 top_k: 400 }} }} }}
 """
-# Types with parameters; what they compute may be a prediction. Types that are unknown here may have some, too.
+# Types with parameters; what they compute may be a prediction. Types that are unknown here may
+# have some, too.
 LEARNED = {
     "BatchNorm", "Bias", "BN", "Convolution", "ConvolutionDepthwise", "Deconvolution", "DepthwiseConvolution", "Embed",
     "InnerProduct", "LSTM", "Normalize", "PReLU", "Parameter", "Python", "RNN", "Scale",
@@ -66,14 +68,18 @@ LEARNED = {
 
 @dataclass(frozen=True)
 class DeployNet:
-    """A deploy net, and comments for its file: where it comes from, and how its images were transformed."""
+    """A deploy net, and comments for its file: where it comes from, and how its images
+    were transformed.
+    """
 
     param: NetParameter
     comments: list[str]
 
 
 def refuse_training_net(model: str) -> None:
-    """Raise NetlibError if the net reads its data in phase TEST, with the command that writes a deploy net."""
+    """Raise NetlibError if the net reads its data in phase TEST, with the command that
+    writes a deploy net.
+    """
     for spec in _readers(model):
         where = schema.position_of(spec, "type")
         raise NetlibError(
@@ -133,7 +139,7 @@ def deploy_net(model: str, out: Path, shapes: Mapping[str, Shape]) -> DeployNet:
     return DeployNet(deployed, [f"The deploy net of {Path(model).name}.", *comments])
 
 
-# ---------------------------------------------------------------------------------------------- layers of the net
+# -------------------------------------------------------------------------------- layers of the net
 
 
 def _reads_data(spec: LayerParameter) -> bool:
@@ -156,7 +162,8 @@ class _Parts:
     """The parts of a training net.
 
     readers  the layers that make the data and the labels
-    body     the other layers of phase TEST without losses and scores, and without what reads or computes labels
+    body     the other layers of phase TEST without losses and scores, and without what reads or
+             computes labels
     heads    the losses, or if there is none the scores, of any phase
     labels   names of the blobs that only losses and scores read
     """
@@ -192,7 +199,8 @@ class _Parts:
         self._added: list[LayerParameter] = []
 
     def _labels(self, ends: Sequence[LayerParameter], body: Sequence[LayerParameter]) -> set[str]:
-        """Tops of readers from which the targets of losses and scores are computed without parameters.
+        """Tops of readers from which the targets of losses and scores are computed
+        without parameters.
 
         The first top of a reader is none if parameters are applied to it, as in an autoencoder.
         """
@@ -212,7 +220,9 @@ class _Parts:
         return (of_targets - (first & used)) | (by_name - first)
 
     def _is_auxiliary(self, loss: LayerParameter, losses: Sequence[LayerParameter]) -> bool:
-        """Whether a loss of the same type on the same labels has a larger weight, as in GoogLeNet."""
+        """Whether a loss of the same type on the same labels has a larger weight,
+        as in GoogLeNet.
+        """
         others = [
             other
             for other in losses
@@ -221,7 +231,10 @@ class _Parts:
         return _weight(loss) < max(map(_weight, others))
 
     def _without_labels(self, body: Sequence[LayerParameter]) -> list[LayerParameter]:
-        """The layers that read no labels. What they compute from labels alone are labels; else they are heads."""
+        """The layers that read no labels.
+
+        What they compute from labels alone are labels; else they are heads.
+        """
         result = []
         for spec in body:
             if not self.labels.intersection(spec.bottom):
@@ -233,7 +246,9 @@ class _Parts:
         return result
 
     def kept(self) -> list[LayerParameter]:
-        """The layers that the predictions depend on, and those that turn scores into probabilities."""
+        """The layers that the predictions depend on, and those that turn scores into
+        probabilities.
+        """
         outputs = self._outputs()
         needed, kept = set(outputs), list[LayerParameter]()
         for spec in reversed([*self.body, *self._added]):
@@ -247,7 +262,10 @@ class _Parts:
         return [*reversed(kept), *silent]
 
     def inputs(self, kept: Sequence[LayerParameter]) -> Iterator[tuple[LayerParameter, int]]:
-        """The readers' tops that these layers read: reader and index of the top. Raises NetlibError."""
+        """The readers' tops that these layers read: reader and index of the top.
+
+        Raises NetlibError.
+        """
         made = {name for reader in self.readers for name in reader.top}
         needed = dict.fromkeys(name for spec in kept for name in spec.bottom)
         for spec in kept:
@@ -262,7 +280,10 @@ class _Parts:
             )
 
     def _outputs(self) -> list[str]:
-        """Names of the blobs with predictions; adds a Softmax or Sigmoid to ``_added``. Raises NetlibError."""
+        """Names of the blobs with predictions; adds a Softmax or Sigmoid to ``_added``.
+
+        Raises NetlibError.
+        """
         made = {name for spec in self.body for name in spec.top}
         read = {name for spec in self.body for name in spec.bottom}
         read |= {name for spec in (*self._ends, *self.heads) for name in spec.bottom}
@@ -294,7 +315,9 @@ class _Parts:
         return outputs
 
     def _detections(self, head: LayerParameter) -> str:
-        """The top of the DetectionOutput layer for SSD's loss, as its scripts write it; adds the layers before it."""
+        """The top of the DetectionOutput layer for SSD's loss, as its scripts write it; adds the
+        layers before it.
+        """
         locations, confidences, priors = head.bottom[:3]
         given = head.blocks.get("multibox_loss_param", prototxt.parse(""))
         options = {name: _text(given, name) or default for name, default in SSD_DEFAULTS.items()}
@@ -325,7 +348,9 @@ class _Parts:
 
 
 def _chosen(param: NetParameter) -> list[LayerParameter]:
-    """The layers of phase TEST: in DIGITS' stage for deploy nets, or else in the first stage without missing blobs."""
+    """The layers of phase TEST: in DIGITS' stage for deploy nets, or else in the first stage
+    without missing blobs.
+    """
     rules = [rule for spec in param.layer for rule in (*spec.include, *spec.exclude)]
     stages = list(
         dict.fromkeys(stage for rule in rules for stage in (*rule.stage, *rule.not_stage))
@@ -365,7 +390,9 @@ def _weight(loss: LayerParameter) -> float:
 
 
 def _probability(head: LayerParameter) -> str:
-    """The type of the layer that makes probabilities of what a loss reads: the loss of both is usually one layer."""
+    """The type of the layer that makes probabilities of what a loss reads: the loss of both is
+    usually one layer.
+    """
     if not _is_loss(head):
         return ""
     if head.type == "InfogainLoss" or "Softmax" in head.type:
@@ -374,7 +401,9 @@ def _probability(head: LayerParameter) -> str:
 
 
 def _for_deployment(spec: LayerParameter) -> LayerParameter:
-    """The layer without rules, and with the statistics of the training instead of those of the batch."""
+    """The layer without rules, and with the statistics of the training instead of
+    those of the batch.
+    """
     blocks = dict(spec.blocks)
     if spec.type == "BatchNorm" and "batch_norm_param" in blocks:
         blocks["batch_norm_param"] = _without(
@@ -409,14 +438,15 @@ def _text(options: Message | None, name: str) -> str:
     return next((value.text for value in values if isinstance(value, Scalar)), "")
 
 
-# ---------------------------------------------------------------------------------------------- inputs
+# ------------------------------------------------------------------------------------------- inputs
 
 
 class _Input:
     """An input in the place of the top of a reader.
 
     name       of the blob
-    transform  the options of the reader's transform_param, with those of its own block for older nets
+    transform  the options of the reader's transform_param, with those of its own block
+               for older nets
     """
 
     def __init__(self, reader: LayerParameter, index: int) -> None:
@@ -434,7 +464,9 @@ class _Input:
         )
 
     def comments(self, out: Path) -> list[str]:
-        """What the training did to images before the net read them, and the options of the command that repeats it."""
+        """What the training did to images before the net read them, and the options of the command
+        that repeats it.
+        """
         reader = self._reader
         lines = [
             f"Input {self.name!r} is in the place of layer {reader.name!r} of type {reader.type}."
@@ -460,7 +492,10 @@ class _Input:
         return lines
 
     def _shape(self) -> Shape:
-        """The shape of one item, from the data themselves, or else from the options. Raises NetlibError."""
+        """The shape of one item, from the data themselves, or else from the options.
+
+        Raises NetlibError.
+        """
         if self._reader.type in layer_types():
             try:
                 reader = dataclasses.replace(self._reader, include=(), exclude=())

@@ -1,8 +1,10 @@
-"""Training behind frozen layers: what they compute is computed once for each picture, not in each step.
+"""Training behind frozen layers: what they compute is computed once for each picture,
+not in each step.
 
-The features are the blobs between the last layer that computes the same for a picture in each step and the first layer
-that trains, draws random numbers, or normalizes by the statistics of its batch. The training net reads them in the
-place of running the layers before, in the order in which its ImageData layer would read the pictures.
+The features are the blobs between the last layer that computes the same for a picture in each step
+and the first layer that trains, draws random numbers, or normalizes by the statistics of its batch.
+The training net reads them in the place of running the layers before, in the order in which its
+ImageData layer would read the pictures.
 """
 
 from __future__ import annotations
@@ -100,10 +102,11 @@ class HeadSolver(Solver):
 
 
 def use_features(solver: HeadSolver, old: Net, how: Preprocessing) -> float:
-    """Compute the features of all pictures of a training and its test; returns the seconds that it took.
+    """Compute the features of all pictures of a training and its test; returns the
+    seconds that it took.
 
-    ``old`` is the deploy net with the weights. Raises NotFrozenError with the reason if they are not the same in each
-    step.
+    ``old`` is the deploy net with the weights. Raises NotFrozenError with the reason if they are
+    not the same in each step.
     """
     begun = time.perf_counter()
     nets = [net for net in (solver.net, *solver.test_nets) if isinstance(net, HeadNet)]
@@ -117,7 +120,10 @@ def use_features(solver: HeadSolver, old: Net, how: Preprocessing) -> float:
 
 
 def _features(net: Net, name: str, made: Net, how: Preprocessing) -> Features:
-    """The features of a net's pictures, which the net ``made`` computes, before a layer. Raises NotFrozenError."""
+    """The features of a net's pictures, which the net ``made`` computes, before a layer.
+
+    Raises NotFrozenError.
+    """
     reader = _reader(net)
     first = [layer.name for layer in net.layers].index(name)
     blobs = _blobs_between(net.connections, first, reader)
@@ -140,7 +146,10 @@ def _reader(net: Net) -> ImageData:
 
 
 def _first_moving(net: Net) -> str:
-    """The first layer whose values of a picture may differ in each step. Raises NotFrozenError if none is before it."""
+    """The first layer whose values of a picture may differ in each step.
+
+    Raises NotFrozenError if none is before it.
+    """
     trained = {param.layer for param in net.learnable if param.spec.lr_mult != 0}
     for number, layer in enumerate(net.layers):
         if layer.name in trained or layer.type in DRAWING or _is_by_batch(layer):
@@ -159,7 +168,9 @@ def _is_by_batch(layer: Layer) -> bool:
 
 
 def _made_before(old: Net, name: str) -> Net:
-    """The layers of the deploy net before the one of this name, or before the one that a new layer replaces."""
+    """The layers of the deploy net before the one of this name, or before the one that a new
+    layer replaces.
+    """
     names = [layer.name for layer in old.layers]
     heads = [i for i, layer in enumerate(old.layers) if layer.blobs]
     end = names.index(name) if name in names else heads[-1]
@@ -172,7 +183,9 @@ def _made_before(old: Net, name: str) -> Net:
 def _blobs_between(
     connections: Sequence[Connection], first: int, reader: ImageData
 ) -> dict[str, str]:
-    """The blobs that are made before a layer and read from it on, with the blobs that they are copies of."""
+    """The blobs that are made before a layer and read from it on, with the blobs that they
+    are copies of.
+    """
     label = reader.spec.top[1]
     origins: dict[str, str] = {}
     for at in connections[:first]:

@@ -1,4 +1,6 @@
-"""Images for any net: its input, the mean, and preprocessing as in cv2.dnn.blobFromImage or Caffe's data layers."""
+"""Images for any net: its input, the mean, and preprocessing as in cv2.dnn.blobFromImage or
+Caffe's data layers.
+"""
 
 from __future__ import annotations
 
@@ -35,11 +37,13 @@ class Preprocessing:
     """How images (H, W, C), blue first, become an input (N, C, H, W).
 
     size     of the input; the net is reshaped to it
-    resize   images are resized to this size, and ``size`` is cut from the centre, as Caffe's data layers do in phase
-             TEST
-    crop     images keep their aspect ratio when resized: the centre is cut out. Otherwise they are stretched
+    resize   images are resized to this size, and ``size`` is cut from the centre, as Caffe's data
+             layers do in phase TEST
+    crop     images keep their aspect ratio when resized: the centre is cut out. Otherwise
+             they are stretched
     rgb      the first channel of the input is red
-    mean     (C, 1, 1) or, for images of size ``resize``, (C, H, W), in the order of the input's channels
+    mean     (C, 1, 1) or, for images of size ``resize``, (C, H, W), in the order of the
+             input's channels
     scale    factor, applied after the mean is subtracted
     """
 
@@ -71,7 +75,9 @@ class Preprocessing:
         return blob[:, :, y : y + h, x : x + w] * np.float32(self.scale)
 
     def to_image(self, box: Array, shape: Sequence[int]) -> Array:
-        """Convert xmin, ymin, xmax, ymax in units of the input's width and height to px of an image of (H, W, C)."""
+        """Convert xmin, ymin, xmax, ymax in units of the input's width and height to px of an
+        image of (H, W, C).
+        """
         image, resized, size = np.array(shape[1::-1]), np.array(self.resize), np.array(self.size)
         scale = resized / image
         if self.crop:
@@ -109,7 +115,8 @@ def add_value_options(group: argparse._ArgumentGroup, scale: float | None) -> No
 def passes(
     net: Net, paths: Sequence[str], preprocessing: Preprocessing, blobs: Sequence[str], batch: int
 ) -> Iterator[tuple[Sequence[str], list[Array], Mapping[str, Array]]]:
-    """Run the net on images, ``batch`` at a time: yields their paths, the images and the named blobs.
+    """Run the net on images, ``batch`` at a time: yields their paths, the images and
+    the named blobs.
 
     Raises NetlibError.
     """
@@ -127,7 +134,8 @@ def passes(
 
 
 def pictures_in(folder: Path) -> list[str]:
-    """The paths of the pictures in a folder, with numbers in their names in the order of their values.
+    """The paths of the pictures in a folder, with numbers in their names in the order
+    of their values.
 
     Raises DataError.
     """
@@ -164,7 +172,10 @@ def image_input(net: Net) -> tuple[str, tuple[int, ...]]:
 
 
 def read_labels(path: str) -> list[str]:
-    """The names of the classes in a text file: one per line, or a LabelMap of SSD. Raises DataError."""
+    """The names of the classes in a text file: one per line, or a LabelMap of SSD.
+
+    Raises DataError.
+    """
     text = files.read_text(path, "the labels")
     if re.match(r"(\s|#.*)*item\s*:?\s*[{<]", text):
         return _of_label_map(prototxt.parse(text, path))
@@ -188,7 +199,10 @@ def _of_label_map(tree: prototxt.Message) -> list[str]:
 
 
 def mean_of(numbers: Sequence[float], path: str | None, channels: int) -> Array:
-    """The mean from numbers, one or one per channel, or from a file; (C, 1, 1) or (C, H, W). Raises NetlibError."""
+    """The mean from numbers, one or one per channel, or from a file; (C, 1, 1) or (C, H, W).
+
+    Raises NetlibError.
+    """
     mean = np.asarray(numbers) if path is None else _read_mean(path)
     where = "the mean" if path is None else f"{path}: the mean"
     if path is None and len(mean) < 2:

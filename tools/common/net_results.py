@@ -1,4 +1,6 @@
-"""What a net found in each image: classes, detections or other values, as lines, arrays of all images, and pictures."""
+"""What a net found in each image: classes, detections or other values, as lines, arrays of all
+images, and pictures.
+"""
 
 from __future__ import annotations
 
@@ -33,9 +35,10 @@ class Shown(NamedTuple):
 class Results:
     """The values of one blob for each image.
 
-    A top of DetectionOutput (1, 1, D, 7) has any number of rows per image: item, label, confidence and the corners
-    xmin, ymin, xmax, ymax of a box, in units of the input's width and height. Other blobs have the image as first axis.
-    ``labels`` are the names of the classes, from the file ``source``.
+    A top of DetectionOutput (1, 1, D, 7) has any number of rows per image: item, label, confidence
+    and the corners xmin, ymin, xmax, ymax of a box, in units of the input's width and height.
+    Other blobs have the image as first axis. ``labels`` are the names of the classes, from the
+    file ``source``.
     """
 
     def __init__(
@@ -50,7 +53,10 @@ class Results:
         self.found: list[Array] = []
 
     def add(self, array: Array, count: int) -> list[Array]:
-        """Store and return the values of each of ``count`` images of a batch. Raises NetlibError."""
+        """Store and return the values of each of ``count`` images of a batch.
+
+        Raises NetlibError.
+        """
         if self.classes:
             rows = array.reshape(-1, 7)
             items = [rows[rows[:, 0] == number] for number in range(count)]
@@ -65,7 +71,9 @@ class Results:
         return items
 
     def array(self) -> Array:
-        """The values of all images: (images, ...), or (1, 1, D, 7) for detections, with the image as item."""
+        """The values of all images: (images, ...), or (1, 1, D, 7) for detections, with the
+        image as item.
+        """
         if not self.classes:
             return np.stack(self.found)
         rows = [
@@ -77,10 +85,11 @@ class Results:
     def lines(
         self, values: Array, shown: Shown, preprocessing: Preprocessing, shape: Sequence[int]
     ) -> Iterator[str]:
-        """Yield lines about an image of ``shape`` (H, W, C): its detections or classes, or the range of the values.
+        """Yield lines about an image of ``shape`` (H, W, C): its detections or classes, or the
+        range of the values.
 
-        Values are classes if a Softmax computed them or if there are labels. Boxes are in px of the image.
-        Raises NetlibError.
+        Values are classes if a Softmax computed them or if there are labels. Boxes are in px of the
+        image. Raises NetlibError.
         """
         if self.classes:
             yield f"{self.blob}: {np.count_nonzero(values[:, 1] >= 0)} detections"
@@ -105,7 +114,8 @@ class Results:
     def boxes(
         self, values: Array, shown: Shown, preprocessing: Preprocessing, shape: Sequence[int]
     ) -> Iterator[tuple[float, str, int, Array]]:
-        """Yield confidence, name and number of the class, and the box (4,) in px, of an image's detections, best first.
+        """Yield confidence, name and number of the class, and the box (4,) in px, of an image's
+        detections, best first.
 
         Raises NetlibError.
         """
@@ -122,7 +132,10 @@ class Results:
     def drawn(
         self, values: Array, shown: Shown, preprocessing: Preprocessing, image: Array
     ) -> NDArray[np.uint8]:
-        """The image (H, W, 3), blue first, with the boxes of its detections and their classes. Raises NetlibError."""
+        """The image (H, W, 3), blue first, with the boxes of its detections and their classes.
+
+        Raises NetlibError.
+        """
         height, width = image.shape[:2]
         picture = np.repeat(
             image.reshape(height, width, -1), 3 * height * width // image.size, axis=2
@@ -179,13 +192,18 @@ class Confusion:
         self.counts = np.zeros((len(names), len(names)), np.int64)  # of true and found classes
 
     def add(self, path: str, truth: int, values: Array) -> None:
-        """Add an image with a value for each class. Raises NetlibError for a class that the net does not have."""
+        """Add an image with a value for each class.
+
+        Raises NetlibError for a class that the net does not have.
+        """
         if not 0 <= truth < len(self._names):
             raise NetlibError(f"{path}: its label is {truth}; expected 0 to {len(self._names) - 1}")
         self.counts[truth, int(values.argmax())] += 1
 
     def lines(self) -> Iterator[str]:
-        """Yield a table with a row for each true class, or the most frequent mistakes; then the accuracy."""
+        """Yield a table with a row for each true class, or the most frequent mistakes;
+        then the accuracy.
+        """
         right, total = int(np.trace(self.counts)), int(self.counts.sum())
         if len(self._names) <= MAX_SHOWN:
             heading = ["true \\ found", *self._names]

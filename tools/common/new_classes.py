@@ -1,4 +1,6 @@
-"""A classifier's deploy net for other classes: the net to train, with frozen layers, and the net to deploy."""
+"""A classifier's deploy net for other classes: the net to train, with frozen layers, and the
+net to deploy.
+"""
 
 from __future__ import annotations
 
@@ -95,7 +97,10 @@ class NewClasses:
         )
 
     def frozen(self, last: str | None) -> list[str]:
-        """The layers with parameters before the new one, up to the ``last`` if given. Raises NetlibError."""
+        """The layers with parameters before the new one, up to the ``last`` if given.
+
+        Raises NetlibError.
+        """
         layers = self._net.layers[: self._at]
         names = [layer.name for layer in layers]
         if last is not None and last not in names:
@@ -135,7 +140,9 @@ class NewClasses:
 
 
 def _with_statistics(spec: LayerParameter) -> LayerParameter:
-    """A BatchNorm that keeps its mean and variance; they would follow the new pictures too slowly for phase TEST."""
+    """A BatchNorm that keeps its mean and variance; they would follow the new pictures too slowly
+    for phase TEST.
+    """
     if spec.type != "BatchNorm":
         return spec
     options = spec.blocks.get("batch_norm_param", prototxt.parse(""))

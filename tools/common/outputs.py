@@ -1,4 +1,6 @@
-"""Output files of commands: checks before the work starts; figures (with matplotlib) and images, written atomically."""
+"""Output files of commands: checks before the work starts; figures (with matplotlib) and images,
+written atomically.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,10 @@ MAX_LABEL = 60  # characters
 def refuse_inputs(
     out: str | Path, inputs: Iterable[str | Path | None], why: str = "is read in this run"
 ) -> None:
-    """Raise NetlibError if ``out`` is one of the inputs, under any name. None in ``inputs`` is ignored."""
+    """Raise NetlibError if ``out`` is one of the inputs, under any name.
+
+    None in ``inputs`` is ignored.
+    """
     if real(out) in {real(path) for path in inputs if path is not None}:
         raise NetlibError(f"{out}: {why}; expected another output")
 
@@ -38,12 +43,17 @@ def check_place(out: Path, inputs: Iterable[str | Path | None] = ()) -> None:
 
 
 def label(name: str) -> str:
-    """A name as matplotlib can draw it: of limited length, on one line, and not typeset as a formula."""
+    """A name as matplotlib can draw it: of limited length, on one line, and not
+    typeset as a formula.
+    """
     return printable(name)[:MAX_LABEL].replace("$", r"\$")
 
 
 def new_figure(width: float, height: float) -> Any:
-    """Create a matplotlib figure of width x height inches without a window. Raises NetlibError without matplotlib."""
+    """Create a matplotlib figure of width x height inches without a window.
+
+    Raises NetlibError without matplotlib.
+    """
     # it warns if the home folder is not writable
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
     try:
@@ -54,7 +64,10 @@ def new_figure(width: float, height: float) -> Any:
 
 
 def write_figure(path: str | Path, figure: Any, dpi: int) -> None:
-    """Write a figure in the format of the file's suffix, cropped to its content. Raises NetlibError."""
+    """Write a figure in the format of the file's suffix, cropped to its content.
+
+    Raises NetlibError.
+    """
     how = {
         "format": Path(path).name.rpartition(".")[2].lower(),
         "bbox_inches": "tight",
@@ -89,10 +102,11 @@ def make_folder(out: Path) -> None:
 
 
 def places(images: Sequence[str], out: Path, ending: str) -> list[Path]:
-    """Paths of the output image for each input image: in the folder ``out``, with the input's name and a new suffix.
+    """Paths of the output image for each input image: in the folder ``out``, with the input's name
+    and a new suffix.
 
-    If an input is repeated, further outputs are numbered from 2. Raises NetlibError if two outputs would have the same
-    path, or one would replace an input.
+    If an input is repeated, further outputs are numbered from 2. Raises NetlibError if two outputs
+    would have the same path, or one would replace an input.
     """
     found: list[Path] = []
     for n, image in enumerate(images):

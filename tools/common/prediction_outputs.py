@@ -33,7 +33,10 @@ from tools.common.console import DONE, say
 
 
 def table(found: Hand, predictor: Predictor, joints: FormatName | None) -> tuple[str, list[str]]:
-    """A summary of a prediction, and lines of its joints, or of those in another format. Raises DataError."""
+    """A summary of a prediction, and lines of its joints, or of those in another format.
+
+    Raises DataError.
+    """
     words = f"{in_words(found, predictor)}, cube {predictor.cube_mm:g} mm"
     if not found.has_joints:
         return words, []
@@ -68,7 +71,8 @@ def write_json(
     predictor: Predictor,
     joints: FormatName | None,
 ) -> None:
-    """Write the images, pictures and predictions as a track with one frame per image, or print it for the name ``-``.
+    """Write the images, pictures and predictions as a track with one frame per image, or print it
+    for the name ``-``.
 
     Raises DataError, OSError.
     """
@@ -105,7 +109,9 @@ def in_words(found: Hand, predictor: Predictor) -> str:
 
 
 def _format_lines(found: Hand, name: FormatName, values: dict[str, Any]) -> list[str]:
-    """Tables of a format's joints and of the angles; each line shows the ``values`` of one joint."""
+    """Tables of a format's joints and of the angles; each line shows the
+    ``values`` of one joint.
+    """
     center = "from the camera" if found.in_frame else "from the crop's centre"
     about = "about its mean" if name == "mediapipe" else center
     kinds = {key: of for key, of in values[name].items() if of is not None and key != "center_m"}
@@ -159,7 +165,9 @@ def draw(picture: Path, found: Hand, predictor: Predictor) -> None:
 
 
 def captions(found: Hand, predictor: Predictor) -> list[str]:
-    """A caption for each view: what was found and how sure it is, and what the colours of the surface mean."""
+    """A caption for each view: what was found and how sure it is, and what the colours of
+    the surface mean.
+    """
     sure = "" if found.fit is None else f", {percent(found.confidence)} sure"
     if not found.has_joints:
         return [f"{percent(found.confidence)} sure: no joints"]
@@ -228,7 +236,8 @@ def _on_page(image: str, found: Hand, predictor: Predictor) -> dict[str, Any]:
 
 
 def draw_first(seen: Inspection, predictor: Predictor, picture: str) -> int:
-    """Draw the first hand with joints in the first frames, otherwise the first hand; returns the exit status.
+    """Draw the first hand with joints in the first frames, otherwise the first hand; returns
+    the exit status.
 
     If there is none, the first frame is drawn, which may show why, and DataError is raised.
     """

@@ -75,7 +75,10 @@ def arguments(argv: list[str] | None, doc: str | None, importer: Importer) -> ar
 
 
 def run(args: argparse.Namespace, importer: Importer) -> int:
-    """Check the data set and, without --check, prepare it; returns the exit status. Raises NetlibError."""
+    """Check the data set and, without --check, prepare it; returns the exit status.
+
+    Raises NetlibError.
+    """
     problems = []
     for split in args.splits:
         found, wrong = importer.check(args.root, split)

@@ -80,8 +80,8 @@ class ProgressBar:
 
 
 class StatusLine:
-    """One line on stderr that tells how far a run is: rewritten on a terminal; elsewhere a new line every ten seconds,
-    and the last one.
+    """One line on stderr that tells how far a run is: rewritten on a terminal; elsewhere a new line
+    every ten seconds, and the last one.
     """
 
     def __init__(self) -> None:
@@ -122,7 +122,8 @@ class StoppedError(Exception):
 
 
 class Stopper:
-    """Context manager: the first Ctrl-C or SIGTERM makes ``check`` raise; a second one takes effect at once.
+    """Context manager: the first Ctrl-C or SIGTERM makes ``check`` raise; a second one takes
+    effect at once.
 
     The signal itself raises no exception, because that could happen where it is swallowed.
     """
@@ -154,10 +155,13 @@ class Stopper:
 
 
 def fill_folder(folder: Path, total: int, fill: Callable[[Callable[[int], None]], object]) -> int:
-    """Create a folder and fill it, with a progress bar; returns the exit status: 0, 130 or 143. Raises NetlibError.
+    """Create a folder and fill it, with a progress bar; returns the exit status: 0, 130 or 143.
+
+    Raises NetlibError.
 
     total  number of missing frames
-    fill   called with a function that it must call with the number of new frames wherever the run may stop
+    fill   called with a function that it must call with the number of new frames wherever
+           the run may stop
     """
     try:
         with Stopper() as stopper:

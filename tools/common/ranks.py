@@ -60,7 +60,9 @@ def world(divide: bool = False) -> Ranks:
 
 @contextlib.contextmanager
 def only_first_prints() -> Iterator[None]:
-    """Context manager: only the first of the started processes prints and exits with an error status."""
+    """Context manager: only the first of the started processes prints and exits with
+    an error status.
+    """
     if _started()[1] == 0:
         yield
         return
@@ -73,7 +75,9 @@ def only_first_prints() -> Iterator[None]:
 
 
 def threads_of(ranks: Ranks) -> int | None:
-    """Default number of threads per rank if several ranks share a machine; None if there is one rank."""
+    """Default number of threads per rank if several ranks share a machine; None if
+    there is one rank.
+    """
     return None if ranks.count == 1 else max(1, engine.available_cpus() // ranks.on_machine)
 
 

@@ -1,4 +1,6 @@
-"""Arguments about hands, cameras and sources of depth frames; opening a source, and the report on its first frames."""
+"""Arguments about hands, cameras and sources of depth frames; opening a source, and the report on
+its first frames.
+"""
 
 from __future__ import annotations
 
@@ -59,7 +61,9 @@ def _camera(text: str) -> Camera | View | Path:
 
 
 def _field_of_view(text: str) -> View:
-    """Parse a field of view in degrees: DEGREES, horizontally, or DEGREES,DEGREES with the vertical one."""
+    """Parse a field of view in degrees: DEGREES, horizontally, or DEGREES,DEGREES with
+    the vertical one.
+    """
     form = "degrees between 1 and 179: horizontally, or horizontally,vertically"
     degrees = numbers(form, [1, 2])(text)
     if not all(1 <= one <= 179 for one in degrees):
@@ -76,7 +80,9 @@ def _lens(text: str) -> Lens:
 
 
 def add_joints_option(parser: argparse.ArgumentParser, where: str) -> None:
-    """Add the option --joints, for tools that write hands; ``where`` says to which output it applies."""
+    """Add the option --joints, for tools that write hands; ``where`` says to which
+    output it applies.
+    """
     parser.add_argument(
         "--joints",
         choices=FORMAT_NAMES,
@@ -111,7 +117,9 @@ def add_source_options(parser: argparse.ArgumentParser) -> None:
 
 
 def add_camera_options(parser: argparse.ArgumentParser, of: str, default: str = "") -> None:
-    """Add the options about a camera; ``of`` begins the help, and ``default`` is where its parameters come from."""
+    """Add the options about a camera; ``of`` begins the help, and ``default`` is where its
+    parameters come from.
+    """
     names = ", ".join((*CAMERAS, *VIEWS))
     camera = parser.add_mutually_exclusive_group()
     camera.add_argument(
@@ -144,7 +152,10 @@ def add_camera_options(parser: argparse.ArgumentParser, of: str, default: str = 
 
 
 def given_of(args: argparse.Namespace) -> CameraInfo:
-    """The camera parameters in the parsed arguments, and in the camera.json that they name. Raises NetlibError."""
+    """The camera parameters in the parsed arguments, and in the camera.json that they name.
+
+    Raises NetlibError.
+    """
     said = CameraInfo(
         None,
         args.distortion,
@@ -158,7 +169,10 @@ def given_of(args: argparse.Namespace) -> CameraInfo:
 
 
 def frames_camera(args: argparse.Namespace) -> tuple[CameraInfo, Camera]:
-    """The camera parameters for single frames, which must have a camera, and this camera. Raises NetlibError."""
+    """The camera parameters for single frames, which must have a camera, and this camera.
+
+    Raises NetlibError.
+    """
     given = given_of(args)
     if given.camera is None:
         raise DataError(f"{args.camera}: has no camera; expected fx, fy, u0 and v0")

@@ -127,8 +127,8 @@ def _stem(source: str) -> str:
 
 
 def refuse_inputs(args: argparse.Namespace, recording: Recording) -> None:
-    """Raise NetlibError for an output that replaces an input, an existing file that was not named, or an image in the
-    folder of the frames, where it would be taken for a frame.
+    """Raise NetlibError for an output that replaces an input, an existing file that was not named,
+    or an image in the folder of the frames, where it would be taken for a frame.
     """
     source, own = Path(args.source), [args.camera] if isinstance(args.camera, Path) else []
     frames = recording.folder if isinstance(recording, FolderRecording) else None
@@ -158,7 +158,10 @@ def _given(args: argparse.Namespace, *names: str) -> list[Any]:
 
 
 class Outputs:
-    """All outputs that the options select. However the block ends, what was written remains as complete files."""
+    """All outputs that the options select.
+
+    However the block ends, what was written remains as complete files.
+    """
 
     def __init__(self, args: argparse.Namespace, header: TrackHeader, rate: float | None) -> None:
         # Missing packages are reported here, before any file is started.
@@ -187,7 +190,8 @@ class Outputs:
         return self
 
     def begin(self, recording: Recording, check: Callable[[], None]) -> None:
-        """Print the address of the live page, and wait for the first client unless the source is a camera.
+        """Print the address of the live page, and wait for the first client unless the
+        source is a camera.
 
         check  called while waiting; raises an error to stop
         """
@@ -215,7 +219,8 @@ class Outputs:
         error: BaseException | None,
         where: TracebackType | None,
     ) -> None:
-        # Each output gets the exception of the block, not failures of other outputs; the first failure is raised.
+        # Each output gets the exception of the block, not failures of other outputs; the first
+        # failure is raised.
         failure: Exception | None = error if isinstance(error, (NetlibError, OSError)) else None
         endings: list[Callable[[], None]] = [
             partial(output.__exit__, kind, error, where) for output in reversed(self._open)

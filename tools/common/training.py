@@ -1,4 +1,5 @@
-"""Training from a solver file like Caffe's command: its log in glog's format, signals as requests, and a progress bar.
+"""Training from a solver file like Caffe's command: its log in glog's format, signals as requests,
+and a progress bar.
 
 tools/train.py is the command line for this; experiments use it to train many nets.
 """
@@ -55,7 +56,8 @@ class BarHandler(logging.StreamHandler):  # type: ignore[type-arg]  # not a gene
 
 
 class LogFile(logging.FileHandler):
-    """A log file that buffers lines until ``begin``, so that an earlier failure does not replace an older log.
+    """A log file that buffers lines until ``begin``, so that an earlier failure does not
+    replace an older log.
 
     If writing fails later, one message reports it, and the training continues without the file.
     """
@@ -69,7 +71,8 @@ class LogFile(logging.FileHandler):
     def begin(self, inputs: Iterable[str | Path | None]) -> None:
         """Open the file and write the buffered lines.
 
-        Raises NetlibError if it is one of the inputs, cannot be written, or another process is writing it.
+        Raises NetlibError if it is one of the inputs, cannot be written, or another process
+        is writing it.
         """
         outputs.refuse_inputs(self._path, inputs)
         try:
@@ -131,13 +134,15 @@ def train(
     log_file: str | Path | None = None,
     ranks: Ranks = ALONE,
 ) -> int:
-    """Train to the end, or until SIGINT or SIGTERM; returns the exit status: 0, 130 or 143. Raises NetlibError.
+    """Train to the end, or until SIGINT or SIGTERM; returns the exit status: 0, 130 or 143.
+
+    Raises NetlibError.
 
     snapshot  resume from this solver state and its weights
     weights   initial weights, instead of those that the solver names
     log_file  replaced only when the first iteration begins; rejected if it is one of the inputs
-    ranks     the ranks that train together; rank 0 alone logs, raises, and has an exit status, as that of another rank
-              would end it too early
+    ranks     the ranks that train together; rank 0 alone logs, raises, and has an exit status, as
+              that of another rank would end it too early
     """
     status = DONE
     with logged(ranks, log_file, append=snapshot is not None) as console:
@@ -161,7 +166,9 @@ def train(
 
 
 def say_how_to_continue(solver: Solver, options: Mapping[str, object]) -> None:
-    """Print the command that continues a training that was stopped; options that are None are left out."""
+    """Print the command that continues a training that was stopped; options that are
+    None are left out.
+    """
     words: list[object] = [solver.source, "--snapshot", solver.snapshots.last]
     words += [
         word for name, value in options.items() if value is not None for word in (name, value)
@@ -174,8 +181,8 @@ def say_how_to_continue(solver: Solver, options: Mapping[str, object]) -> None:
 def logged(
     ranks: Ranks, log_file: str | Path | None = None, append: bool = False
 ) -> Iterator[BarHandler]:
-    """Context manager: rank 0 sends netlib's log to stderr and to a file once that has begun; an error of one rank ends
-    all. Raises NetlibError, on rank 0.
+    """Context manager: rank 0 sends netlib's log to stderr and to a file once that has begun; an
+    error of one rank ends all. Raises NetlibError, on rank 0.
 
     append  to an existing file instead of replacing it
     """
@@ -198,7 +205,9 @@ def logged(
 
 
 def set_up_engine(name: str | None, ranks: Ranks, threads: int | None = None) -> str:
-    """Set the number of threads, by default a rank's part of the machine; returns a description for the log."""
+    """Set the number of threads, by default a rank's part of the machine; returns a
+    description for the log.
+    """
     chosen = engines.get(name)
     if threads := threads or threads_of(ranks):
         chosen.set_threads(threads)
@@ -216,8 +225,8 @@ def new_solver(
     kind: type[Solver] = Solver,
     **changes: Any,
 ) -> Solver:
-    """Create the solver for ``train``, of this class, and log it; ``changes`` replace fields of its file. Raises
-    NetlibError.
+    """Create the solver for ``train``, of this class, and log it; ``changes`` replace fields of its
+    file. Raises NetlibError.
     """
     if snapshot or weights:
         changes["weights"] = tuple(map(str, weights))
@@ -239,7 +248,9 @@ def solve(
     on_sighup: Effect = "snapshot",
     shows_bar: bool = True,
 ) -> int:
-    """Train to the end, or until a signal; returns the exit status: 0, or 128 + signal. Raises NetlibError."""
+    """Train to the end, or until a signal; returns the exit status: 0, or 128 + signal.
+    Raises NetlibError.
+    """
     bar = _progress(solver, console) if shows_bar else contextlib.nullcontext()
     with requests_by_signal(solver, on_sigint, on_sighup) as stopped, bar:
         finished = solver.solve(snapshot)
@@ -273,7 +284,9 @@ def _describe(solver: Solver) -> None:
 
 
 def _warn_of_zeros(solver: Solver) -> None:
-    """Log the layers whose weights are learned and all 0; prototxts for deployment often lack fillers."""
+    """Log the layers whose weights are learned and all 0; prototxts for deployment
+    often lack fillers.
+    """
     learned = {id(param.blob) for param in solver.net.learnable if param.spec.lr_mult}
     for name, blobs in solver.net.params.items():
         if id(blobs[0]) in learned and blobs[0].data.ndim > 1 and not blobs[0].data.any():
@@ -290,7 +303,8 @@ def requests_by_signal(
 ) -> Iterator[list[int]]:
     """Context manager: signals request a stop or a snapshot; SIGTERM always requests a stop.
 
-    Yields a list, which receives the signal when one requests a stop. A second such signal ends the process.
+    Yields a list, which receives the signal when one requests a stop. A second such signal
+    ends the process.
     """
     stopped: list[int] = []
 

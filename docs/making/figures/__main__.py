@@ -3,8 +3,8 @@
 python -m docs.making.figures            all, in about a minute
 python -m docs.making.figures arm crop   some, by name
 
-learned.svg and by_heart.svg need minutes of training: python -m docs.making.five_minutes --book. whole_net.svg and
-joint_angles.svg show what does not change, and have no program.
+learned.svg and by_heart.svg need minutes of training: python -m docs.making.five_minutes --book.
+whole_net.svg and joint_angles.svg show what does not change, and have no program.
 """
 
 from __future__ import annotations

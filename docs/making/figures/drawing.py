@@ -28,7 +28,8 @@ FINGERS = {
     "little": "#882299",
 }
 PALM = "#555555"
-# The same colours on a dark page, of lines and letters, and of areas; docs/book/pages/common.css repeats some of them.
+# The same colours on a dark page, of lines and letters, and of areas; docs/book/pages/common.css
+# repeats some of them.
 DARK = {
     "#000000": "#e7eaf0",
     INK: "#e7eaf0",
@@ -59,7 +60,10 @@ def new_figure(width: float = 8.0, height: float = 4.0) -> Any:
 
 
 def write(figure: Any, path: Path) -> None:
-    """Write the figure as SVG. For readers who prefer dark pages, a style replaces the colours above."""
+    """Write the figure as SVG.
+
+    For readers who prefer dark pages, a style replaces the colours above.
+    """
     import matplotlib
 
     # text of matplotlib's default colour has no style attribute

@@ -80,7 +80,9 @@ def lever() -> Any:
 
 
 def reach() -> Any:
-    """The arm of chapter 8 led to a target by its own torques: poses after some steps of gradient descent."""
+    """The arm of chapter 8 led to a target by its own torques: poses after some steps of
+    gradient descent.
+    """
     figure, axes = _plane(5.2, 4.2)
     target, theta = np.array([-3.0, 5.0]), np.array([SHOULDER, ELBOW])
     shown = (0, 1, 2, 3, 5, 8, 13, 21, 34, 55, 100)
@@ -96,7 +98,9 @@ def reach() -> Any:
 
 
 def joints() -> Any:
-    """The 31 joints of the hand in its initial pose, from the front and from the side, with their names."""
+    """The 31 joints of the hand in its initial pose, from the front and from the side,
+    with their names.
+    """
     hand = load()
     xyz = 150 * Kinematics(hand).joints(np.zeros((1, 47)))[0]
     figure = new_figure(10, 6.2)

@@ -53,7 +53,9 @@ def _arrow(axes: Any, start: Place, end: Place, colour: str = INK) -> None:
 
 
 def _wire(axes: Any, start: Place, end: Place, value: str, gradient: str, side: int = 0) -> None:
-    """An arrow with its value above and its gradient below; both above (1) or below (-1) one that is not level."""
+    """An arrow with its value above and its gradient below; both above (1) or below (-1) one
+    that is not level.
+    """
     _arrow(axes, start, end)
     x, y = (start[0] + end[0]) / 2, (start[1] + end[1]) / 2
     steep = abs(end[1] - start[1]) > 1
@@ -66,7 +68,9 @@ def _wire(axes: Any, start: Place, end: Place, value: str, gradient: str, side: 
 def _grid(
     axes: Any, x: float, y: float, numbers: Array, shade: Array | None = None, size: float = 0.7
 ) -> None:
-    """A matrix as squares; ``shade`` has a colour for each, or "" for none. (x, y) is the upper left corner."""
+    """A matrix as squares; ``shade`` has a colour for each, or "" for none. (x, y) is the
+    upper left corner.
+    """
     from matplotlib.patches import Rectangle
 
     for (row, column), number in np.ndenumerate(numbers):
@@ -234,7 +238,9 @@ def dropout() -> Any:
 
 
 def rotations() -> Any:
-    """Chapter 8: a palm with fingers along y, rotated by quarter turns about x and z in two orders."""
+    """Chapter 8: a palm with fingers along y, rotated by quarter turns about x and z
+    in two orders.
+    """
     x, z = rotation(0, np.pi / 2), rotation(2, np.pi / 2)
     away = np.array([0.45, 0.35])  # how z, away from the viewer, is drawn
     figure = new_figure(8.5, 3.0)

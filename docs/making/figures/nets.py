@@ -18,7 +18,9 @@ SHIFT, GAP, ROOM = 5, 30, 20
 
 
 def stack() -> Any:
-    """The maps of the paper's network to scale, a value one unit of area; below them what each layer costs."""
+    """The maps of the paper's network to scale, a value one unit of area; below them what
+    each layer costs.
+    """
     net = netlib.Net(ROOT / "prototxt" / "nyu_deploy.prototxt", netlib.TEST, seed=0, engine="plain")
     figure = new_figure(9.6, 5.2)
     maps, costs = figure.subplots(2, 1, height_ratios=[5, 3])
@@ -74,7 +76,10 @@ def _draw_maps(axes: Any, connections: list[Connection]) -> None:
 
 
 def _drawn_as(shape: tuple[int, ...]) -> tuple[int, float, float]:
-    """Number, height and width of rectangles. Features stand in columns of 128, joints as rows of x, y, z."""
+    """Number, height and width of rectangles.
+
+    Features stand in columns of 128, joints as rows of x, y, z.
+    """
     if len(shape) == 3:
         return shape[0], float(shape[1]), float(shape[2])
     wide = 3 if shape[0] == 93 else max(1, shape[0] // 128)
@@ -107,7 +112,9 @@ def _draw_costs(axes: Any, connections: list[Connection]) -> None:
 
 
 def kernels() -> Any:
-    """One hand, the eight kernels of the packaged network's first convolution, and its map for each."""
+    """One hand, the eight kernels of the packaged network's first convolution, and
+    its map for each.
+    """
     weights = checked_content(read_card(PAPER_HAND)).path
     net = netlib.Net(PAPER_HAND / "deploy.prototxt", weights, netlib.TEST, engine="plain")
     hand = Generator(seed=0, split="test").block(0).depth[0].reshape(128, 128)

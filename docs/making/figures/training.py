@@ -32,7 +32,9 @@ def differences() -> Any:
 
 
 def error(dtype: Any, h: float, kind: str) -> float:
-    """The relative error of a difference quotient of x³, the largest of 31 places: in one place errors may cancel."""
+    """The relative error of a difference quotient of x³, the largest of 31 places: in one place
+    errors may cancel.
+    """
     x, step = np.linspace(0.5, 1, 31).astype(dtype), dtype(h)
     above, below = x + step, x - step if kind == "central" else x
     width = step + step if kind == "central" else step
@@ -142,7 +144,9 @@ def rates() -> Any:
 
 
 def overfitting() -> Any:
-    """Chapter 7's thirty rows of noise: the loss on them and on a thousand others, without and with decay."""
+    """Chapter 7's thirty rows of noise: the loss on them and on a thousand others, without
+    and with decay.
+    """
     rng = np.random.default_rng(0)
 
     def rows(count: int) -> tuple[Array, Array]:
@@ -168,7 +172,9 @@ def overfitting() -> Any:
 
 
 def hinge() -> Any:
-    """Chapter 10: PhysLimit of one angle with limits −1 and 1, and its slope: linear and squared."""
+    """Chapter 10: PhysLimit of one angle with limits −1 and 1, and its slope:
+    linear and squared.
+    """
     figure = new_figure(8.0, 3.2)
     x = np.linspace(-2, 2, 201)
     beyond = np.maximum(x - 1, 0) - np.maximum(-1 - x, 0)

@@ -24,7 +24,9 @@ ROW = 64  # of the crop, whose profile is drawn
 
 
 class Predictions(NamedTuple):
-    """Held-out frames and the packaged network's predictions: joints (N, 31, 3) in half-cubes, inputs (N, 47)."""
+    """Held-out frames and the packaged network's predictions: joints (N, 31, 3) in half-cubes,
+    inputs (N, 47).
+    """
 
     depth: Array
     center_uvd: Array
@@ -103,7 +105,9 @@ def six_hands() -> Any:
 def draw_hands(
     axes: Any, depth: Array, center_uvd: Array, truth: Array, predicted: Array, skeleton: Skeleton
 ) -> None:
-    """Draw a crop (128, 128), its true joints (31, 3) in white and the predicted ones in colours, in half-cubes."""
+    """Draw a crop (128, 128), its true joints (31, 3) in white and the predicted ones in colours,
+    in half-cubes.
+    """
     axes.imshow(0.8 * (1 - depth) / 2, cmap="gray", vmin=0, vmax=1)
     own, center = joint_colours(skeleton), np.asarray(center_uvd, dtype=np.float64)[None]
     for joints, true in ((truth, True), (predicted, False)):
@@ -143,7 +147,9 @@ def joint_errors() -> Any:
 
 
 class Point(NamedTuple):
-    """A network after some iterations: mean errors in mm, and its joints (4, 31, 3) for the frames to be drawn."""
+    """A network after some iterations: mean errors in mm, and its joints (4, 31, 3) for the
+    frames to be drawn.
+    """
 
     iteration: int
     training_mm: float
@@ -152,7 +158,9 @@ class Point(NamedTuple):
 
 
 def hands_over_time(points: list[Point], depth: Array, center_uvd: Array, truth: Array) -> Any:
-    """Chapter 0: four held-out hands before training, after a tenth of the iterations and at the end."""
+    """Chapter 0: four held-out hands before training, after a tenth of the iterations
+    and at the end.
+    """
     last = points[-1].iteration
     rows = [point for point in points if point.iteration in (0, last // 10, last)]
     figure = new_figure(8.5, 2.3 * len(rows))
@@ -165,7 +173,9 @@ def hands_over_time(points: list[Point], depth: Array, center_uvd: Array, truth:
 
 
 def errors_over_time(runs: dict[int, list[Point]]) -> Any:
-    """Chapter 7: the errors of runs on their training frames and on held-out frames, by the number of frames."""
+    """Chapter 7: the errors of runs on their training frames and on held-out frames, by the
+    number of frames.
+    """
     figure = new_figure(8.5, 3.2)
     for axes, (count, points) in zip(figure.subplots(1, 2, sharey=True), runs.items()):
         iterations = [point.iteration for point in points]

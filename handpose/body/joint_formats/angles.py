@@ -1,34 +1,40 @@
 """Anatomical angles of a hand, computed from its joints. In degrees:
 
-    FINGER_mcp_flexion     of the first phalanx from the line of its metacarpal towards the palm; extension is negative
-    FINGER_mcp_abduction   of the first phalanx away from the middle finger, in the plane of the palm; adduction is
-                           negative. Of the middle finger: towards the index finger
+    FINGER_mcp_flexion     of the first phalanx from the line of its metacarpal towards the palm;
+                           extension is negative
+    FINGER_mcp_abduction   of the first phalanx away from the middle finger, in the plane of
+                           the palm; adduction is negative. Of the middle finger: towards
+                           the index finger
     FINGER_pip_flexion     between the first and the second phalanx, towards the palm
     FINGER_dip_flexion     between the second and the third one
-    thumb_cmc_radial_abduction   of the metacarpal away from that of the index finger, in the plane of the palm
-    thumb_cmc_palmar_abduction   of the metacarpal out of the plane of the palm, to the side of the palm
+    thumb_cmc_radial_abduction   of the metacarpal away from that of the index finger, in the
+                                 plane of the palm
+    thumb_cmc_palmar_abduction   of the metacarpal out of the plane of the palm, to the
+                                 side of the palm
     thumb_mcp_flexion, thumb_ip_flexion   between the bones of the thumb, towards the fingers
 
-A straight finger in line with its metacarpal has only zeros. Signs are the same for left and right hands. With the
-metacarpal m, the back of the hand n, the direction r across the palm towards the thumb, perpendicular to m and n, and
-the phalanges u, v with the finger's back w, which is perpendicular to u:
+A straight finger in line with its metacarpal has only zeros. Signs are the same for left and right
+hands. With the metacarpal m, the back of the hand n, the direction r across the palm towards the
+thumb, perpendicular to m and n, and the phalanges u, v with the finger's back w, which is
+perpendicular to u:
 
-    mcp_flexion   = atan2(-u . n, u . m)        mcp_abduction = asin(u . r), of the ring and the little finger -asin
+    mcp_flexion   = atan2(-u . n, u . m)
+    mcp_abduction = asin(u . r), of the ring and the little finger -asin
     pip_flexion   = atan2(-v . w, v . u)        dip_flexion likewise
 
-The phalanges are the model's rigid ones, between the joints at which it bends: PIP and DIP are minus its angles
-``*_pip_rot_x`` and ``*_dip_rot_x``. They depend on positions only, so joints of a network, a fit or a
-track can be used.
+The phalanges are the model's rigid ones, between the joints at which it bends: PIP and DIP are
+minus its angles ``*_pip_rot_x`` and ``*_dip_rot_x``. They depend on positions only, so joints of a
+network, a fit or a track can be used.
 
 The palm is rigid in the model. Its rotation (``frames.palm_frame``) fixes the frame of each knuckle
 M = world_from_mcp. The first phalanx has the direction
 
     d = M Rz(a) Rx(b) e_y,    Rz(a) Rx(b) e_y = (-sin a cos b, cos a cos b, sin b)
 
-which determines a and b, because a finger spreads by less than MAX_SPREAD from the middle of its range: one that is
-bent by more than 90 degrees points backwards. So the axis M Rz(a) e_x, about which the finger bends, is known for
-straight fingers, too, but not at exactly 90 degrees. The thumb bends about z and points along x:
-d = M Rz(a) Ry(-b) e_x.
+which determines a and b, because a finger spreads by less than MAX_SPREAD from the middle of its
+range: one that is bent by more than 90 degrees points backwards. So the axis M Rz(a) e_x, about
+which the finger bends, is known for straight fingers, too, but not at exactly 90 degrees. The thumb
+bends about z and points along x: d = M Rz(a) Ry(-b) e_x.
 """
 
 from __future__ import annotations
@@ -74,8 +80,9 @@ MIN_SHARE = 1e-6
 def anatomical_angles(skeleton: Skeleton, hand: Side, xyz: Array) -> dict[str, float]:
     """The angles by name, in degrees, of joints (K, 3) in camera axes.
 
-    Raises DataError for other bodies than hands, joints that are not finite, and degenerate hands: joints of the palm
-    on a line or at one point, bones without a length, or a metacarpal perpendicular to the palm.
+    Raises DataError for other bodies than hands, joints that are not finite, and degenerate hands:
+    joints of the palm on a line or at one point, bones without a length, or a metacarpal
+    perpendicular to the palm.
     """
     right = joints_of(skeleton, hand, xyz) * mirror_of(hand)
     R, rest = palm_frame(right, skeleton), _rest(skeleton)
@@ -153,7 +160,9 @@ def _rest(skeleton: Skeleton) -> _Rest:
 
 
 def _spread_and_bend(d: Array, ahead: float) -> tuple[float, float]:
-    """The angles about z and then x that turn y to d (3,), the first within MAX_SPREAD of ``ahead``."""
+    """The angles about z and then x that turn y to d (3,), the first within
+    MAX_SPREAD of ``ahead``.
+    """
     x, y = rotation(2, ahead)[:2, :2].T @ d[:2]
     forward = 1.0 if y >= 0 else -1.0
     spread = float(np.clip(np.arctan2(-forward * x, forward * y), -MAX_SPREAD, MAX_SPREAD))
@@ -166,7 +175,9 @@ def _unit(vector: Array) -> Array:
 
 
 def _bends(bones: Array, back: Array) -> list[float]:
-    """The angle of each bone (3, 3) of a finger to the one before, towards the palm; the ``back`` is of the first."""
+    """The angle of each bone (3, 3) of a finger to the one before, towards the palm; the ``back``
+    is of the first.
+    """
     bends = []
     for before, after in itertools.pairwise(bones):
         bends.append(float(np.arctan2(-(after @ back), after @ before)))

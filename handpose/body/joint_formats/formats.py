@@ -1,8 +1,9 @@
 """Joints of a hand as other systems define them.
 
-    mediapipe  MediaPipe's 21 hand landmarks: in the image, normalised, and metric. COCO-WholeBody's hands, FreiHAND's
-               and the Panoptic Studio's have the same order
-    mano       the 16 joints of MANO in its order, then the five fingertips on the skin, from the thumb on
+    mediapipe  MediaPipe's 21 hand landmarks: in the image, normalised, and metric. COCO-WholeBody's
+               hands, FreiHAND's and the Panoptic Studio's have the same order
+    mano       the 16 joints of MANO in its order, then the five fingertips on the skin,
+               from the thumb on
     nyu        the 14 joints on which the NYU data set is evaluated, in the order of its papers
 
 # xyz (K, 3) mm, camera axes: of a track, a prediction, a data set
@@ -125,9 +126,11 @@ class FormattedHand:
     """A hand in a format.
 
     format        with the names of the J joints
-    positions     (J, 3) in its unit and axes, from the origin of the given joints: for a track the camera
-    landmarks     (J, 3) of mediapipe, if a camera or a cube is given: x and y in [0, 1] of the image's width and
-                  height, z behind the wrist in widths of the image; otherwise None
+    positions     (J, 3) in its unit and axes, from the origin of the given joints: for a
+                  track the camera
+    landmarks     (J, 3) of mediapipe, if a camera or a cube is given: x and y in [0, 1] of the
+                  image's width and height, z behind the wrist in widths of the image;
+                  otherwise None
     """
 
     format: JointFormat
@@ -145,8 +148,8 @@ def formatted(
 ) -> FormattedHand:
     """A hand in a format.
 
-    Raises DataError for another body than a hand, an unknown format, joints that are not finite, and landmarks of a
-    hand that is not before the camera.
+    Raises DataError for another body than a hand, an unknown format, joints that are not finite,
+    and landmarks of a hand that is not before the camera.
 
     xyz      (K, 3) joints of the skeleton in mm, camera axes
     camera   that saw it, for landmarks in the image
@@ -169,7 +172,9 @@ def _weights(name: FormatName, skeleton: Skeleton) -> Array:
 
 
 def _landmarks(points: Array, camera: Camera | None, cube_mm: float | None) -> Array | None:
-    """MediaPipe's landmarks of points (J, 3), the wrist first; the corner of the image is half a pixel before 0."""
+    """MediaPipe's landmarks of points (J, 3), the wrist first; the corner of the image is half a
+    pixel before 0.
+    """
     x, y, z = points.T
     if camera is not None and camera.width:
         if not z.min() > 0:

@@ -1,21 +1,22 @@
 """Points of a right hand, and the rotation of its palm, computed from its joints.
 
-A point is a weighted mean of the skeleton's joints; weights sum to 1, so points move, turn, scale and mirror with the
-hand. A finger has six joints, which are named after NYU's annotation points. The fingers of ``people.prototxt`` bend at
-``mcp``, ``pip_a`` and ``dip``, which are the anatomical joints:
+A point is a weighted mean of the skeleton's joints; weights sum to 1, so points move, turn, scale
+and mirror with the hand. A finger has six joints, which are named after NYU's annotation points.
+The fingers of ``people.prototxt`` bend at ``mcp``, ``pip_a`` and ``dip``, which are the
+anatomical joints:
 
     mcp .... base ...... pip_a . pip_b .... dip .... tip
     |----- proximal -----|---- middle -----|- distal -|
 
-``base`` is NYU's point on the proximal phalanx, ``pip_b`` a point 6 mm beyond the PIP joint. NYU annotates two points
-for every phalanx, near its ends, and the fingers of ``nyu.prototxt`` bend at the first ones, ``mcp``, ``base`` and
-``pip_b``:
+``base`` is NYU's point on the proximal phalanx, ``pip_b`` a point 6 mm beyond the PIP joint. NYU
+annotates two points for every phalanx, near its ends, and the fingers of ``nyu.prototxt`` bend at
+the first ones, ``mcp``, ``base`` and ``pip_b``:
 
     mcp .... base .. pip_a .... pip_b .. dip .... tip
     |- proximal -|   |- middle -|   |- distal -|
 
-There the PIP joint is between ``base`` and ``pip_a``, the DIP joint between ``pip_b`` and ``dip``; the weights were
-chosen from the proportions of adult phalanges.
+There the PIP joint is between ``base`` and ``pip_a``, the DIP joint between ``pip_b`` and ``dip``;
+the weights were chosen from the proportions of adult phalanges.
 """
 
 from __future__ import annotations
@@ -48,8 +49,8 @@ class Point(NamedTuple):
     """A point of the hand.
 
     weights  of the skeleton's joints, by name
-    bias     position relative to the anatomical point: distal is towards the fingertip, dorsal towards the back of the
-             hand, palmar away from it
+    bias     position relative to the anatomical point: distal is towards the fingertip, dorsal
+             towards the back of the hand, palmar away from it
     nyu      weights for a skeleton that bends at NYU's annotation points; by default the same
     """
 
@@ -111,7 +112,8 @@ POINTS = _points()
 
 
 def hinges_of(skeleton: Skeleton) -> dict[str, tuple[int, ...]]:
-    """By finger the joints at which it bends, from the knuckle outwards, and its tip: the ends of its rigid phalanges.
+    """By finger the joints at which it bends, from the knuckle outwards, and its tip: the ends of
+    its rigid phalanges.
 
     Raises DataError for another body than a hand.
     """
@@ -136,7 +138,10 @@ def hinges_of(skeleton: Skeleton) -> dict[str, tuple[int, ...]]:
 
 
 def weights_of(points: Sequence[Point], skeleton: Skeleton) -> Array:
-    """Weights (P, K) that turn the joints of a skeleton into points. Raises DataError for another body than a hand."""
+    """Weights (P, K) that turn the joints of a skeleton into points.
+
+    Raises DataError for another body than a hand.
+    """
     names = skeleton.joint_names
     index = {name: i for i, name in enumerate(names)}
     annotated = names[hinges_of(skeleton)["index"][1]] == "index_base"
@@ -150,7 +155,10 @@ def weights_of(points: Sequence[Point], skeleton: Skeleton) -> Array:
 
 
 def joints_of(skeleton: Skeleton, hand: Side, xyz: ArrayLike) -> Array:
-    """Joints (K, 3) in mm as float64. Raises DataError for another shape or side, and numbers that are not finite."""
+    """Joints (K, 3) in mm as float64.
+
+    Raises DataError for another shape or side, and numbers that are not finite.
+    """
     if hand not in SIDES:
         raise DataError(f"hand {hand!r}; expected {' or '.join(SIDES)}")
     try:
@@ -174,8 +182,9 @@ def joints_of(skeleton: Skeleton, hand: Side, xyz: ArrayLike) -> Array:
 def palm_frame(joints: Array, skeleton: Skeleton) -> Array:
     """The rotation of the palm, world_from_palm (3, 3), for joints (K, 3).
 
-    It is the rotation R that best moves the joints fixed to the palm from their positions p_k in its frame to those
-    given: it minimises sum_k |x_k - R p_k|², with x_k from the palm. With the decomposition sum_k x_k p_kᵀ = U S Vᵀ
+    It is the rotation R that best moves the joints fixed to the palm from their positions p_k in
+    its frame to those given: it minimises sum_k |x_k - R p_k|², with x_k from the palm. With the
+    decomposition sum_k x_k p_kᵀ = U S Vᵀ
 
         R = U diag(1, 1, det(U Vᵀ)) Vᵀ        (Kabsch, 1976)
 

@@ -1,16 +1,21 @@
-r"""Joint angles that can be compared: one canonical form of the poses that are the same, and errors in degrees.
+r"""Joint angles that can be compared: one canonical form of the poses that are the same, and
+errors in degrees.
 
-Different angles can mean the same pose of every bone. All such pairs follow from one identity: for three different
-axes a, b, c a half turn about all three does nothing, and a half turn about c changes the sign of a and b, so
+Different angles can mean the same pose of every bone. All such pairs follow from one identity: for
+three different axes a, b, c a half turn about all three does nothing, and a half turn about c
+changes the sign of a and b, so
 
     R_a(p) R_b(q)  =  R_a(p + pi) R_b(pi - q) R_c(pi)
 
-- A joint that turns about a, b and c in a row (the NYU hand's root: z, x, y) takes the half turn into its third angle.
-- A joint that turns about a and b only (as limbs often begin) passes it down to its children. If all bones below lie
-  along c, they do not change, and every angle about a or b below changes its sign; an angle about c stays.
+- A joint that turns about a, b and c in a row (the NYU hand's root: z, x, y) takes the half turn
+  into its third angle.
+- A joint that turns about a and b only (as limbs often begin) passes it down to its children. If
+  all bones below lie along c, they do not change, and every angle about a or b below changes its
+  sign; an angle about c stays.
 
-``canonical`` chooses, of the two, the third-angle kind with the second angle between -90 and 90 degrees, the other kind
-with the angles nearest to the initial pose, and wraps every angle into (-180, 180].
+``canonical`` chooses, of the two, the third-angle kind with the second angle between -90 and
+90 degrees, the other kind with the angles nearest to the initial pose, and wraps every angle
+into (-180, 180].
 """
 
 from __future__ import annotations
@@ -26,7 +31,9 @@ from netlib.blob import Array
 
 @dataclass(frozen=True)
 class Flip:
-    """The other angles of the same pose: the DoFs that turn by 180 degrees, that mirror, that change sign."""
+    """The other angles of the same pose: the DoFs that turn by 180 degrees, that mirror,
+    that change sign.
+    """
 
     turned: tuple[int, ...]  # t -> t + pi
     mirrored: int  # t -> pi - t
@@ -45,7 +52,9 @@ def rotations(skeleton: Skeleton) -> NDArray[np.int_]:
 
 
 def flips(skeleton: Skeleton) -> list[Flip]:
-    """The pairs of angles that mean one pose, from the roots to the tips; none with a DoF of several joints."""
+    """The pairs of angles that mean one pose, from the roots to the tips; none with a DoF of
+    several joints.
+    """
     found = []
     driven = skeleton.driven.tolist()
     for joint, motions in enumerate(skeleton.motions):
@@ -68,7 +77,8 @@ def flips(skeleton: Skeleton) -> list[Flip]:
 
 
 def _passed_down(skeleton: Skeleton, joint: int, c: int) -> list[int] | None:
-    """The DoFs below that change sign when the joint's frame makes a half turn about its axis ``c``.
+    """The DoFs below that change sign when the joint's frame makes a half turn about
+    its axis ``c``.
 
     None if a bone, a fixed rotation or a translation below changes.
     """
@@ -89,7 +99,8 @@ def _passed_down(skeleton: Skeleton, joint: int, c: int) -> list[int] | None:
 
 
 def canonical(skeleton: Skeleton, inputs: ArrayLike, *, limits: bool = False) -> Array:
-    """The canonical inputs (N, D), in radians, of the same poses as ``inputs`` (N, D); rotations in (-pi, pi].
+    """The canonical inputs (N, D), in radians, of the same poses as ``inputs`` (N, D);
+    rotations in (-pi, pi].
 
     limits  do nothing to an angle that would take it out of the skeleton's limits
     """
@@ -130,7 +141,8 @@ def canonical(skeleton: Skeleton, inputs: ArrayLike, *, limits: bool = False) ->
 
 
 def angle_errors(skeleton: Skeleton, inputs: ArrayLike, truth: ArrayLike) -> Array:
-    """Differences (N, R) in degrees, 0 to 180, between inputs (N, D) and the true ones, both in canonical form.
+    """Differences (N, R) in degrees, 0 to 180, between inputs (N, D) and the true ones, both in
+    canonical form.
 
     Of all R free rotations; the paper's "mean rotation angle error" is the mean.
     """

@@ -1,13 +1,15 @@
-"""Files of joint angles: for the frames of a training set, by fitting the hand model to their joints, and for others.
+"""Files of joint angles: for the frames of a training set, by fitting the hand model to their
+joints, and for others.
 
-A net that learns the angles themselves (the paper's "direct parameter") needs them as labels, and a real data set has
-only joints. Each HDF5 file of the set gets a small companion file with
+A net that learns the angles themselves (the paper's "direct parameter") needs them as labels, and a
+real data set has only joints. Each HDF5 file of the set gets a small companion file with
 
     dof          (n, 47) inputs of the hand model, for its layer HandModel
-    residual_mm  (n, 31) distance of each joint after the fit; NaN for joints that were clipped to the cube
+    residual_mm  (n, 31) distance of each joint after the fit; NaN for joints that were
+                 clipped to the cube
 
-and the name of the original file, which has everything else (``netlib.files.hdf5.File``). So a list of companions
-is read like the list of the original files.
+and the name of the original file, which has everything else (``netlib.files.hdf5.File``). So a list
+of companions is read like the list of the original files.
 """
 
 from __future__ import annotations
@@ -40,7 +42,8 @@ VERSION = 3  # increase after a change of the code that changes the angles
 def write_fit(
     path: Path, found: JointFit, center: Array, half_cube: Array, index: NDArray[np.int_]
 ) -> None:
-    """Write the angles and residuals of ``fit_absolute``, with its ``center`` (N, 3), to an HDF5 file atomically.
+    """Write the angles and residuals of ``fit_absolute``, with its ``center`` (N, 3), to an HDF5
+    file atomically.
 
     half_cube  (N,) mm
     index      (N,) numbers of the frames
@@ -53,7 +56,10 @@ def write_fit(
 
 
 def companions_of(files: Sequence[Path], out: Path) -> list[Path]:
-    """The path of each file's companion. Raises DataError if two of them, or a file and its own, are the same."""
+    """The path of each file's companion.
+
+    Raises DataError if two of them, or a file and its own, are the same.
+    """
     targets = [out / path.name for path in files]
     for path, target in zip(files, targets):
         if real(path) == real(target):
@@ -73,8 +79,8 @@ def fit_list(
 ) -> tuple[Array, Array]:
     """Write the companions of all files to a folder, with a list of this name. Raises DataError.
 
-    Returns the inputs (N, D) of all frames and the residuals (N, K) in mm. ``options`` are those of ``fit_file``. Only
-    companions of the same files are replaced.
+    Returns the inputs (N, D) of all frames and the residuals (N, K) in mm. ``options`` are those of
+    ``fit_file``. Only companions of the same files are replaced.
     """
     targets = companions_of(files, out)
     _refuse_others(files, targets, out / name)
@@ -90,7 +96,9 @@ def fit_list(
 
 
 def _refuse_others(files: Sequence[Path], targets: Sequence[Path], names: Path) -> None:
-    """Raise DataError unless the files to be replaced are companions of these files, or a list of them."""
+    """Raise DataError unless the files to be replaced are companions of these files, or
+    a list of them.
+    """
     for path, target in zip(files, targets):
         if exists(target):
             rest = str((parts.attributes(target) or {}).get("rest_in", ""))

@@ -1,17 +1,19 @@
 """Fit a skeleton to given joints by Levenberg-Marquardt, many frames at once.
 
-The inputs x are searched for which the model's joints are at given positions. With r the differences (3 k) of the
-chosen joints and J their derivative by the F free DoFs, (F, 3 k) as in ``Kinematics.jacobian``, the cost of a frame is
+The inputs x are searched for which the model's joints are at given positions. With r the
+differences (3 k) of the chosen joints and J their derivative by the F free DoFs, (F, 3 k) as in
+``Kinematics.jacobian``, the cost of a frame is
 
     |r|² + ridge |x|²                gradient / 2  =  b  =  J r + ridge x        A  =  J Jᵀ + ridge
 
-Joints that are unknown in a frame are left out of r and J. Everything is in the unit of the skeleton's bones:
-half-cubes for the NYU hand. The steps are those of ``handpose.fit.search``.
+Joints that are unknown in a frame are left out of r and J. Everything is in the unit of the
+skeleton's bones: half-cubes for the NYU hand. The steps are those of ``handpose.fit.search``.
 
-The cost has many local minima, and each start (``starts``) leads to one. The first is near the goal: the rotation of
-the whole body, from a grid, that brings the joints closest after aligning centroids, with the limbs' initial pose (one
-product of all frames with all rotations finds it). Then in turn the best pose so far with about half of its limbs drawn
-again, and a start near the goal with all limbs drawn.
+The cost has many local minima, and each start (``starts``) leads to one. The first is near the
+goal: the rotation of the whole body, from a grid, that brings the joints closest after aligning
+centroids, with the limbs' initial pose (one product of all frames with all rotations finds it).
+Then in turn the best pose so far with about half of its limbs drawn again, and a start near the
+goal with all limbs drawn.
 """
 
 from __future__ import annotations
@@ -44,9 +46,10 @@ RIDGE = 1e-12  # if no known joint moves with an angle, its step is 0 / 1e-12
 class JointFit(NamedTuple):
     """The best pose of every frame.
 
-    inputs     (N, D) canonical inputs of the model, within its limits if they were kept; radians and units of the
-               bones; fixed DoFs 0
-    residuals  (N, K) distance of each chosen joint from its target, in the same unit; NaN if unknown
+    inputs     (N, D) canonical inputs of the model, within its limits if they were kept; radians
+               and units of the bones; fixed DoFs 0
+    residuals  (N, K) distance of each chosen joint from its target, in the same unit;
+               NaN if unknown
     """
 
     inputs: Array
@@ -104,7 +107,9 @@ class PoseProblem:
         return np.asarray((r * r).sum(axis=(1, 2)) + (self.ridge * x * x).sum(axis=1))
 
     def result(self, inputs: Array, goal: Array, limits: bool) -> JointFit:
-        """Inputs (N, D) in canonical form, within the limits or not, and their distances from the targets (N, K, 3)."""
+        """Inputs (N, D) in canonical form, within the limits or not, and their distances from the
+        targets (N, K, 3).
+        """
         final = canonical(self.skeleton, inputs, limits=limits)
         # undoes rounding
         final[:, self.free] = np.clip(final[:, self.free], self.lower, self.upper)
@@ -123,13 +128,15 @@ def fit_joints(
     seed: int = 0,
     progress: Callable[[int], None] = lambda done: None,
 ) -> JointFit:
-    """Fit every frame independently. Results do not depend on the number of threads. Raises DataError.
+    """Fit every frame independently.
+
+    Results do not depend on the number of threads. Raises DataError.
 
     targets   (N, K, 3) joint positions; NaN for a joint that is unknown in a frame
     joints    indices of the K joints in the skeleton; by default all
     limits    keep the inputs within the skeleton's limits
-    ridge     weight of the squared inputs (rotations of limbs) relative to the squared distances: pulls angles that
-              the joints hardly determine towards the initial pose
+    ridge     weight of the squared inputs (rotations of limbs) relative to the squared distances:
+              pulls angles that the joints hardly determine towards the initial pose
     starts    number of starts; a frame that fits exactly is not started again
     seed      of the random starts
     progress  called by any thread with the number of further frames that are done
@@ -159,13 +166,15 @@ def fit_absolute(
     fit: Callable[..., JointFit] = fit_joints,
     **options: Any,
 ) -> tuple[JointFit, Array]:
-    """Fit the hand to joints (N, K, 3) in mm, whose unit of the skeleton is ``half_cube`` (N,) mm. Raises DataError.
+    """Fit the hand to joints (N, K, 3) in mm, whose unit of the skeleton is ``half_cube`` (N,) mm.
+
+    Raises DataError.
 
     joints   indices of the K joints in the skeleton
     fit      ``fit_joints`` or ``fit_joints_by_swarm``, with its options
 
-    Returns the fit with its residuals in mm, and the origin (N, 3) of its inputs in mm: the mean of the joints, because
-    there is no crop.
+    Returns the fit with its residuals in mm, and the origin (N, 3) of its inputs in mm: the mean of
+    the joints, because there is no crop.
     """
     center = xyz.mean(axis=1, keepdims=True)
     found = fit(skeleton, (xyz - center) / half_cube[:, None, None], joints, **options)
@@ -222,7 +231,10 @@ def _descend(problem: PoseProblem, inputs: Array, goal: Array) -> tuple[Array, A
 def checked(
     skeleton: Skeleton, targets: ArrayLike, joints: Sequence[int] | None
 ) -> tuple[Array, list[int]]:
-    """Joint positions (N, K, 3), all NaN for an unknown joint, and the K chosen joints. Raises DataError."""
+    """Joint positions (N, K, 3), all NaN for an unknown joint, and the K chosen joints.
+
+    Raises DataError.
+    """
     goal = np.asarray(targets, dtype=np.float64)
     chosen = list(range(len(skeleton.parents))) if joints is None else list(joints)
     if goal.ndim != 3 or goal.shape[1:] != (len(chosen), 3):

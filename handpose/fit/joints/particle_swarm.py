@@ -1,7 +1,8 @@
-"""Fit a skeleton to given joints by particle swarm optimisation, as the paper did for its ground truth.
+"""Fit a skeleton to given joints by particle swarm optimisation, as the paper did for
+its ground truth.
 
-Needs no derivative, does a thousand times the work of ``fit_joints`` and ends with a worse result. Kept for
-comparison.
+Needs no derivative, does a thousand times the work of ``fit_joints`` and ends with a worse result.
+Kept for comparison.
 """
 
 from __future__ import annotations
@@ -33,9 +34,9 @@ def fit_joints_by_swarm(
 ) -> JointFit:
     """Fit every frame independently, within the limits. Raises DataError.
 
-    A particle is attracted to its own best position and to the best of all, with the constriction of Clerc and Kennedy
-    (2002): v <- 0.7298 (v + 2.05 u1 (own best - x) + 2.05 u2 (best - x)). The cost is the sum of squared distances.
-    Arguments as for ``fit_joints.fit_joints``.
+    A particle is attracted to its own best position and to the best of all, with the constriction
+    of Clerc and Kennedy (2002): v <- 0.7298 (v + 2.05 u1 (own best - x) + 2.05 u2 (best - x)). The
+    cost is the sum of squared distances. Arguments as for ``fit_joints.fit_joints``.
     """
     goal, chosen = checked(skeleton, targets, joints)
     problem = PoseProblem(skeleton, chosen, limits=True, ridge=0.0)
@@ -76,7 +77,9 @@ def _swarm(
 
 
 def _bounds(problem: PoseProblem, goal: Array) -> tuple[Array, Array]:
-    """The swarm's bounds, (F,) and (F,): within the limits, full circles for rotations, the root near the joints."""
+    """The swarm's bounds, (F,) and (F,): within the limits, full circles for rotations, the root
+    near the joints.
+    """
     sk, free, centre = problem.skeleton, problem.free, np.nanmean(goal, axis=0)
     turning = np.isin(free, rotations(sk))
     low = np.where(turning, np.maximum(problem.lower, -np.pi), problem.lower)

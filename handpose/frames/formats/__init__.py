@@ -27,7 +27,8 @@ EXPECTED = (
     f"{', '.join((*STACKS, *BAGS))}, or a camera that is connected: realsense or realsense:SERIAL"
 )
 
-# Of several streams of 16 bits, infrared is one. tools/record.py once wrote a camera.json as a tag CAMERA.
+# Of several streams of 16 bits, infrared is one. tools/record.py once wrote a camera.json
+# as a tag CAMERA.
 _FROM_VIDEO = (
     "a video, which PyAV reads (pip install av); expected 16-bit PNG or an .npz",
     "import av, cv2, os, sys; v = av.open(sys.argv[1]); "
@@ -48,7 +49,8 @@ _FROM_PGM = (
     "import cv2, os, pathlib, sys; os.mkdir('frames'); [cv2.imwrite(f'frames/{p.stem}.png', cv2.imread(str(p), -1)) "
     "for p in pathlib.Path(sys.argv[1]).parent.glob('*.pgm')]",
 )
-# Kinds of files that are not read: what they are, and the Python statement that converts the file in sys.argv[1].
+# Kinds of files that are not read: what they are, and the Python statement that converts the file
+# in sys.argv[1].
 CONVERTED = {
     ".mkv": _FROM_VIDEO,
     ".avi": _FROM_VIDEO,
@@ -72,7 +74,8 @@ def is_pattern(path: Path) -> bool:
 def open_recording(source: str | Path, given: CameraInfo = UNKNOWN) -> Recording:
     """The recording in a folder or a file, or a live camera.
 
-    given  camera parameters from the user; unknown ones are taken from the source itself, then from a camera.json
+    given  camera parameters from the user; unknown ones are taken from the source itself, then
+           from a camera.json
 
     Raises DataError, and NetlibError if the source needs a package that is missing.
     """

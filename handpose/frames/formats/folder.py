@@ -4,18 +4,21 @@ FolderRecording(Path("frames"), given)          # all frames in it, which must b
 FolderRecording(Path("frames/left_*.png"), given)    # those of one
 
     .png .tif       16-bit grey images
-    .npy .npz       an array (height, width), in an .npz called depth or the only one; its other arrays, of which those
-                    with the time of a frame count if the names have none, as in ``stack``
+    .npy .npz       an array (height, width), in an .npz called depth or the only one; its other
+                    arrays, of which those with the time of a frame count if the names have none,
+                    as in ``stack``
     .raw            16-bit values of the camera's size without a header, the low byte first
 
     000000033333us.png                      us, ms or ns as named, as ``tools/record.py`` writes
-    1616799936125.png 1616799936.125.png    s, ms, us or ns since 1970, by their size, also with a fraction
+    1616799936125.png 1616799936.125.png    s, ms, us or ns since 1970, by their size, also
+                                            with a fraction
     00012_1616799936125.png                 a count and such a time, in any order: the time
-    0001.png frame_7.png 34512.png          other numbers count frames, one frame period each, unless a unit is given
+    0001.png frame_7.png 34512.png          other numbers count frames, one frame period each,
+                                            unless a unit is given
     2021-03-26 23h05m36s125.png             of dates only the order is used: one frame period each
 
-The texts between the numbers of a sequence are equal, and so are all numbers except the time and those that ascend with
-it.
+The texts between the numbers of a sequence are equal, and so are all numbers except the time and
+those that ascend with it.
 """
 
 from __future__ import annotations
@@ -63,7 +66,9 @@ from netlib.files.paths import exists, list_folder, names_in
 
 
 class FolderRecording(Recording):
-    """The frames in a folder, those that match a pattern of names, or one, in the order of time. Raises DataError.
+    """The frames in a folder, those that match a pattern of names, or one, in the order of time.
+
+    Raises DataError.
 
     Damaged ones are left out, and ``remarks`` counts them.
 
@@ -109,7 +114,10 @@ class FolderRecording(Recording):
     def _timed_by(
         self, name: str, given: CameraInfo, own: CameraInfo, camera_json: CameraInfo
     ) -> Reading:
-        """The times in an array of each file, in the order of the names. Raises DataError unless they ascend."""
+        """The times in an array of each file, in the order of the names.
+
+        Raises DataError unless they ascend.
+        """
         found: dict[int, NDArray[Any]] = {}
         for number, file in enumerate(self._names):
             with contextlib.suppress(DataError):  # of a damaged frame, which is left out
@@ -136,7 +144,10 @@ class FolderRecording(Recording):
         )
 
     def __iter__(self) -> Iterator[DepthFrame]:
-        """The frames that can be read. Raises DataError for one of another size or kind, and for a system error."""
+        """The frames that can be read.
+
+        Raises DataError for one of another size or kind, and for a system error.
+        """
         ticks = self._reading.ticks or self.rate or 1.0
         for number, path, values in self._whole_frames():
             yield DepthFrame(
@@ -167,7 +178,10 @@ class FolderRecording(Recording):
             raise damaged[0]
 
     def _read(self, path: Path) -> NDArray[Any]:
-        """The stored values of a frame. Raises NotDepthError, and another DataError for a damaged file."""
+        """The stored values of a frame.
+
+        Raises NotDepthError, and another DataError for a damaged file.
+        """
         suffix = path.suffix.lower()
         if suffix in STACKS:
             (values,) = arrays_in(path, is_single=True)
@@ -188,7 +202,10 @@ def _sizes_of(*infos: CameraInfo) -> list[tuple[int, int]]:
 
 
 def _raw(path: Path, sizes: Sequence[tuple[int, int]]) -> NDArray[np.uint16]:
-    """The values of a file without a header. Raises NotDepthError for another number of bytes, and DataError."""
+    """The values of a file without a header.
+
+    Raises NotDepthError for another number of bytes, and DataError.
+    """
     content = files.read_bytes(path, "the frame")
     if not sizes:
         raise NotDepthError(
@@ -207,7 +224,9 @@ def _raw(path: Path, sizes: Sequence[tuple[int, int]]) -> NDArray[np.uint16]:
 
 
 def _frames_in(source: Path) -> tuple[Path, list[str]]:
-    """The folder, and the names of all frames in it, of those that fit a pattern, or of a single one."""
+    """The folder, and the names of all frames in it, of those that fit a pattern, or
+    of a single one.
+    """
     if exists(source) and source.is_dir():
         names = _without_other_arrays(
             source, [name for name in list_folder(source) if _is_frame(name)]
@@ -269,7 +288,7 @@ def _no_frames(folder: Path) -> str:
     return f"{folder}: holds no depth frames (16-bit grey PNG or TIFF, .npy, .npz, .raw); found {shown}{advice}"
 
 
-# ---------------------------------------------------------------------------------------------- names
+# -------------------------------------------------------------------------------------------- names
 
 NANO = TICKS["ns"]
 NAMED_UNIT = re.compile(r"(?<!\d)(\d+)([mun]s)(?:ec)?(?![A-Za-z])")
@@ -360,7 +379,8 @@ def _sorted(names: Sequence[str], found: Reading, where: str) -> tuple[list[str]
 def _reading(names: Sequence[str], unit: str | None) -> Reading | None:
     """The first reading by which all names, of equal texts, are one sequence; None without one.
 
-    Names of the same moment are a sequence only if there is no other reading: the caller reports them.
+    Names of the same moment are a sequence only if there is no other reading: the
+    caller reports them.
     """
     possible = [
         found
@@ -384,7 +404,8 @@ def _is_one_sequence(found: Reading) -> bool:
 def _readings(stems: list[str], unit: str | None) -> list[Reading]:
     """The ways to read names of equal texts, the most certain first.
 
-    Of several numbers that step alike, the last one is taken first; of counts, the one with the smallest range.
+    Of several numbers that step alike, the last one is taken first; of counts, the one with the
+    smallest range.
     """
     how = "frames in the order of the numbers in their names"
     counts = [
@@ -447,7 +468,9 @@ def _dated(stems: list[str]) -> Iterator[Reading]:
 
 
 def _in_columns(stems: list[str], pattern: re.Pattern[str]) -> Iterator[list[re.Match[str]]]:
-    """The last match of a pattern in each name, then the last but one, and so on while all names have one."""
+    """The last match of a pattern in each name, then the last but one, and so on while all
+    names have one.
+    """
     found = [list(pattern.finditer(stem)) for stem in stems]
     if len({len(matches) for matches in found}) == 1:
         yield from (list(column) for column in reversed(list(zip(*found))))
@@ -468,7 +491,9 @@ def _range(found: Reading) -> int:
 
 
 def _sequences(names: list[str], unit: str | None) -> list[list[str]]:
-    """The names of each sequence among names of equal texts: of equal values of one of their numbers."""
+    """The names of each sequence among names of equal texts: of equal values of one of
+    their numbers.
+    """
     if _reading(names, unit) is not None:
         return [names]
     columns = [
@@ -481,7 +506,9 @@ def _sequences(names: list[str], unit: str | None) -> list[list[str]]:
 
 
 def _pattern(names: list[str]) -> str:
-    """A pattern of names of equal texts: a star for each number that changes, or for the last one."""
+    """A pattern of names of equal texts: a star for each number that changes, or
+    for the last one.
+    """
     path = PurePath(names[0])
     columns = list(zip(*(NUMBER.findall(PurePath(name).stem) for name in names)))
     changes = [len(set(column)) > 1 for column in columns]

@@ -23,7 +23,8 @@ WAIT_MS = 1000
 
 
 def open_live(serial: str | None, given: CameraInfo) -> Recording:
-    """The depth stream of a connected camera, by serial number or any, in its default size and rate.
+    """The depth stream of a connected camera, by serial number or any, in its default
+    size and rate.
 
     Raises DataError if there is none, and NetlibError without pyrealsense2.
     """
@@ -90,7 +91,10 @@ def _info(rs: Any, profile: Any, name: str) -> CameraInfo:
 
 
 class _Device:
-    """A started pipeline, which keeps the newest frame only. The camera's frame number includes dropped frames."""
+    """A started pipeline, which keeps the newest frame only.
+
+    The camera's frame number includes dropped frames.
+    """
 
     def __init__(self, name: str, info: CameraInfo, pipeline: Any) -> None:
         self.name, self.info, self._pipeline = name, info, pipeline

@@ -1,12 +1,14 @@
 """ROS bags with depth: RealSense's .bag and .db3, and those of any camera's driver, of ROS 1 and 2.
 
-PATH is a .bag, a .db3, an .mcap or a folder of ROS 2; PATH#TOPIC selects the images if several topics have depth.
+PATH is a .bag, a .db3, an .mcap or a folder of ROS 2; PATH#TOPIC selects the images if several
+topics have depth.
 
-Messages are read as the ROS types of their topics. A bag also contains definitions of types, from which rosbags'
-AnyReader generates code and runs it; the readers of ROS 1 and 2 that are used here ignore them.
+Messages are read as the ROS types of their topics. A bag also contains definitions of types,
+from which rosbags' AnyReader generates code and runs it; the readers of ROS 1 and 2 that are
+used here ignore them.
 
-A CompressedImage on a topic IMAGE/compressed has the bytes of a PNG or TIFF of 16 bits. On IMAGE/compressedDepth, 12
-bytes precede a PNG (compressed_depth_image_transport, codec.cpp).
+A CompressedImage on a topic IMAGE/compressed has the bytes of a PNG or TIFF of 16 bits. On
+IMAGE/compressedDepth, 12 bytes precede a PNG (compressed_depth_image_transport, codec.cpp).
 """
 
 from __future__ import annotations
@@ -57,7 +59,8 @@ class Bag(NamedTuple):
         return found
 
     def messages(self, topic: str, *kinds: str) -> Iterator[tuple[int, Any]]:
-        """The time of recording in nanoseconds of each message of a topic, of some types, and the message.
+        """The time of recording in nanoseconds of each message of a topic, of some types,
+        and the message.
 
         Raises rosbags' errors.
         """
@@ -97,7 +100,11 @@ def _types(is_ros1: bool) -> Any:
 
 @contextlib.contextmanager
 def _opened(path: Path) -> Iterator[Bag]:
-    """A bag. Raises DataError, and NetlibError without rosbags; within the block it raises what rosbags raises."""
+    """A bag.
+
+    Raises DataError, and NetlibError without rosbags; within the block it raises what
+    rosbags raises.
+    """
     try:
         from rosbags import rosbag1, rosbag2
     except ImportError as error:
@@ -120,7 +127,9 @@ def _opened(path: Path) -> Iterator[Bag]:
 
 
 class BagRecording(Recording):
-    """The images of one topic, until the end of the bag or of its intact part. Every iteration opens it again.
+    """The images of one topic, until the end of the bag or of its intact part.
+
+    Every iteration opens it again.
 
     Raises DataError, and NetlibError without rosbags.
     """
@@ -221,8 +230,8 @@ def _depth_topic(bag: Bag, asked: str) -> str:
 def _own(
     bag: Bag, topic: str, encoding: str, shape: tuple[int, ...], has_camera: bool
 ) -> CameraInfo:
-    """The bag's parameters of the camera of a topic, and the unit; if the user gave a camera, invalid ones count as
-    unknown.
+    """The bag's parameters of the camera of a topic, and the unit; if the user gave a camera,
+    invalid ones count as unknown.
     """
     base = image_topic(topic)
     parent = base.rpartition("/")[0]
@@ -246,7 +255,7 @@ def _unit_mm(bag: Bag, topic: str, encoding: str) -> float | None:
     return 1000 * metres_of(bag.first(found, *NUMBERS), f"{bag.where}: {found}")
 
 
-# ---------------------------------------------------------------------------------------------- messages
+# ----------------------------------------------------------------------------------------- messages
 
 IMAGE, COMPRESSED, INFO = (
     "sensor_msgs/msg/Image",
@@ -258,7 +267,8 @@ NUMBERS = ("std_msgs/msg/Float32", "std_msgs/msg/String")  # types of RealSense'
 # endings of the topics of CompressedImage, those for depth first
 PACKED = ("/compressedDepth", "/compressed")
 ENCODINGS = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
-# Millimetres and metres: REP 118, "Depth Images". RealSense's files have mono16, and their unit elsewhere.
+# Millimetres and metres: REP 118, "Depth Images". RealSense's files have mono16, and their
+# unit elsewhere.
 UNITS_MM = {"16UC1": 1.0, "32FC1": 1000.0}
 HEADER_BYTES = 12  # of a compressedDepth
 PICTURES = (pictures.PNG, b"II*\0", b"MM\0*")  # beginnings of a PNG and of TIFFs
@@ -271,7 +281,10 @@ def image_topic(topic: str) -> str:
 
 
 def encoding_of(message: Any) -> str:
-    """The encoding of an image. Some programs only write "png" as the format; its header shows whether it is depth."""
+    """The encoding of an image.
+
+    Some programs only write "png" as the format; its header shows whether it is depth.
+    """
     if hasattr(message, "encoding"):
         return str(message.encoding)
     encoding = str(message.format).partition(";")[0].strip()
@@ -302,7 +315,10 @@ def values_of(message: Any, where: str) -> NDArray[Any]:
 
 
 def _unpacked(message: Any, encoding: str, where: str) -> NDArray[Any]:
-    """The values of a compressed image. Raises DataError for compressions that do not preserve depth, and others."""
+    """The values of a compressed image.
+
+    Raises DataError for compressions that do not preserve depth, and others.
+    """
     content = bytes(message.data)
     picture = content if content.startswith(PICTURES) else content[HEADER_BYTES:]
     if encoding == "32FC1" or not picture.startswith(PICTURES):
@@ -319,10 +335,13 @@ def _unpacked(message: Any, encoding: str, where: str) -> NDArray[Any]:
 
 
 def given_by(info: Any, topic: str, shape: tuple[int, ...], where: str) -> CameraInfo:
-    """Camera and lens of a CameraInfo for a topic; unknown if the camera is not calibrated. Raises DataError.
+    """Camera and lens of a CameraInfo for a topic; unknown if the camera is not calibrated.
 
-    Images whose topic contains "rect" are undistorted: the matrix P holds for them, K and D for all others. Images of
-    another ``shape``, height and width, than the CameraInfo's show a region of the sensor, or binned pixels.
+    Raises DataError.
+
+    Images whose topic contains "rect" are undistorted: the matrix P holds for them, K and D for all
+    others. Images of another ``shape``, height and width, than the CameraInfo's show a region of
+    the sensor, or binned pixels.
     """
     k, d, p = (
         list(map(float, getattr(info, name, getattr(info, name.lower(), ())))) for name in "KDP"

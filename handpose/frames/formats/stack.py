@@ -1,12 +1,13 @@
 """Stacks of depth frames in one array: .npy and .npz.
 
-An .npy file is an array (frames, height, width) of integers of 16 bits or more, or of floating-point numbers. In an
-.npz file it is called depth, is the only one with three axes, or the only one of them whose name has "depth". Names may
-begin with those of groups, each with a dot. Frames are read one by one, so a stack may exceed the memory. The other
-arrays of an .npz file are recognised by their usual names:
+An .npy file is an array (frames, height, width) of integers of 16 bits or more, or of
+floating-point numbers. In an .npz file it is called depth, is the only one with three axes, or the
+only one of them whose name has "depth". Names may begin with those of groups, each with a dot.
+Frames are read one by one, so a stack may exceed the memory. The other arrays of an .npz file are
+recognised by their usual names:
 
-times    time, times, t, ts, timestamp, timestamps, stamp, stamps, also after ``depth_`` or ``frame_``; a name may end
-         with its unit, as in ``timestamps_us``
+times    time, times, t, ts, timestamp, timestamps, stamp, stamps, also after ``depth_`` or
+         ``frame_``; a name may end with its unit, as in ``timestamps_us``
 others   the names of ``camera_file``; ``camera``, the whole text of a camera.json
 """
 
@@ -56,7 +57,8 @@ PARAMETERS = "biufSU"  # their kinds: numbers and texts
 class StackRecording(Recording):
     """The frames of an .npy or .npz file. Raises DataError, also for times of an unknown unit.
 
-    The first remark is what was taken from which of the other arrays; ``warnings`` names those that are not used.
+    The first remark is what was taken from which of the other arrays; ``warnings`` names those
+    that are not used.
     """
 
     def __init__(self, path: Path, given: CameraInfo = UNKNOWN) -> None:
@@ -190,7 +192,10 @@ class _Npz:
 
 
 def _header(stream: IO[bytes]) -> _Header:
-    """The header of an array; then the stream is at its first value. Raises ValueError, and what NumPy raises."""
+    """The header of an array; then the stream is at its first value.
+
+    Raises ValueError, and what NumPy raises.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # headers written by Python 2
         version = npy.read_magic(stream)
@@ -221,7 +226,10 @@ def _last(name: str) -> str:
 def _checked_shape(
     shape: tuple[int, ...], dtype: np.dtype[Any], where: str, is_single: bool
 ) -> tuple[int, ...]:
-    """The shape (frames, height, width) of an array. Raises NotDepthError unless it may be frames, or a single one."""
+    """The shape (frames, height, width) of an array.
+
+    Raises NotDepthError unless it may be frames, or a single one.
+    """
     found, advice = shape, ""
     if is_single and len(shape) == 2:
         found = (1, *shape)
@@ -240,7 +248,7 @@ def _checked_shape(
     return found
 
 
-# ---------------------------------------------------------------------------------------------- other arrays
+# ------------------------------------------------------------------------------------- other arrays
 
 ENDINGS = {
     word: unit
@@ -279,7 +287,10 @@ def not_used(names: list[str]) -> tuple[str, ...]:
 def parameters_in(
     found: Mapping[str, NDArray[Any]], where: str, given: CameraInfo
 ) -> tuple[CameraInfo, dict[str, str], list[str]]:
-    """The parameters in arrays, the field of CameraInfo for each array that is used, and a remark. Raises DataError."""
+    """The parameters in arrays, the field of CameraInfo for each array that is used, and a remark.
+
+    Raises DataError.
+    """
     small = {name: value.tolist() for name, value in found.items() if value.size <= 16}
     has_camera = camera_file.has_camera(small)
     nested: dict[str, Any] = {}

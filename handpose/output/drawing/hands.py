@@ -1,7 +1,8 @@
 """Pictures of hands and other bodies: skeletons on depth crops, and in space.
 
-All pictures are (height, width, 3) uint8 arrays in OpenCV's colour order, ready for ``cv2.imwrite``.
-Joints are (K, 3) in half-cubes from the crop centre: x right, y up, z away from the camera.
+All pictures are (height, width, 3) uint8 arrays in OpenCV's colour order, ready for
+``cv2.imwrite``. Joints are (K, 3) in half-cubes from the crop centre: x right, y up, z away
+from the camera.
 """
 
 from __future__ import annotations
@@ -51,12 +52,14 @@ def overlay(
     zoom: int = 4,
     guesses: Collection[str] = (),
 ) -> Image:
-    """The skeleton on the crop (S, S) in [-1, 1], enlarged ``zoom`` times; ``truth`` joints in thin white.
+    """The skeleton on the crop (S, S) in [-1, 1], enlarged ``zoom`` times; ``truth`` joints
+    in thin white.
 
     The fingers ``guesses`` are drawn hollow (``draw``).
 
-    With the crop's ``center_uvd`` (px, px, mm) joints are drawn exactly at their pixels. Without it the projection is
-    parallel, which shifts joints at the near or far face of the cube by up to a tenth of the image.
+    With the crop's ``center_uvd`` (px, px, mm) joints are drawn exactly at their pixels. Without it
+    the projection is parallel, which shifts joints at the near or far face of the cube by up to a
+    tenth of the image.
     """
     depth = np.squeeze(np.asarray(crop))
     if depth.ndim != 2 or depth.shape[0] != depth.shape[1]:
@@ -82,7 +85,9 @@ def overlay(
 
 
 def picture(crop: NDArray[np.floating], zoom: int = 1) -> Image:
-    """A crop (S, S) in [-1, 1] alone, enlarged ``zoom`` times: nearer is lighter, the background black."""
+    """A crop (S, S) in [-1, 1] alone, enlarged ``zoom`` times: nearer is lighter, the
+    background black.
+    """
     grey = np.rint((1 - np.clip(crop, -1, 1)) * 0.5 * 215).astype(np.uint8)
     large = cv2.resize(grey, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_NEAREST)
     return np.asarray(cv2.cvtColor(large, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
@@ -95,9 +100,11 @@ def view_3d(
     size: int = 512,
     guesses: Collection[str] = (),
 ) -> Image:
-    """The skeleton in the cube around the body, seen from YAW degrees to the right of the camera and PITCH up.
+    """The skeleton in the cube around the body, seen from YAW degrees to the right of the
+    camera and PITCH up.
 
-    Its shadow is on the floor of the cube. ``truth`` joints in thin black; the fingers ``guesses`` hollow (``draw``).
+    Its shadow is on the floor of the cube. ``truth`` joints in thin black; the fingers ``guesses``
+    hollow (``draw``).
     """
     y, p = np.deg2rad((YAW, PITCH))
     turn = np.array([[np.cos(y), 0, np.sin(y)], [0, 1, 0], [-np.sin(y), 0, np.cos(y)]])
@@ -159,12 +166,14 @@ def two_views(
     camera: Camera,
     cube_mm: Sequence[float],
 ) -> Image:
-    """Every body on its crop and in space: the predicted one in colour, the annotated one in thin white and black.
+    """Every body on its crop and in space: the predicted one in colour, the annotated one in thin
+    white and black.
 
     joints  (n, K, 3) half-cubes, all joints of the skeleton
     truth   (n, L, 3) annotated joints; drawn only if L is K
     titles  of the two views of each frame; a legend stands above all
-    centers, camera, cube_mm  of the crops, (n, 3) px, px, mm; without centres the projection is parallel
+    centers, camera, cube_mm  of the crops, (n, 3) px, px, mm; without centres the
+                              projection is parallel
     """
     images = []
     for n, crop in enumerate(crops):
@@ -183,7 +192,8 @@ def two_views(
 def colours(skeleton: Skeleton) -> list[Colour]:
     """The colour of each joint; a finger's by the part of the joint's name before the first "_".
 
-    In a body without fingers the limbs have different colours; a limb is a chain of joints without a fork.
+    In a body without fingers the limbs have different colours; a limb is a chain of joints
+    without a fork.
     """
     fingers = [COLOURS.get(name.partition("_")[0]) for name in skeleton.joint_names]
     if any(fingers):
@@ -197,7 +207,9 @@ def colours(skeleton: Skeleton) -> list[Colour]:
 
 
 def limbs(skeleton: Skeleton) -> list[list[int]]:
-    """The joints of each limb, from its end up to where the body forks or begins, in the order of the joints."""
+    """The joints of each limb, from its end up to where the body forks or begins, in the order
+    of the joints.
+    """
     children = np.bincount(skeleton.parents[skeleton.parents >= 0], minlength=len(skeleton.parents))
     found = []
     for end in np.flatnonzero(children == 0).tolist():
@@ -237,7 +249,8 @@ def draw(
     colour: Colour | None = None,
     guesses: Collection[str] = (),
 ) -> None:
-    """Bones and joints at pixels ``at`` (K, 2), the farthest (``away``, (K,)) first, each with a dark rim.
+    """Bones and joints at pixels ``at`` (K, 2), the farthest (``away``, (K,)) first, each
+    with a dark rim.
 
     colour   of all, then without rims; by default of each joint
     guesses  names of fingers that are drawn hollow: white, with a rim in their colour

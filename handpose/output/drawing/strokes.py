@@ -1,4 +1,6 @@
-"""Drawing with subpixel precision: lines, dots and text; and sheets of pictures, also of a recording of any length."""
+"""Drawing with subpixel precision: lines, dots and text; and sheets of pictures, also of a
+recording of any length.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,9 @@ def dot(canvas: Image, at: Array, radius: int, colour: Colour) -> None:
 
 
 def text(canvas: Image, words: str, at: Array, colour: Colour, scale: float) -> None:
-    """Text with its lower left corner at a point (2,); ``scale`` is OpenCV's: 1 is about 22 pixels high."""
+    """Text with its lower left corner at a point (2,); ``scale`` is OpenCV's: 1 is about
+    22 pixels high.
+    """
     x, y = np.rint(at).astype(int)
     cv2.putText(
         canvas, words, (int(x), int(y)), cv2.FONT_HERSHEY_SIMPLEX, scale, colour, 1, cv2.LINE_AA
@@ -59,7 +63,9 @@ def _fixed(point: Array) -> tuple[int, int]:
 def sheet(
     images: Sequence[NDArray[np.uint8]], columns: int, titles: Sequence[str] = (), gap: int = 8
 ) -> Image:
-    """Pictures in rows of ``columns``, each centred in a cell of the largest size, with titles above."""
+    """Pictures in rows of ``columns``, each centred in a cell of the largest size,
+    with titles above.
+    """
     if not images or columns < 1:
         raise DataError(
             f"{len(images)} pictures in {columns} columns, expected at least one of each"
@@ -95,8 +101,9 @@ PAGES = 4  # an even number
 class ContactSheet:
     """Collects images of an unknown number of frames, and keeps at most four full pages.
 
-    Every frame is taken until the four pages are full. Then every second image is dropped, and only every second
-    further frame is taken, and so on. At the end one page is chosen from those two to four pages.
+    Every frame is taken until the four pages are full. Then every second image is dropped, and
+    only every second further frame is taken, and so on. At the end one page is chosen from those
+    two to four pages.
     """
 
     def __init__(self) -> None:

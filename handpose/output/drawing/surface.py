@@ -104,7 +104,9 @@ def _rectangle(capsules: Capsules, camera: Camera, canvas: Image) -> tuple[slice
 
 
 def _shade(depth: NDArray[np.float32], pixel: float | NDArray[np.float32]) -> NDArray[np.float32]:
-    """The lightness of each pixel of a surface, 0 to 1; pixels are ``pixel`` apart, in units of the depth."""
+    """The lightness of each pixel of a surface, 0 to 1; pixels are ``pixel`` apart, in
+    units of the depth.
+    """
     across, down = (np.gradient(depth, axis=axis) / pixel for axis in (1, 0))
     for slope in (across, down):
         slope[np.abs(slope) > _STEEP] = 0

@@ -38,7 +38,8 @@ _MIN_DEPTH_MM = 1.0  # joints behind the camera are drawn at this depth, far out
 
 
 class Painter:
-    """Draws the frames of one track in the order of time; contrast and part of the frame continue from frame to frame.
+    """Draws the frames of one track in the order of time; contrast and part of the frame continue
+    from frame to frame.
 
     header  of the track; its camera has the frames' size
     """
@@ -51,7 +52,10 @@ class Painter:
         self._contrast, self._window = Contrast(), Window(camera)
 
     def picture(self, depth: NDArray[np.floating], frame: TrackedFrame) -> Image:
-        """``seen`` below a line with the source and the time, which is HEAD pixels high. Raises DataError."""
+        """``seen`` below a line with the source and the time, which is HEAD pixels high.
+
+        Raises DataError.
+        """
         seen = self.seen(depth, frame)
         head = np.full((HEAD, seen.shape[1], 3), 255, dtype=np.uint8)
         raw = "" if self.header.smoothed else ", not smoothed"
@@ -96,7 +100,9 @@ class Painter:
 
 
 class _Part:
-    """A part of a camera's frame in an image of this width and height; ``camera`` sees the image."""
+    """A part of a camera's frame in an image of this width and height; ``camera``
+    sees the image.
+    """
 
     def __init__(self, view: View, camera: Camera, size: tuple[int, int]) -> None:
         self._size, self._frame = size, camera
@@ -153,7 +159,9 @@ def _present(canvas: Image, hand: PresentHand, part: _Part) -> None:
 
 
 def _tags(canvas: Image, frame: TrackedFrame, part: _Part) -> None:
-    """Label the hands and their confidence above their crops; list lost hands and reasons at the bottom."""
+    """Label the hands and their confidence above their crops; list lost hands and reasons
+    at the bottom.
+    """
     tags = Tags(canvas)
     for lost in sorted(frame.lost, key=lambda lost: -lost.since)[:MAX_LOST]:
         tags.add(spoken_loss(lost, frame.time), 0, len(canvas), colour_of(lost.id))

@@ -1,4 +1,6 @@
-"""Videos that browsers play: H.264 in .mp4, each image at its own time. Needs PyAV (extra ``video``).
+"""Videos that browsers play: H.264 in .mp4, each image at its own time.
+
+Needs PyAV (extra ``video``).
 
 with VideoFile(Path("track.mp4")) as video:
     video.write(image, time)     # (height, width, 3), OpenCV's colour order; s
@@ -21,7 +23,8 @@ from netlib.files import atomic
 TICKS = 60000  # per second: exact for 30 and 29.97 frames/s
 RATES = (0.1, 1000.0)  # range of images per second that players support
 MAX_SECONDS = 1e8
-# With their options; the first that PyAV was built with is taken. Without B-frames times begin at 0 for every player.
+# With their options; the first that PyAV was built with is taken. Without B-frames times begin at 0
+# for every player.
 ENCODERS = {"libx264": {"preset": "veryfast", "crf": "20", "bf": "0"}, "libopenh264": {"b": "8M"}}
 BT709, LIMITED = 1, 1  # FFmpeg's constants for this colour standard and its range 16 to 235
 
@@ -29,11 +32,12 @@ BT709, LIMITED = 1, 1  # FFmpeg's constants for this colour standard and its ran
 class VideoFile:
     """Writes a video; the complete file appears at the end of the block.
 
-    After an exception or Ctrl-C in the block it has the images so far, unless they could not all be written: then an
-    old file is kept. Without an image there is no file.
+    After an exception or Ctrl-C in the block it has the images so far, unless they could not all be
+    written: then an old file is kept. Without an image there is no file.
 
     path  ends in ".mp4"
-    rate  images per second: the duration of the last one, at most 10 s; all others last until the next
+    rate  images per second: the duration of the last one, at most 10 s; all others last
+          until the next
 
     Raises NetlibError without PyAV or its encoders of H.264, and for another file extension.
     """
@@ -63,9 +67,11 @@ class VideoFile:
         return self
 
     def write(self, image: Image, time: float) -> None:
-        """Write an image at a time in s after all others, all of one size; the video begins at the first one.
+        """Write an image at a time in s after all others, all of one size; the video begins at
+        the first one.
 
-        Images of odd sizes get another row or column. Raises DataError for a time that does not ascend, OSError.
+        Images of odd sizes get another row or column. Raises DataError for a time that does not
+        ascend, OSError.
         """
         if self._stream is None:
             self._begin(image, time)

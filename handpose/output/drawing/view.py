@@ -1,4 +1,5 @@
-"""What pictures of a track share: the shown part of the frame, the contrast, and the labels of hands.
+"""What pictures of a track share: the shown part of the frame, the contrast, and the
+labels of hands.
 
 Part and contrast follow the hands slowly, so that a video neither jerks nor flickers.
 """
@@ -25,7 +26,10 @@ MAX_ZOOM = 5.0  # at least a fifth of the frame is shown
 
 
 class View(NamedTuple):
-    """A part of a frame in pixels; the pixel in column c covers c to c + 1. Parts have the frame's aspect ratio."""
+    """A part of a frame in pixels; the pixel in column c covers c to c + 1.
+
+    Parts have the frame's aspect ratio.
+    """
 
     left: float
     top: float
@@ -52,7 +56,9 @@ class _Follower:
 
 
 class Window:
-    """Follows the hands in the frames of one camera, in the order of time; without hands it is the whole frame."""
+    """Follows the hands in the frames of one camera, in the order of time; without hands it is
+    the whole frame.
+    """
 
     def __init__(self, camera: Camera) -> None:
         self._camera = camera
@@ -85,7 +91,7 @@ def box_of(hand: TrackedHand, camera: Camera) -> tuple[float, float, float, floa
     return u + 0.5 - across, v + 0.5 - down, u + 0.5 + across, v + 0.5 + down
 
 
-# ---------------------------------------------------------------------------------------------- contrast
+# ----------------------------------------------------------------------------------------- contrast
 
 CONTRAST_S = 0.7  # time constant of a change of contrast
 SPREAD_MM = 90.0  # in front of and behind the hands: the range with most of the greys
@@ -94,10 +100,12 @@ _DARK, _LIGHT = 40.0, 230.0
 
 
 class Contrast:
-    """The mapping from depth to grey: nearer is lighter, steepest at the hands, black without a reading.
+    """The mapping from depth to grey: nearer is lighter, steepest at the hands, black
+    without a reading.
 
     middle  the depth in mm with medium grey, from the first ``see`` on
-    spread  the distance in mm from ``middle`` that spans seven tenths of the greys of one side, likewise
+    spread  the distance in mm from ``middle`` that spans seven tenths of the greys of one
+            side, likewise
     """
 
     middle: float
@@ -107,7 +115,9 @@ class Contrast:
         self._follower = _Follower(CONTRAST_S)
 
     def see(self, time: float, depth: NDArray[np.floating], hands: Array) -> None:
-        """Follow the depths (n,) in mm of all joints at a time in s; without any, the nearer half of the scene."""
+        """Follow the depths (n,) in mm of all joints at a time in s; without any, the nearer
+        half of the scene.
+        """
         if len(hands):
             middle, spread = (
                 (hands.max() + hands.min()) / 2,
@@ -135,7 +145,7 @@ def _nearer_half(depth: NDArray[np.floating]) -> tuple[float, float]:
     return float(near + far) / 2, max(float(far - near) / 2, SPREAD_MM)
 
 
-# ---------------------------------------------------------------------------------------------- labels
+# ------------------------------------------------------------------------------------------- labels
 
 # Blue, green, red: dark enough for white letters on them.
 COLOURS: tuple[Colour, ...] = (
@@ -163,7 +173,8 @@ def percent(confidence: float) -> str:
 
 
 def spoken(hand: TrackedHand | PresentHand) -> str:
-    """``right 93%``, ``right? 49%`` while the side is assumed; ``left hand 43%``, its presence, without joints.
+    """``right 93%``, ``right? 49%`` while the side is assumed; ``left hand 43%``, its presence,
+    without joints.
 
     The number is omitted if it was not measured.
     """
@@ -189,7 +200,8 @@ class Tags:
     def add(
         self, words: str, left: float, bottom: float, colour: Colour, *, sure: bool = True
     ) -> None:
-        """Add a tag with its lower left corner as close to the point as possible, above rather than below.
+        """Add a tag with its lower left corner as close to the point as possible, above
+        rather than below.
 
         Unless it is ``sure``, the text is coloured on white.
         """

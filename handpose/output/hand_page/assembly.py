@@ -1,13 +1,14 @@
 """The hand page as one file: HTML, style, modules and data in one text that needs no network.
 
-The sources in this folder are ECMAScript modules. In the one file each becomes a function that is called once, in the
-order in which they import each other:
+The sources in this folder are ECMAScript modules. In the one file each becomes a function that is
+called once, in the order in which they import each other:
 
     import { add } from "./vectors.js";    const { add } = modules.vectors;
     export function forward(skeleton) {    function forward(skeleton) {   ...   return { forward };
 
-A Content-Security-Policy allows only this script and this style, by their hashes, and no requests. The data are JSON
-with all characters escaped that are special in HTML. Lengths are in half-cubes, angles in radians, unless they say mm:
+A Content-Security-Policy allows only this script and this style, by their hashes, and no requests.
+The data are JSON with all characters escaped that are special in HTML. Lengths are in half-cubes,
+angles in radians, unless they say mm:
 
 bodies    to choose from; the page opens with the first one
     name      in the list and in addresses
@@ -15,10 +16,12 @@ bodies    to choose from; the page opens with the first one
     place     unit_mm (of a length of 1), camera, center_uvd (px, px, mm) and cube_mm of the crop
     poses     by name: inputs by DoF
 cameras   to choose from: name, fx, fy, u0, v0, width, height
-hands     predicted hands to choose from, all with the first body's skeleton; if there are any, the page opens with one
+hands     predicted hands to choose from, all with the first body's skeleton; if there are any, the
+          page opens with one
     name, words      of the frame; description of the hand
     place            as above
-    inputs           of the whole body, including the DoFs of its surface; for a left hand those of its mirror image
+    inputs           of the whole body, including the DoFs of its surface; for a left hand those of
+                     its mirror image
     size, thickness  scale of bones, offsets and radii; of the radii alone
     side             "right" or "left"
     crop             16-bit numbers in base64: the crop, -1 to 1 in steps of 1/32767
@@ -54,7 +57,8 @@ _EXPORT = re.compile(r"^export ((?:async )?(?:class|function|const) (\w+))", re.
 def page(
     title: str, bodies: Sequence[Mapping[str, Any]], hands: Sequence[Mapping[str, Any]] = ()
 ) -> str:
-    """The page of bodies as from ``body``, and predicted hands as from ``hand``, ready to be written.
+    """The page of bodies as from ``body``, and predicted hands as from ``hand``, ready
+    to be written.
 
     Raises ValueError for numbers that JSON lacks.
     """
@@ -69,7 +73,9 @@ def page(
 def assembled(
     title: str, data: Mapping[str, Any], body: str, style: str, script: str, connects: bool = False
 ) -> str:
-    """A page with this HTML in its body, which may contain $title; one that ``connects`` may contact its server."""
+    """A page with this HTML in its body, which may contain $title; one that ``connects`` may
+    contact its server.
+    """
     policy = _policy(script, style, connects)
     return Template(source("frame.html").replace("$main\n", body)).substitute(
         title=html.escape(title), policy=policy, style=style, script=script, data=escaped(data)
@@ -77,13 +83,18 @@ def assembled(
 
 
 def escaped(data: Mapping[str, Any]) -> str:
-    """The data as JSON that can be embedded in HTML: it cannot begin a tag, a comment or an entity."""
+    """The data as JSON that can be embedded in HTML: it cannot begin a tag, a
+    comment or an entity.
+    """
     text = json.dumps(data, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
     return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 
 
 def script_of(first: str, *folders: Path) -> str:
-    """A module and all its imports as one script. Modules are searched in ``folders``, then here."""
+    """A module and all its imports as one script.
+
+    Modules are searched in ``folders``, then here.
+    """
     parts: dict[str, str] = {}
     _add(first, parts, folders)
     return "\nconst modules = {};\n" + "\n".join(parts.values())
@@ -103,7 +114,9 @@ def _add(name: str, parts: dict[str, str], folders: tuple[Path, ...]) -> None:
 
 
 def _policy(script: str, style: str, connects: bool) -> str:
-    """The Content-Security-Policy: this script and this style only; with ``connects``, requests to its server."""
+    """The Content-Security-Policy: this script and this style only; with ``connects``, requests
+    to its server.
+    """
     hashes = [
         base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
         for text in (script, style)
@@ -123,7 +136,7 @@ def source(name: str, *folders: Path) -> str:
     return (folder / name).read_text(encoding="utf-8")
 
 
-# ---------------------------------------------------------------------------------------------- data
+# --------------------------------------------------------------------------------------------- data
 
 # of a hand without a frame, on the camera's axis; for other bodies in proportion to their size
 DISTANCE_MM = 700.0
@@ -137,7 +150,10 @@ Poses = Mapping[str, Mapping[str, float]]
 def body(
     name: str, skeleton: Skeleton, poses: Poses | None = None, unit_mm: float = CUBE_MM / 2
 ) -> dict[str, Any]:
-    """A body that a page offers, in the middle of NYU's image. Raises PrototxtError for an invalid surface."""
+    """A body that a page offers, in the middle of NYU's image.
+
+    Raises PrototxtError for an invalid surface.
+    """
     middle = np.array([NYU.u0, NYU.v0, DISTANCE_MM * max(1.0, 2 * unit_mm / CUBE_MM)])
     place = _place(NYU, middle, 2 * unit_mm)
     return {
@@ -151,16 +167,21 @@ def body(
 def skeleton_values(skeleton: Skeleton) -> dict[str, Any]:
     """A skeleton with its surface as JSON values. Joints and DoFs are referred to by their index.
 
-    own, whole  the skeleton; the same, followed by the joints and DoFs of its surface alone, such as an arm:
+    own, whole  the skeleton; the same, followed by the joints and DoFs of its surface alone,
+                such as an arm:
         name
         joints   names in output order
-        parents, bones, bone_axes  by joint: its parent, or -1; length with a sign; axis 0, 1, 2, or -1 without a bone
-        motions  by joint, in the order of application: turns (else it translates), axis, sign (1 or -1), dof
+        parents, bones, bone_axes  by joint: its parent, or -1; length with a sign; axis 0, 1, 2, or
+                                   -1 without a bone
+        motions  by joint, in the order of application: turns (else it translates), axis, sign
+                 (1 or -1), dof
         dofs     names
-        initial, lower, upper, fixed  by DoF: added to the input; its limits, null without; whether it is ignored
-    capsules    from and to (joints), radii at both; the edges of wedges first; null for a body without a surface
-    offsets     joint, axes (a joint), vector: capsules that end at ``joint`` are displaced by the vector along the
-                axes of the other joint
+        initial, lower, upper, fixed  by DoF: added to the input; its limits, null without;
+                                      whether it is ignored
+    capsules    from and to (joints), radii at both; the edges of wedges first; null for a body
+                without a surface
+    offsets     joint, axes (a joint), vector: capsules that end at ``joint`` are displaced by the
+                vector along the axes of the other joint
 
     Raises PrototxtError for an invalid surface.
     """

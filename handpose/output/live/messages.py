@@ -3,13 +3,15 @@
 The message of a frame for the page is binary; numbers are little-endian:
 
     uint32              size in bytes of the JSON that follows
-    JSON                record (the frame as JSON lines have it), middle and spread (mm, of the contrast), window (left,
-                        top, width and height of the part to show, px), grid (left, top, step, columns, rows of the
-                        depth), capsules (how many of each hand); spaces fill it up to a multiple of 4
-    uint16              depth in mm, 0 where nothing was read: every ``step``-th row and column of a part of the frame
-                        that contains the window and the crops; a last 0 fills it up to a multiple of 4 bytes
-    float32             8 of each capsule, the hands one after the other: a (x, y, z), b (x, y, z) in mm, camera axes,
-                        and the radii at both in mm
+    JSON                record (the frame as JSON lines have it), middle and spread
+                        (mm, of the contrast), window (left, top, width and height of the part to
+                        show, px), grid (left, top, step, columns, rows of the depth), capsules
+                        (how many of each hand); spaces fill it up to a multiple of 4
+    uint16              depth in mm, 0 where nothing was read: every ``step``-th row and column of a
+                        part of the frame that contains the window and the crops; a last 0 fills it
+                        up to a multiple of 4 bytes
+    float32             8 of each capsule, the hands one after the other: a (x, y, z), b (x, y, z)
+                        in mm, camera axes, and the radii at both in mm
 """
 
 from __future__ import annotations
@@ -35,7 +37,9 @@ _MAX_DEPTH = np.iinfo(np.uint16).max
 
 
 class Grid(NamedTuple):
-    """Rows and columns of a frame that are sent to the page: from ``left`` and ``top``, every ``step``-th."""
+    """Rows and columns of a frame that are sent to the page: from ``left`` and ``top``,
+    every ``step``-th.
+    """
 
     left: int
     top: int
@@ -50,7 +54,9 @@ class Grid(NamedTuple):
 
 
 def grid_of(camera: Camera, window: View, hands: Sequence[TrackedHand]) -> Grid:
-    """The grid that contains the window and the crops of the hands, with at most MAX_SAMPLES columns and rows."""
+    """The grid that contains the window and the crops of the hands, with at most MAX_SAMPLES
+    columns and rows.
+    """
     boxes = [(window.left, window.top, window.left + window.width, window.top + window.height)]
     edges = np.array(boxes + [box_of(hand, camera) for hand in hands])
     size = np.array([camera.width, camera.height])

@@ -9,16 +9,18 @@ It answers three paths, each with the query token=TOKEN, which is random:
 
     /        the page
     /frames  WebSocket: the header, then a text message for each frame
-    /view    WebSocket: a binary message for each frame; the client requests the next one by any message
+    /view    WebSocket: a binary message for each frame; the client requests the next one
+             by any message
 
-No frame waits for another one: each client has a queue of one frame, where the newest replaces one that was not sent.
-The page requests each frame, so that none waits in the buffers between them either.
+No frame waits for another one: each client has a queue of one frame, where the newest
+replaces one that was not sent. The page requests each frame, so that none waits in the
+buffers between them either.
 
-A connection must show the token within HANDSHAKE_S. What is no HTTP request is refused by websockets, the rest by
-``_answer``, before a WebSocket is opened.
+A connection must show the token within HANDSHAKE_S. What is no HTTP request is refused by
+websockets, the rest by ``_answer``, before a WebSocket is opened.
 
-At the end of the block, clients get the last frame, and the connection is closed with a reason in words: with code 1000
-at the end of the recording, 1001 when the tracker was stopped.
+At the end of the block, clients get the last frame, and the connection is closed with a reason in
+words: with code 1000 at the end of the recording, 1001 when the tracker was stopped.
 """
 
 from __future__ import annotations
@@ -73,7 +75,8 @@ class LiveServer:
     page        the page as HTML
     token       that clients must have; by default a random one
 
-    Raises NetlibError without websockets and for a short token, and in ``__enter__`` if it cannot listen there.
+    Raises NetlibError without websockets and for a short token, and in ``__enter__`` if it
+    cannot listen there.
     """
 
     def __init__(
@@ -134,7 +137,7 @@ class LiveServer:
         self._loop.call_soon_threadsafe(self._end.set)
         self._thread.join()
 
-    # ------------------------------------------------------------------------------------- in the thread
+    # -------------------------------------------------------------------------------- in the thread
 
     def _run(self) -> None:
         try:
@@ -243,7 +246,9 @@ class LiveServer:
         return None
 
     def _address(self, scheme: str, path: str) -> str:
-        """The address of a path; it has the name of this machine if the server listens at all of its addresses."""
+        """The address of a path; it has the name of this machine if the server listens at all of
+        its addresses.
+        """
         host = socket.gethostname() if self.host in _ANYWHERE else self.host
         return f"{scheme}://{_joined(host, self.port)}{path}?token={self.token}"
 
@@ -251,8 +256,8 @@ class LiveServer:
 def is_named(host: str, listening: str) -> bool:
     """Whether a request's Host field names this server, which listens at ``listening``.
 
-    A page of another site can give its own name the address of this machine (DNS rebinding), but it cannot change the
-    Host field. Ports are not compared, because tunnels change them.
+    A page of another site can give its own name the address of this machine (DNS rebinding), but it
+    cannot change the Host field. Ports are not compared, because tunnels change them.
     """
     match = _HOST.fullmatch(host)
     name = match[1].strip("[]").removesuffix(".").lower() if match else ""
@@ -276,7 +281,11 @@ def _response(connection: Any, status: HTTPStatus, text: str, kind: str = "text/
 
 
 def checked_token(token: str, where: str = "token") -> str:
-    """The token. Raises NetlibError, without the token itself, for one that could be guessed or is no part of a URL."""
+    """The token.
+
+    Raises NetlibError, without the token itself, for one that could be guessed or is no
+    part of a URL.
+    """
     if _TOKEN.fullmatch(token) is None:
         raise NetlibError(
             f"{where}: found {len(token)} characters; expected 16 to 200 of A-Z, a-z, 0-9, - and _"
@@ -299,6 +308,8 @@ def _why_not(error: Exception) -> str:
 
 
 def _ignore_connection_errors(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-    """Handle an exception outside of all tasks; errors of the system concern one connection, which is closed."""
+    """Handle an exception outside of all tasks; errors of the system concern one connection,
+    which is closed.
+    """
     if not isinstance(context.get("exception"), OSError):
         loop.default_exception_handler(context)

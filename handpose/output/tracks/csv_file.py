@@ -2,7 +2,8 @@
 
     number, time_s   of the frame in its recording, from 0
     id, hand         the hand's constant number; right or left
-    lost             empty, or the reason why the hand or its pose is not found in this frame: then joints are empty
+    lost             empty, or the reason why the hand or its pose is not found in this frame: then
+                     joints are empty
     presence         probability that it is a hand; empty if unknown
     confidence       probability that the joints' mean error is below 30 mm; empty if unknown
     error_mm         expected error; empty likewise
@@ -12,9 +13,9 @@
 
 With a joint format (``joint_values``) its columns replace the last two kinds.
 
-A lost hand keeps its rows, so that a plot over time has gaps instead of lines: in pandas, ``read_csv(path)`` reads
-empty fields as NaN, and ``table[table.lost.isna()]`` are the rows with a hand. A frame without tracked hands has no
-row.
+A lost hand keeps its rows, so that a plot over time has gaps instead of lines: in pandas,
+``read_csv(path)`` reads empty fields as NaN, and ``table[table.lost.isna()]`` are the rows with a
+hand. A frame without tracked hands has no row.
 """
 
 from __future__ import annotations
@@ -122,7 +123,10 @@ class HandColumns:
         ]
 
     def pose_values(self, hand: TrackedHand, camera: Camera | None) -> list[str]:
-        """The fields of ``pose``; empty if unknown. Without a camera, positions are from the middle of the crop."""
+        """The fields of ``pose``; empty if unknown.
+
+        Without a camera, positions are from the middle of the crop.
+        """
         if self._joints:
             return joint_values.numbers(self._joints, self._skeleton, hand, camera)
         angles = self._skeleton.theta(hand.inputs)[self._angles]
@@ -137,7 +141,9 @@ def known(form: str, number: float) -> str:
 
 
 def rows_of(rows: Iterable[Sequence[object]]) -> bytes:
-    """The lines of rows; characters of file names that are not UTF-8, and carriage returns, are escaped."""
+    """The lines of rows; characters of file names that are not UTF-8, and carriage
+    returns, are escaped.
+    """
     text = io.StringIO()
     for row in rows:  # not every csv module quotes a carriage return
         cells = [cell.replace("\r", "\\r") if isinstance(cell, str) else cell for cell in row]

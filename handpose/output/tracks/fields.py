@@ -1,4 +1,6 @@
-"""Typed access to fields of JSON objects from untrusted files; errors name the field and the expected value."""
+"""Typed access to fields of JSON objects from untrusted files; errors name the field and the
+expected value.
+"""
 
 from __future__ import annotations
 

@@ -2,16 +2,16 @@
 
 In JSON a hand has the format's name as a key, and ``anatomical_deg``:
 
-    mediapipe  landmarks        (x, y, z) of 21 in the image: x and y in [0, 1] of its width and height, z behind the
-                                wrist in widths of the image
+    mediapipe  landmarks        (x, y, z) of 21 in the image: x and y in [0, 1] of its width and
+                                height, z behind the wrist in widths of the image
                world_landmarks  (x, y, z) in m about their mean: x right, y down, z away
                center_m         that mean, from the camera
     mano       positions_m      (x, y, z) of 21, from the camera: x right, y down, z away
     nyu        positions_mm     (x, y, z) of 14, from the camera: x right, y up, z away
     anatomical_deg              angles in degrees by name (``handpose.body.joint_formats.angles``)
 
-A table has their numbers as columns: ``THUMB_TIP_x``, ``THUMB_TIP_world_x_m``, ``center_x_m``; ``index1_x_m``;
-``palm_x_mm``; ``index_pip_flexion_deg``.
+A table has their numbers as columns: ``THUMB_TIP_x``, ``THUMB_TIP_world_x_m``, ``center_x_m``;
+``index1_x_m``; ``palm_x_mm``; ``index_pip_flexion_deg``.
 """
 
 from __future__ import annotations
@@ -91,7 +91,9 @@ def numbers(
 def _parts(
     name: FormatName, skeleton: Skeleton, hand: TrackedHand, camera: Camera | None
 ) -> dict[str, Array | None]:
-    """The arrays of a hand in a format by their keys in JSON; without a camera, those of its crop."""
+    """The arrays of a hand in a format by their keys in JSON; without a camera,
+    those of its crop.
+    """
     cube_mm = hand.cube_mm if camera is None else None
     found = formatted(name, skeleton, hand.hand, hand.xyz, camera, cube_mm)
     if name != "mediapipe":

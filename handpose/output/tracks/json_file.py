@@ -1,13 +1,17 @@
-"""A track as JSON: a document with the frames in a list, or JSON lines, a header and then a line per frame.
+"""A track as JSON: a document with the frames in a list, or JSON lines, a header and then a
+line per frame.
 
-docs/hands.schema.json, a JSON Schema, describes every key, its unit and where it is null or missing:
+docs/hands.schema.json, a JSON Schema, describes every key, its unit and where it is
+null or missing:
 
-    header   format, version, source, camera, unit_mm, skeleton ...; in a document with ``frames`` and ``complete``
+    header   format, version, source, camera, unit_mm, skeleton ...; in a document with ``frames``
+             and ``complete``
     frame    number, time_s, hands, lost
-    hands    those that are there, by id; those whose confidence is below the minimum have a reason and no joints
+    hands    those that are there, by id; those whose confidence is below the minimum have a
+             reason and no joints
 
-Lengths are in mm, angles in rad, times in s; the axes are the camera's: x right, y up, z away. ``joint_values`` has the
-keys of other formats of joints.
+Lengths are in mm, angles in rad, times in s; the axes are the camera's: x right, y up, z away.
+``joint_values`` has the keys of other formats of joints.
 """
 
 from __future__ import annotations

@@ -1,4 +1,6 @@
-"""The header and the frames of a track as JSON values, and back; docs/hands.schema.json has the keys."""
+"""The header and the frames of a track as JSON values, and back;
+docs/hands.schema.json has the keys.
+"""
 
 from __future__ import annotations
 
@@ -53,13 +55,16 @@ def _nulled(values: Any) -> Any:
     return values if math.isfinite(values) else None
 
 
-# ---------------------------------------------------------------------------------------------- the header
+# --------------------------------------------------------------------------------------- the header
 
 
 def header_values(
     header: TrackHeader, joints: FormatName | None = None, *, in_frames: bool = True
 ) -> dict[str, Any]:
-    """The header as an object; ``joints`` is an additional format of hands. ``in_frames`` as for ``FrameValues``."""
+    """The header as an object; ``joints`` is an additional format of hands.
+
+    ``in_frames`` as for ``FrameValues``.
+    """
     camera = {
         name: value if name == "name" else rounded(value, 6)
         for name, value in vars(header.camera).items()
@@ -138,14 +143,16 @@ def header_of(fields: Fields) -> TrackHeader:
     )
 
 
-# ---------------------------------------------------------------------------------------------- frames
+# ------------------------------------------------------------------------------------------- frames
 
 
 class FrameValues:
     """Frames as objects, in order: a hand's bones are in its first one, and where they change.
 
-    live        write the bones in every frame, for receivers that miss some, and no raw positions: messages are short
-    in_frames   False for hands in crops without their frames: positions are from the crop's centre, without a camera
+    live        write the bones in every frame, for receivers that miss some, and no raw positions:
+                messages are short
+    in_frames   False for hands in crops without their frames: positions are from the crop's centre,
+                without a camera
     """
 
     def __init__(
@@ -313,7 +320,9 @@ def _by_name(of: Fields, key: str, names: list[str]) -> Array:
 
 
 def _finger_errors(of: Fields) -> Array:
-    """The errors (5,) of the fingers; NaN if they are unknown, and in tracks of earlier programs."""
+    """The errors (5,) of the fingers; NaN if they are unknown, and in tracks of
+    earlier programs.
+    """
     if "finger_error_mm" not in of:
         return unknown_finger_errors()
     part = of.part("finger_error_mm")
@@ -333,13 +342,15 @@ def _present(of: Fields) -> PresentHand:
     )
 
 
-# ---------------------------------------------------------------------------------------------- angles
+# ------------------------------------------------------------------------------------------- angles
 
 NO_LIMIT = 9999.0  # rad; the packaged hand stores 10000
 
 
 def free_dofs(skeleton: Skeleton) -> tuple[list[int], list[int]]:
-    """The DoFs that are free and move something: those that turn a joint, in rad; those that translate, in units."""
+    """The DoFs that are free and move something: those that turn a joint, in rad; those that
+    translate, in units.
+    """
     turning = np.unique(skeleton.driven[skeleton.turns])
     return turning.tolist(), np.setdiff1d(skeleton.driven, turning).tolist()
 

@@ -1,4 +1,5 @@
-"""Predictions for single images in the format of tracks: each image is a frame with one hand and without a time.
+"""Predictions for single images in the format of tracks: each image is a frame with one hand and
+without a time.
 
 A hand without joints, because its pose is not sure enough, is present, as in a track.
 """

@@ -23,19 +23,21 @@ from netlib.files import atomic
 
 
 class TrackWriter:
-    """Writes a track frame by frame, next to ``path``, and renames the file at the end of the block; raises OSError.
+    """Writes a track frame by frame, next to ``path``, and renames the file at the end of the
+    block; raises OSError.
 
-    After an exception in the block, such as Ctrl-C or a full disk, the complete frames are kept; without any, the old
-    file.
+    After an exception in the block, such as Ctrl-C or a full disk, the complete frames are kept;
+    without any, the old file.
 
     path     None: standard output, to which each frame is written at once
     encode   the bytes of a frame
     head     first bytes
     between  bytes before each frame but the first
-    tail     last bytes: they are written after every frame, and overwritten by the next, so that no failure truncates
-             them
+    tail     last bytes: they are written after every frame, and overwritten by the next, so that no
+             failure truncates them
     end      replaces ``tail`` at the end of a block without an exception; not longer
-    shown    rename it after the first frame instead, so that the others can be read as they are written
+    shown    rename it after the first frame instead, so that the others can be read as
+             they are written
     """
 
     def __init__(
@@ -117,7 +119,9 @@ class TrackWriter:
 def open_writer(
     path: str | Path, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False
 ) -> TrackWriter:
-    """A writer for a name in .json, .jsonl or .csv, or for "-": JSON lines on standard output. Raises DataError.
+    """A writer for a name in .json, .jsonl or .csv, or for "-": JSON lines on standard output.
+
+    Raises DataError.
 
     joints    format of additional joints and angles in JSON, and of the joints in CSV
     gestures  add the gesture of each hand to JSON and CSV

@@ -1,9 +1,10 @@
 """caffe.proto.caffe_pb2: all of Caffe's messages and enums, as classes of the package protobuf.
 
-There is no caffe.proto and no generated code: the file descriptor is built on import from the dataclasses that read and
-write the files of this project (netlib/proto/messages.py, netlib/proto/upgrade.py, and the options of the layer types),
-so names, numbers, types and defaults are declared once. This module adds the names of the enums, the messages of SSD's
-scripts (ssd.py), and what scripts of other forks write (forks.py).
+There is no caffe.proto and no generated code: the file descriptor is built on import from the
+dataclasses that read and write the files of this project (netlib/proto/messages.py,
+netlib/proto/upgrade.py, and the options of the layer types), so names, numbers, types and defaults
+are declared once. This module adds the names of the enums, the messages of SSD's scripts (ssd.py),
+and what scripts of other forks write (forks.py).
 """
 
 from __future__ import annotations
@@ -60,7 +61,8 @@ _ENUMS = {
 }
 # enums that are inside another message
 _OWNERS = {("DetectionOutputParameter", "code_type"): "PriorBoxParameter"}
-# Defaults in caffe.proto that the dataclass does not have, because there None stands for an option that is not given
+# Defaults in caffe.proto that the dataclass does not have, because there None stands for an option
+# that is not given
 _DEFAULTS = {
     ("ConcatParameter", "concat_dim"): 1,
     ("SliceParameter", "slice_dim"): 1,
@@ -128,7 +130,9 @@ def _name_of(cls: type) -> str:
 
 
 def _describe(described: dict[str, Any], name: str, cls: type) -> None:
-    """Describe the message that a dataclass reads; enums are defined inside it, as in caffe.proto, except Phase."""
+    """Describe the message that a dataclass reads; enums are defined inside it, as in
+    caffe.proto, except Phase.
+    """
     message = described[name]
     defaults = {schema.written_name(f.name): f.default for f in dataclasses.fields(cls)}
     for known in wire.fields_of(cls):
@@ -176,7 +180,8 @@ def _add_enum(parent: Any, name: str, values: dict[str, int]) -> None:
 def _classes() -> dict[str, Any]:
     """The names that protoc's generated module would define.
 
-    The pool of descriptors is our own, so that another caffe_pb2 can be imported in the same process.
+    The pool of descriptors is our own, so that another caffe_pb2 can be imported in
+    the same process.
     """
     pool = descriptor_pool.DescriptorPool()
     pool.Add(file_descriptor())

@@ -1,9 +1,11 @@
-"""Fields of public forks of Caffe that scripts write to nets and solvers, and that layers of this project do not read.
+"""Fields of public forks of Caffe that scripts write to nets and solvers, and that layers of this
+project do not read.
 
-They are in caffe_pb2 and NetSpec only, so that a fork's scripts can write and parse its nets. A net with them is an
-error where it is built, unless the option is one without effect (netlib/proto/forks.py). From the files caffe.proto of
-SSD, MobileNet-YOLO, NVIDIA, Intel, SegNet, ENet, DeepLab and PSPNet, LRCN, TSN, caffe-heatmap, caffe-face, R-FCN,
-CRF-RNN, crnn, FlowNet 2, CPM, OpenPose and caffe-windows.
+They are in caffe_pb2 and NetSpec only, so that a fork's scripts can write and parse its nets. A net
+with them is an error where it is built, unless the option is one without effect
+(netlib/proto/forks.py). From the files caffe.proto of SSD, MobileNet-YOLO, NVIDIA, Intel, SegNet,
+ENet, DeepLab and PSPNet, LRCN, TSN, caffe-heatmap, caffe-face, R-FCN, CRF-RNN, crnn, FlowNet 2,
+CPM, OpenPose and caffe-windows.
 """
 
 from __future__ import annotations
@@ -13,8 +15,8 @@ from typing import Any
 
 FIRST_FREE = 20001  # number of the first field whose numbers in the forks are those of other fields
 
-# Message: name, type and number of each field; "*" repeats it, and "/" separates the numbers of several forks. Defaults
-# are left out, which matter to the fork's layers only.
+# Message: name, type and number of each field; "*" repeats it, and "/" separates the numbers of
+# several forks. Defaults are left out, which matter to the fork's layers only.
 MESSAGES = """
 Datum: seg_label bytes 8, record_id uint32 8
 FillerParameter: diag_val float* 9, scale float 9
@@ -335,7 +337,9 @@ def add_to(file: Any) -> None:
 
 
 def _entries(table: str) -> Iterator[tuple[str, list[list[str]]]]:
-    """Name and items, as lists of words, of each line of a table; a line that begins with a space continues."""
+    """Name and items, as lists of words, of each line of a table; a line that begins with a
+    space continues.
+    """
     for line in table.replace("\n  ", " ").strip().split("\n"):
         name, _, items = line.partition(": ")
         yield name, [item.split() for item in items.split(", ")]

@@ -1,6 +1,7 @@
 """The messages of SSD's fork of Caffe for labels and annotations, which its scripts read and write.
 
-Nets do not read them. The options of SSD's training layers, which are not supported, are in forks.py.
+Nets do not read them. The options of SSD's training layers, which are not supported,
+are in forks.py.
 """
 
 from __future__ import annotations

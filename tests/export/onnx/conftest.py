@@ -1,4 +1,6 @@
-"""Nets and weights in temporary folders; all tests are skipped without the packages onnx and onnxruntime."""
+"""Nets and weights in temporary folders; all tests are skipped without the packages onnx
+and onnxruntime.
+"""
 
 from pathlib import Path
 
@@ -17,7 +19,9 @@ def onnx():
 
 @pytest.fixture
 def files(here):
-    """``files(layers, shapes ...)``: net.prototxt and net.caffemodel.h5 with random parameters, in a new folder."""
+    """``files(layers, shapes ...)``: net.prototxt and net.caffemodel.h5 with random parameters,
+    in a new folder.
+    """
 
     def make(layers: str, *shapes: tuple[int, ...]) -> tuple[str, str]:
         Path("net.prototxt").write_text(net_text(layers, *shapes))

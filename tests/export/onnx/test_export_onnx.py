@@ -1,4 +1,6 @@
-"""tools/export_onnx.py exports the paper's and the packaged network, and other runtimes compute the same results."""
+"""tools/export_onnx.py exports the paper's and the packaged network, and other runtimes compute
+the same results.
+"""
 
 import json
 import re
@@ -99,7 +101,9 @@ def test_metadata(packaged, onnx):
 
 
 def test_the_file_is_plain_onnx(packaged, onnx):
-    """ONNX's checker accepts all shapes, all operators are standard, the batch is N, and the hand's graph is small."""
+    """ONNX's checker accepts all shapes, all operators are standard, the batch is N, and the hand's
+    graph is small.
+    """
     model = onnx.load(packaged)
     onnx.checker.check_model(model, full_check=True)
     assert {node.domain for node in model.graph.node} == {""}
@@ -149,7 +153,9 @@ def test_the_document_in_a_process_of_its_own(packaged, tmp_path, rng):
 
 
 def test_size(files, onnx):
-    """--size exports a net without fully connected layers for images of another size than the prototxt's."""
+    """--size exports a net without fully connected layers for images of another size than
+    the prototxt's.
+    """
     net, weights = files(
         'layer { name: "p" type: "Pooling" bottom: "x0" top: "y" pooling_param { kernel_size: 2 '
         "stride: 2 } }",

@@ -18,7 +18,9 @@ def refused(net: object, weights: str, *more: str, out: str = "out.onnx") -> str
 
 @pytest.mark.parametrize("kind", ["EuclideanLoss", "Filter", "LSTM"])
 def test_a_type_without_a_form(kind, files):
-    """A layer type without an ONNX form is reported with its layer and line, before any data is opened."""
+    """A layer type without an ONNX form is reported with its layer and line, before any
+    data is opened.
+    """
     _, weights = files('layer { name: "a" type: "AbsVal" bottom: "x0" top: "y" }', (1, 3))
     Path("loss.prototxt").write_text(
         net_text(f'layer {{ name: "bad" type: "{kind}" top: "y" }}', (1, 3))
@@ -80,7 +82,9 @@ def test_a_net_without_a_batch(layers, shapes, message, files):
 
 
 def test_an_opset_that_is_too_old_for_an_operator(files):
-    """The error names the layer, its operator and the opset that it needs; a net without such operators is written."""
+    """The error names the layer, its operator and the opset that it needs; a net without such
+    operators is written.
+    """
     net, weights = files('layer { name: "s" type: "Softmax" bottom: "x0" top: "y" }', (1, 3))
     assert refused(net, weights, "--opset", "11") == (
         "layer 's' needs the operator Softmax of opset 13, found opset 11; expected --opset 13 or more"

@@ -1,4 +1,6 @@
-"""export/onnx/check.py: differences that rounding explains are accepted, and mistakes of 0.1% are found."""
+"""export/onnx/check.py: differences that rounding explains are accepted, and mistakes of
+0.1% are found.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,8 @@ class Case:
     """A net that amplifies rounding.
 
     layers       after an inner product x0 -> y
-    mistakes     constants of the file, and attributes of operators, whose change by 0.1% must be found
+    mistakes     constants of the file, and attributes of operators, whose change by
+                 0.1% must be found
     shape        of x0
     variance     of a BatchNorm
     """
@@ -132,7 +135,9 @@ def largest(*found: dict[str, Difference]) -> float:
 
 @pytest.mark.parametrize("net", CASES, indirect=True)
 def test_a_correct_file_passes(net):
-    """Rounding explains the differences of outputs and layers, though some are above 1e-5 of the largest value."""
+    """Rounding explains the differences of outputs and layers, though some are above 1e-5 of the
+    largest value.
+    """
     assert largest(*differences(onnx_image(net), net, (1, 3))) <= 1
 
 
@@ -154,7 +159,9 @@ def test_mistakes_that_an_output_hides(net, onnx):
 
 @pytest.mark.parametrize("net", ["Eltwise", "Power, shifts"], indirect=True)
 def test_the_effect_of_rounding(net):
-    """Where large values cancel, the net's own float32 has a large error, which the comparison measures."""
+    """Where large values cancel, the net's own float32 has a large error, which the
+    comparison measures.
+    """
     outputs, layers = differences(onnx_image(net), net, (1, 3))
     assert all(
         1e-4 < difference.rounding < 1e-1 and difference.found > TOLERANCE
@@ -179,7 +186,9 @@ def test_rounding_errors_are_undone(net):
 
 
 def test_difference():
-    """The difference is relative to the largest finite expected value; NaN and infinity only equal themselves."""
+    """The difference is relative to the largest finite expected value; NaN and infinity only
+    equal themselves.
+    """
     nan, inf = np.nan, np.inf
     assert difference(np.array([1.0, 2.5]), np.array([1.0, 2.0])) == 0.25
     assert difference(np.array([nan, inf, 1.0]), np.array([nan, inf, 1.0])) == 0
@@ -189,7 +198,9 @@ def test_difference():
 
 
 def test_values_that_overflow_in_float32():
-    """A value beyond float32 is infinity; NaN where the net's float32 has it too is no difference."""
+    """A value beyond float32 is infinity; NaN where the net's float32 has it too is
+    no difference.
+    """
     inf, nan = np.float32(np.inf), np.float32(np.nan)
     assert compared(np.array([inf, 1]), np.array([inf, 1]), np.array([1e60, 1])) == Difference()
     assert compared(np.array([nan, 1]), np.array([nan, 1]), np.array([5.0, 1])) == Difference()

@@ -21,7 +21,9 @@ SHAPES = {True: [(1, 4 * P), (1, C * P)], False: [(1, 4 * P * C), (1, C * P)]}  
 
 
 def layers(options: str, more: str = "") -> str:
-    """Return a net that detects in locations x0 and confidences x1, with boxes for a map x2 of an image x3."""
+    """Return a net that detects in locations x0 and confidences x1, with boxes for a map x2
+    of an image x3.
+    """
     return f"""
         layer {{ name: "p" type: "PriorBox" bottom: "x2" bottom: "x3" top: "p"
                 prior_box_param {{ min_size: 3 max_size: 5 variance: [0.3, 0.2, 0.8, 0.9] }} }}
@@ -65,7 +67,9 @@ def nearly_equal(files, threshold: float) -> netlib.Net:
 
 
 def test_confidences_that_differ_by_rounding(files, monkeypatch):
-    """Confidences that are equal up to rounding may be sorted in another order; another selection is a difference."""
+    """Confidences that are equal up to rounding may be sorted in another order; another selection
+    is a difference.
+    """
     monkeypatch.setattr(
         "export.onnx.check._random",
         lambda net, name, batch, rng: np.zeros((batch, *net.blobs[name].shape[1:]), np.float32),
@@ -83,7 +87,9 @@ def test_confidences_that_differ_by_rounding(files, monkeypatch):
 
 
 def test_nothing_found(files):
-    """Without detections in the batch, every item has a row of -1; an item without any in another batch has none."""
+    """Without detections in the batch, every item has a row of -1; an item without any in another
+    batch has none.
+    """
     image = onnx_image(detector(files, "confidence_threshold: 0.5"))
     inputs = {
         f"x{i}": np.zeros((3, *shape[1:]), np.float32)
@@ -107,7 +113,9 @@ def test_equal_confidences(files):
 
 
 def test_a_whole_detector(tmp_path):
-    """The small detector with its recorded parameters finds the same, with batches of 1 and 2, also in OpenCV 5."""
+    """The small detector with its recorded parameters finds the same, with batches of 1 and 2,
+    also in OpenCV 5.
+    """
     with np.load(SMALL.with_suffix(".npz")) as file:
         recorded = {name: file[name].astype(np.float32) for name in file.files}
     net = netlib.Net(SMALL, netlib.TEST)

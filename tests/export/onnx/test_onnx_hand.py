@@ -13,7 +13,9 @@ from tests.support.onnx_nets import check_older, run_onnx
 
 
 def test_steps_of_the_hand():
-    """26 free motions follow a fixed one: six of the palm, then four of each finger, side by side."""
+    """26 free motions follow a fixed one: six of the palm, then four of each
+    finger, side by side.
+    """
     steps, last, _ = steps_of(load(), load().bones)
     assert [sum(step.depth == d for step in steps) for d in range(11)] == [1] * 7 + [5] * 4
     assert last[load().joint_names.index("palm")] == 6
@@ -22,8 +24,8 @@ def test_steps_of_the_hand():
 
 @pytest.mark.parametrize("sizes", [0, 1, 4])
 def test_another_body(files, rng, sizes):
-    """Two roots, children before parents in the file, bones after fixed turns, a fixed slide, a DoF that slides and
-    turns, a joint without a DoF; the size of each item's body may be an input.
+    """Two roots, children before parents in the file, bones after fixed turns, a fixed slide, a DoF
+    that slides and turns, a joint without a DoF; the size of each item's body may be an input.
     """
     Path("body.prototxt").write_text("""
         dof { name: "a" initial: 0.3 } dof { name: "b" fixed: true initial: 0.5 }

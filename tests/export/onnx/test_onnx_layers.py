@@ -1,4 +1,6 @@
-"""Every layer type that has a form in ONNX, on its own: the exported layer computes the same as netlib."""
+"""Every layer type that has a form in ONNX, on its own: the exported layer computes the
+same as netlib.
+"""
 
 import re
 
@@ -274,7 +276,9 @@ def test_every_layer_type_has_a_form_or_is_refused():
 
 
 def test_the_document_names_every_layer_type():
-    """docs/onnx.md names every layer type with an ONNX form, and those without that a reader may look for."""
+    """docs/onnx.md names every layer type with an ONNX form, and those without that a
+    reader may look for.
+    """
     text = (ROOT / "docs" / "onnx.md").read_text(encoding="utf-8")
     for name in {*LAYERS, *WITHOUT_FORM}:
         assert re.search(rf"\b{name}\b", text), name

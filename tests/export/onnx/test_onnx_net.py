@@ -13,7 +13,9 @@ from tests.support.onnx_nets import IMAGE, SYNTHETIC, net_text, run_onnx
 
 
 def test_layers_in_place(files, onnx):
-    """A blob changed in place keeps its name for the last value; a blob that never changes may have two names."""
+    """A blob changed in place keeps its name for the last value; a blob that never changes may
+    have two names.
+    """
     net = load(
         *files(
             'layer { name: "ip" type: "InnerProduct" bottom: "x0" top: "y" inner_product_param { num_output: 3 } }'
@@ -39,7 +41,9 @@ def test_layers_in_place(files, onnx):
 
 
 def test_a_net_from_python(files):
-    """A net in use can be exported: its shapes do not change, and types without an ONNX form are rejected."""
+    """A net in use can be exported: its shapes do not change, and types without an ONNX
+    form are rejected.
+    """
     net, _ = files('layer { name: "a" type: "AbsVal" bottom: "x0" top: "y" }', (5, 3))
     used = netlib.Net(net, netlib.TEST)
     onnx_image(used)
@@ -85,7 +89,8 @@ def test_silence_and_splits_are_no_operators(files, onnx):
     """Silence and Split add no operators, and a blob with two consumers is not copied."""
     net = load(
         *files(
-            'layer { name: "a" type: "TanH" bottom: "x0" top: "a" } layer { name: "b" type: "AbsVal" bottom: "a" top: "b" }'
+            'layer { name: "a" type: "TanH" bottom: "x0" top: "a" } layer { name: "b" type: '
+            '"AbsVal" bottom: "a" top: "b" }'
             'layer { name: "c" type: "BNLL" bottom: "a" top: "c" } layer { name: "s" type: "Silence" bottom: "c" }',
             (1, 4),
         )

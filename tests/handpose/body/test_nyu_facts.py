@@ -11,7 +11,9 @@ from layers.hand import skeleton
 
 
 def test_joints_of_the_model() -> None:
-    """Every model joint has an annotation of its own, and the evaluation joints are the published ones."""
+    """Every model joint has an annotation of its own, and the evaluation joints are the
+    published ones.
+    """
     assert len(set(nyu.ANNOTATION_OF_JOINT)) == 31 == len(skeleton.load().joint_names)
     assert nyu.CENTER_JOINT not in nyu.ANNOTATION_OF_JOINT
     assert nyu.EVALUATION_JOINTS == (0, 3, 5, 8, 10, 13, 15, 18, 30, 29, 28, 25, 26, 24)
@@ -28,7 +30,9 @@ def test_annotations_are_where_the_names_say(nyu_data: Path) -> None:
 
 
 def test_cubes() -> None:
-    """The second subject, from test frame 2440 on, has the smaller cube; a part of the test set has the first one's."""
+    """The second subject, from test frame 2440 on, has the smaller cube; a part of the test set has
+    the first one's.
+    """
     np.testing.assert_allclose(nyu.cube_of_test_frame([0, 2439, 2440, 8251]), [300, 300, 261, 261])
     np.testing.assert_allclose(nyu.half_cubes(nyu.TEST_FRAMES)[[0, 8251]], [150, 130.5])
     assert nyu.one_size_for_all(nyu.TEST_FRAMES) == ""

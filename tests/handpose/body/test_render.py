@@ -47,7 +47,9 @@ def spheres(hand: Capsules, center: NDArray[np.float64], steps: int = 300) -> ND
 
 
 def assert_same_depth(made: NDArray[np.float32], expected: NDArray[np.float64]) -> None:
-    """Assert equality to 0.1 mm, except for single pixels on the outline, where float32 may miss."""
+    """Assert equality to 0.1 mm, except for single pixels on the outline, where
+    float32 may miss.
+    """
     assert (np.abs(made - expected) > 0.1).mean() < 0.001
 
 
@@ -83,7 +85,9 @@ def test_nearest_capsule_is_seen() -> None:
 
 
 def test_equals_cropping_the_whole_image() -> None:
-    """Rendering only the crop's rays equals rendering 640 x 480 pixels and cropping, borders included."""
+    """Rendering only the crop's rays equals rendering 640 x 480 pixels and cropping,
+    borders included.
+    """
     rng = np.random.default_rng(2)
     for uvd in ((320.4, 239.7, 812.3), (40.0, 30.0, 700.0), (600.0, 460.0, 950.0)):
         hand = random_capsules(rng, 1, 20)
@@ -132,7 +136,9 @@ CORNERS = np.array([(-60.0, -30, 800), (50, -40, 830), (10, 60, 780)])
 def test_a_wedge_is_the_hull_of_its_spheres(
     turn: tuple[float, ...], radii: tuple[float, ...]
 ) -> None:
-    """A wedge is the union of all spheres interpolated between its three, seen from any direction."""
+    """A wedge is the union of all spheres interpolated between its three, seen from
+    any direction.
+    """
     corners = Rotation.from_rotvec(turn).apply(CORNERS - CORNERS.mean(axis=0)) + (0, 0, 800)
     one = wedge(corners, radii)
     made = render_crop(one, CENTER, 300.0)[0]

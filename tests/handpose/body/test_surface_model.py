@@ -65,7 +65,9 @@ def test_the_table_of_wedges() -> None:
 
 
 def test_offsets_turn_with_their_axes() -> None:
-    """With the shoulder at a quarter turn and the elbow back, the offsets equal those worked out by hand."""
+    """With the shoulder at a quarter turn and the elbow back, the offsets equal those
+    worked out by hand.
+    """
     surface = Surface(skeleton_of(ARM))
     pose = surface.kinematics.forward(np.array([[0, np.pi / 2, -np.pi / 2, 0.0]]))
     np.testing.assert_allclose(
@@ -78,7 +80,9 @@ def test_offsets_turn_with_their_axes() -> None:
 
 
 def test_what_keeps_apart() -> None:
-    """Parts of different digits, and digits and palm, are pairs; parts that touch at rest, or have no name, are not."""
+    """Parts of different digits, and digits and palm, are pairs; parts that touch at rest, or have
+    no name, are not.
+    """
     names = SURFACE_BLOCK.whole.joint_names
     ends = [(names[a], names[b]) for a, b in zip(SURFACE_BLOCK.start, SURFACE_BLOCK.end)]
     pairs = {frozenset((ends[i], ends[j])) for i, j in zip(*SURFACE_BLOCK.apart)}
@@ -226,7 +230,9 @@ def test_mistakes(given: tuple[str, str], rejected: Any) -> None:
 
 
 def test_the_joints_of_each_finger(model: CapsuleModel) -> None:
-    """Three points of each finger: the middle of its two points at the PIP joint, the DIP joint and the tip."""
+    """Three points of each finger: the middle of its two points at the PIP joint, the DIP
+    joint and the tip.
+    """
     names = model.skeleton.joint_names
     joints = np.random.default_rng(0).normal(size=(2, len(names), 3))
     found = Fingers(model.surface).joints(joints)

@@ -18,8 +18,9 @@ DATA = Path(__file__).parents[3].parent / "shared" / "data" / "icvl"
 needs_real = pytest.mark.skipif(not DATA.is_dir(), reason="needs ICVL's annotation")
 
 
-# For each joint, the one or two joints of the model's 31 in whose middle it is. A "tip" of ICVL lies in the last
-# phalanx: along NYU's fingers, scaled to ICVL's, it is the DIP point, and not the tip.
+# For each joint, the one or two joints of the model's 31 in whose middle it is. A "tip" of
+# ICVL lies in the last phalanx: along NYU's fingers, scaled to ICVL's, it is the DIP point,
+# and not the tip.
 MODEL_JOINTS: dict[str, tuple[str, ...]] = {
     "palm": ("palm",),
     "thumb_root": ("thumb_pip",),
@@ -53,7 +54,9 @@ def among_model_joints(joints: np.ndarray) -> np.ndarray:
 
 
 def test_joints(hand: Skeleton) -> None:
-    """The first 16 joints are ICVL's in ICVL's order; the DoFs and their limits are those of the NYU hand."""
+    """The first 16 joints are ICVL's in ICVL's order; the DoFs and their limits are those
+    of the NYU hand.
+    """
     nyu = skeleton.load()
     assert tuple(hand.joint_names[:16]) == icvl.JOINTS == tuple(MODEL_JOINTS)
     assert hand.dof_names == nyu.dof_names
@@ -64,7 +67,9 @@ def test_joints(hand: Skeleton) -> None:
 
 
 def test_it_is_the_nyu_hand_in_a_mirror(hand: Skeleton) -> None:
-    """With equal bones, and NYU's doubled joints in one place, every pose is NYU's with x mirrored."""
+    """With equal bones, and NYU's doubled joints in one place, every pose is NYU's
+    with x mirrored.
+    """
     nyu = skeleton.load()
     inputs = np.random.default_rng(0).normal(0, 0.4, (50, 47))
     bones = nyu.bones.copy()
@@ -84,7 +89,9 @@ def test_it_is_the_nyu_hand_in_a_mirror(hand: Skeleton) -> None:
 
 
 def handedness(joints: np.ndarray) -> np.ndarray:
-    """The side of the palm's plane (index, little, palm) to which the fingers bend: opposite for a mirrored hand."""
+    """The side of the palm's plane (index, little, palm) to which the fingers bend: opposite for a
+    mirrored hand.
+    """
     normal = np.cross(joints[:, 4] - joints[:, 0], joints[:, 13] - joints[:, 0])
     bent = joints[:, [6, 9, 12, 15]].mean(axis=1) - joints[:, [4, 7, 10, 13]].mean(axis=1)
     return np.sign((normal * bent).sum(axis=1))
@@ -92,7 +99,9 @@ def handedness(joints: np.ndarray) -> np.ndarray:
 
 @needs_real
 def test_icvl_shows_the_other_hand(hand: Skeleton) -> None:
-    """ICVL's annotated hands bend to the same side as this skeleton, and NYU's hand bends to the other."""
+    """ICVL's annotated hands bend to the same side as this skeleton, and NYU's hand
+    bends to the other.
+    """
     inputs = np.zeros((1, 47))
     angles = ~hand.fixed & (hand.upper < 10)
     inputs[:, angles] = hand.lower[angles] * 0.9 + hand.upper[angles] * 0.1  # a fist
@@ -105,7 +114,9 @@ def test_icvl_shows_the_other_hand(hand: Skeleton) -> None:
 
 @needs_real
 def test_bones(hand: Skeleton) -> None:
-    """The published predictions have rigid bones: this hand's, to 3%, and not NYU's. docs/paper.md names three."""
+    """The published predictions have rigid bones: this hand's, to 3%, and not NYU's.
+    docs/paper.md names three.
+    """
     published = mm("predictions/IJCAI16_ICVL_DeepModel.txt")
     nyu = among_model_joints(kinematics_of(skeleton.load()).joints(np.zeros((1, 47)))) * 150
     ends = [j for j, name in enumerate(icvl.JOINTS) if name.endswith(("_mid", "_tip"))]

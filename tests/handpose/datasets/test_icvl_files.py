@@ -16,7 +16,9 @@ from tests.support.bad_input import bad_inputs
 
 
 def test_labels_of_two_sequences(tmp_path: Path) -> None:
-    """Frames of the sequences are concatenated; paths are relative to Depth; blank lines are skipped."""
+    """Frames of the sequences are concatenated; paths are relative to Depth; blank
+    lines are skipped.
+    """
     joints = np.arange(48) + 50.0
     line = " ".join(f"{value:.3f}" for value in joints)
     for n, path in ((1, "a/image_0000.png"), (2, "/b\\image_0007.png")):

@@ -63,7 +63,7 @@ def test_joints_that_are_not_seen(tmp_path):
     assert found.seen.tolist() == [[True, True], [False, False], [True, False], [False, True]]
 
 
-# -------------------------------------------------------------------------------------------- mistakes
+# ----------------------------------------------------------------------------------------- mistakes
 
 
 JOINTS = "(N, 6) for 2 joints"

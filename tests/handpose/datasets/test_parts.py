@@ -32,7 +32,9 @@ def pieces(rows: int) -> Iterator[dict[str, np.ndarray]]:
 
 @pytest.mark.parametrize("rows", [0, 1, 100, 130])
 def test_rows_in_pieces(tmp_path: Path, rows: int) -> None:
-    """A part has the rows of all pieces in order, and its attributes; large arrays can be mapped."""
+    """A part has the rows of all pieces in order, and its attributes; large arrays
+    can be mapped.
+    """
     part = Part(tmp_path / "part.h5", 0, 130, "us", "recipe")
     expected = [*pieces(rows), COLUMNS]
     parts.write_part(part, rows, expected, {"more": 5})
@@ -48,7 +50,9 @@ def test_rows_in_pieces(tmp_path: Path, rows: int) -> None:
 
 
 def test_room(tmp_path: Path) -> None:
-    """Insufficient disk space raises an error in MB, also for a folder that does not exist yet; files make room."""
+    """Insufficient disk space raises an error in MB, also for a folder that does not exist yet;
+    files make room.
+    """
     for folder in (tmp_path, tmp_path / "new" / "er"):
         parts.check_space(folder, [(1, COLUMNS)])
         with pytest.raises(DataError, match=r"needs 4034214400000000 MB, \d+ MB are free"):
@@ -58,7 +62,7 @@ def test_room(tmp_path: Path) -> None:
     parts.check_space(tmp_path, [(10**9, COLUMNS)])
 
 
-# ------------------------------------------------------------------------------------------ what may be replaced
+# ----------------------------------------------------------------------------- what may be replaced
 
 OWN = ("us", '{"skeleton": "ours.prototxt", "seed": 1}')
 PART, LIST = "train_001.h5", "train.txt"
@@ -89,7 +93,9 @@ PART, LIST = "train_001.h5", "train.txt"
     ids=range(10),
 )
 def test_what_may_be_replaced(tmp_path: Path, name: str, there: Any, refused: str) -> None:
-    """A part of the same source and body and a list of parts are replaced, anything else only with ``force``."""
+    """A part of the same source and body and a list of parts are replaced, anything else only
+    with ``force``.
+    """
     wanted = parts.parts_of(tmp_path, "train", 3000, OWN[0], lambda start, rows: json.loads(OWN[1]))
     lists = [tmp_path / "train.txt", tmp_path / "test.txt"]
     assert parts.missing_of(wanted, lists) == wanted

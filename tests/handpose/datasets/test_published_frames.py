@@ -68,7 +68,9 @@ def test_crops() -> None:
 
 
 def test_recipe(tmp_path: Path) -> None:
-    """A recipe depends on the frames, the labels, the centres, the cube and the size of the images."""
+    """A recipe depends on the frames, the labels, the centres, the cube and the size
+    of the images.
+    """
     first = frames().recipe(0, 2)
     some = tmp_path / "0.png"
     some.write_text("image")
@@ -150,7 +152,9 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("small")
 def test_bad_frames_are_named_and_left_out(tmp_path: Path) -> None:
-    """A part without good frames is not listed; a second run writes nothing and gives the same report."""
+    """A part without good frames is not listed; a second run writes nothing and gives
+    the same report.
+    """
     reports: list[str] = []
     for missing in (3, 0):
         split = PreparedSplit(split_of(tmp_path, range(2, 6)), tmp_path)

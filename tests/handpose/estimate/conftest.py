@@ -35,7 +35,9 @@ def seeing(net_of: NetOf) -> netlib.Net:
 
 @pytest.fixture
 def fixed(net_of: NetOf) -> Callable[..., netlib.Net]:
-    """A net that predicts the same hand in every crop, at its place in training crops plus an offset in mm."""
+    """A net that predicts the same hand in every crop, at its place in training crops plus
+    an offset in mm.
+    """
 
     def make(*beside: float) -> netlib.Net:
         prior = EXACT.but(center_jitter=0, center_jitter_wide=0)
@@ -50,7 +52,9 @@ def fixed(net_of: NetOf) -> Callable[..., netlib.Net]:
 
 @pytest.fixture(scope="module")
 def frame() -> np.ndarray:
-    """Depth (424, 512) in mm of a hand about 700 mm in front of a Kinect v2, with a wall behind it."""
+    """Depth (424, 512) in mm of a hand about 700 mm in front of a Kinect v2, with a
+    wall behind it.
+    """
     sampler, rng = BodySampler(EXACT), np.random.default_rng(3)
     hand = sampler.draw(rng, 1)
     surface = capsules_of(sampler, rng, hand, (30, -20, 700), ARM_BEHIND)
@@ -76,7 +80,9 @@ class Said(Finder):
 
 
 def found_at(frame: np.ndarray, place: Sequence[float], presence: float = 0.9) -> FoundHand:
-    """What a finder says of a hand at a place (3,) in mm in a frame of KINECT2; its mask is what is within 110 mm."""
+    """What a finder says of a hand at a place (3,) in mm in a frame of KINECT2; its mask is what is
+    within 110 mm.
+    """
     rows, columns = np.indices(frame.shape)
     points = KINECT2.unproject(np.stack([columns, rows, np.maximum(frame, 1)], axis=-1))
     near = np.linalg.norm(points - place, axis=-1) < 110

@@ -53,7 +53,9 @@ def fits(predictor: Predictor, scene: Scene, count: int, **options: Any) -> Dept
 def test_blocks_change_nothing(
     predictor: Predictor, scene: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Ten crops at once or four at a time give the same fits to rounding, which may lead a few fits to other minima."""
+    """Ten crops at once or four at a time give the same fits to rounding, which may lead a few fits
+    to other minima.
+    """
     whole = fits(predictor, scene, 10)
     monkeypatch.setattr("handpose.estimate.estimator.MAX_CROPS", 4)
     parts = fits(predictor, scene, 10)
@@ -63,7 +65,9 @@ def test_blocks_change_nothing(
 
 
 def test_left_hands_in_the_mirror(predictor: Predictor, scene: Scene) -> None:
-    """A mirrored crop, taken as a left hand, gives nearly the same pose; the crops differ by a pixel."""
+    """A mirrored crop, taken as a left hand, gives nearly the same pose; the crops
+    differ by a pixel.
+    """
     uvd = scene.center_uvd[:8] * (-1, 1, 1) + (2 * NYU.u0, 0, 0)
     mirrored = HandCrops.of_sides(scene.depth[:8, :, ::-1], uvd, NYU, 300.0, "left")
     left = fit_crops(predictor.net, predictor.fitter, mirrored, FAST)
@@ -82,7 +86,9 @@ def crops(count: int) -> np.ndarray:
 
 @pytest.fixture
 def net(net_of: NetOf) -> Net:
-    """A net with a constant output: the initial pose, scaled by 0.9, and the joints of its hand model."""
+    """A net with a constant output: the initial pose, scaled by 0.9, and the joints of
+    its hand model.
+    """
     net = net_of(HEADS, netlib.TEST)
     for name in ("DoF", "size", "joints"):
         net.params[name][0].data[...] = 0
@@ -111,7 +117,9 @@ def test_moved_to_the_joints(net: Net, model: CapsuleModel) -> None:
 
 
 def test_turned_crops(net: Net, model: CapsuleModel) -> None:
-    """A net with a constant output gives starts that are turned back with the crops by quarter turns."""
+    """A net with a constant output gives starts that are turned back with the crops by
+    quarter turns.
+    """
     plain, turned = (model.joints(x)[0] for x in fit_starts(net, model, crops(1), (0, 1)))
     clockwise = np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1.0]])
     np.testing.assert_allclose(turned, plain @ clockwise.T, atol=1.0)

@@ -36,7 +36,9 @@ def fitted(model: CapsuleModel, side: Side, cost: float = 2.5) -> Hand:
 
 
 def test_a_hand_in_three_units() -> None:
-    """Joints are in half-cubes and in mm from the crop's centre, and in mm in front of the camera."""
+    """Joints are in half-cubes and in mm from the crop's centre, and in mm in front
+    of the camera.
+    """
     joints_mm = np.array([[0.0, 0, 0], [150, -75, 37.5]])
     found = Hand("right", CROP, np.array([NYU.u0, NYU.v0, 700]), 300.0, NYU, joints_mm)
     np.testing.assert_allclose(found.joints, [[0, 0, 0], [1, -0.5, 0.25]])
@@ -99,7 +101,9 @@ def test_before_it_is_judged(model: CapsuleModel) -> None:
 
 @pytest.mark.parametrize(("cost", "chance"), [(2.5, 0.5), (3.0, 1 / (1 + (2.5 / 3) ** 8))])
 def test_the_side_lowers_the_confidence(model: CapsuleModel, cost: float, chance: float) -> None:
-    """A side no cheaper than the other is at most half as sure, and may be as wrong as the other is far away."""
+    """A side no cheaper than the other is at most half as sure, and may be as wrong as the
+    other is far away.
+    """
     other = fitted(model, "left", cost)
     [alone] = judge([fitted(model, "right")], WALL)
     assert as_one_side(alone) is alone
@@ -118,7 +122,9 @@ def test_the_side_lowers_the_confidence(model: CapsuleModel, cost: float, chance
 
 
 def test_a_crop_alone_shows_what_its_frame_shows(model: CapsuleModel) -> None:
-    """A crop of a rendered frame judges a pose as the frame does, up to the rounding of its pixels."""
+    """A crop of a rendered frame judges a pose as the frame does, up to the rounding
+    of its pixels.
+    """
     hand = fitted(model, "right")
     frame = render_image(hand.capsules(in_space=True), NYU, background=1500.0)[0]
     shown = replace(hand, crop=crop(frame, CENTER, 300.0, NYU))

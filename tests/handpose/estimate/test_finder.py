@@ -137,7 +137,9 @@ def test_channels_of_a_slope() -> None:
 
 
 def test_the_net_sees_angles_whatever_the_camera() -> None:
-    """A surface at 45 degrees across to the rays, by a camera with twice as many columns as rows an angle."""
+    """A surface at 45 degrees across to the rays, by a camera with twice as many columns as
+    rows an angle.
+    """
     camera = Camera(
         "wide", 2 * CAMERA.fx, CAMERA.fy, 2 * CAMERA.u0, CAMERA.v0, 2 * CAMERA.width, CAMERA.height
     )

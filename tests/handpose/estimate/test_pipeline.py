@@ -77,7 +77,9 @@ def test_a_crop_as_in_training_stays(fixed: Callable[..., netlib.Net], frame: np
 
 
 def test_a_prediction_gone_astray(fixed: Callable[..., netlib.Net], frame: np.ndarray) -> None:
-    """A wrong prediction moves the crop by at most MAX_MOVE_MM, not out of the image, and not to the camera."""
+    """A wrong prediction moves the crop by at most MAX_MOVE_MM, not out of the image, and not
+    to the camera.
+    """
     start = np.array([260.0, 210.0, 690.0])
     found = Predictor(fixed(25, 0, 0), KINECT2, refine=9).in_frame(frame, start)
     moved = np.linalg.norm(found.center_mm - KINECT2.unproject(start))
@@ -91,7 +93,9 @@ def test_a_prediction_gone_astray(fixed: Callable[..., netlib.Net], frame: np.nd
 
 
 def test_a_hand_beside_the_start(frame: np.ndarray) -> None:
-    """A start 25 mm off is near enough if the unmoved crop competes; a start outside the image is an error."""
+    """A start 25 mm off is near enough if the unmoved crop competes; a start outside the
+    image is an error.
+    """
     predictor = load_predictor(KINECT2, fit="fast", hand="right")
     for beside in ((0, 0, 0), (25, 0, 0)):
         start = KINECT2.project(np.array([30.0, -20, 700]) + beside)
@@ -103,7 +107,9 @@ def test_a_hand_beside_the_start(frame: np.ndarray) -> None:
 
 
 def test_the_other_hand(seeing: netlib.Net) -> None:
-    """A left hand is the mirror image of the prediction for the mirrored crop, moved to where the crop's centre is."""
+    """A left hand is the mirror image of the prediction for the mirrored crop, moved to where the
+    crop's centre is.
+    """
     left = Predictor(seeing, hand="left").in_crop(some_crop())
     right = Predictor(seeing).in_crop(some_crop()[:, ::-1])
     moved = (left.joints - right.joints * (-1, 1, 1)).reshape(-1, 3)
@@ -115,7 +121,8 @@ def test_the_other_hand(seeing: netlib.Net) -> None:
 def test_either_hand_is_where_it_is_seen(
     seeing: netlib.Net, monkeypatch: pytest.MonkeyPatch, hand: Side
 ) -> None:
-    """A net that finds a small thing where training crops show it puts it at its place in space, for both sides.
+    """A net that finds a small thing where training crops show it puts it at its place in space,
+    for both sides.
 
     A pixel of the crop is 2.3 mm; without ``mirror_shift`` the left hand is 6 mm off.
     """
@@ -145,7 +152,9 @@ def test_weights_that_are_not_finite(fixed: Callable[..., netlib.Net]) -> None:
 
 
 def test_a_left_hand_is_the_mirror_image_of_a_right_one(frame: np.ndarray) -> None:
-    """Mirrored images have nearly the same expected error, also with an off-centre principal point."""
+    """Mirrored images have nearly the same expected error, also with an off-centre
+    principal point.
+    """
     part, scores = frame[:, 150:400], []
     for depth, u0, hand in (
         (part, KINECT2.u0 - 150, "right"),
@@ -160,7 +169,7 @@ def test_a_left_hand_is_the_mirror_image_of_a_right_one(frame: np.ndarray) -> No
     assert scores[0] == pytest.approx(scores[1], rel=0.25)
 
 
-# ---------------------------------------------------------------------------------- crops and places
+# --------------------------------------------------------------------------------- crops and places
 
 
 def stick(joints: str) -> Callable[[], object]:
@@ -205,7 +214,9 @@ def test_where_no_hand_can_be(given, rejected):
 
 @pytest.fixture(scope="module")
 def hands():
-    """Inputs (N, 47) of hands as in training crops, their crop centres (N, 3) in mm, and the sampler."""
+    """Inputs (N, 47) of hands as in training crops, their crop centres (N, 3) in mm,
+    and the sampler.
+    """
     sampler, rng = BodySampler(prior=CENTRED), np.random.default_rng(7)
     return sampler.draw(rng, 16).inputs, NYU.unproject(sampler.centers(rng, 16, NYU)), sampler
 
@@ -230,7 +241,9 @@ def test_a_crop_beside_moves_to_the_place_of_training(hands, side):
 
 
 def test_how_the_palm_is_turned(hands):
-    """The palm's rotation is computed from joint positions; with noise it is a rotation close to the true one."""
+    """The palm's rotation is computed from joint positions; with noise it is a rotation close
+    to the true one.
+    """
     inputs, _, sampler = hands
     pose = sampler.kinematics.forward(inputs)
     truth = sampler.kinematics.rotation_of(pose, sampler.skeleton.joint_names.index("palm"))

@@ -33,7 +33,9 @@ def crops() -> np.ndarray:
 
 
 def test_weights_replace_initial_values(tmp_path: Path) -> None:
-    """All parameters have the file's weights, although no filler ran; an unknown filler is still an error."""
+    """All parameters have the file's weights, although no filler ran; an unknown filler is
+    still an error.
+    """
     card = read_card(HAND_FINDER)
     found, expected = trained(card.net, card.weights), Net(card.net, card.weights, TEST)
     assert_same_weights(found, expected)
@@ -47,7 +49,9 @@ def test_weights_replace_initial_values(tmp_path: Path) -> None:
 
 
 def test_the_hand_model_takes_them(net: Net, crops: np.ndarray) -> None:
-    """Posing the skeleton with the inputs, in the predicted size, gives the net's joints; fixed DoFs are 0."""
+    """Posing the skeleton with the inputs, in the predicted size, gives the net's joints;
+    fixed DoFs are 0.
+    """
     poses, skeleton = hand_poses(net, crops), skeleton_to_fit(net)
     assert poses.inputs.dtype == np.float64 and (poses.inputs[:, skeleton.fixed] == 0).all()
     posed = kinematics_of(skeleton).joints(poses.inputs, poses.size[:, None] * skeleton.bones)

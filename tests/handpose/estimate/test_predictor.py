@@ -18,12 +18,14 @@ from netlib.errors import DataError, NetlibError
 from tests.handpose.estimate.conftest import NET, NetOf, Said, found_at, some_crop
 from tests.support.bad_input import bad_inputs
 
-# ------------------------------------------------------------------------------------------------- crops
+# -------------------------------------------------------------------------------------------- crops
 
 
 @pytest.mark.parametrize(("batch", "cube"), [(1, 300.0), (5, 261.0)])
 def test_a_crop(net_of: NetOf, batch: int, cube: float) -> None:
-    """The joints are those of the net's forward pass, in half-cubes and in mm of the cube; crops may be float64."""
+    """The joints are those of the net's forward pass, in half-cubes and in mm of the cube; crops
+    may be float64.
+    """
     net = net_of(NET % batch, netlib.TEST)
     found = Predictor(net, cube_mm=cube).in_crop(some_crop().astype(np.float64))
     expected = net.forward(depth=some_crop()[None, None])["pred"].reshape(31, 3)
@@ -75,7 +77,9 @@ def test_nets_of_another_kind(net_of: NetOf, given: str, rejected: Any) -> None:
     },
 )
 def test_crops_that_are_refused(seeing: netlib.Net, given: Any, rejected: Any) -> None:
-    """A crop of another shape or with invalid values raises an error about the crop, not about the net."""
+    """A crop of another shape or with invalid values raises an error about the crop, not
+    about the net.
+    """
     with rejected:
         Predictor(seeing).in_crop(given)
 
@@ -118,11 +122,13 @@ def test_what_is_masked(seeing: netlib.Net, frame: np.ndarray) -> None:
         np.testing.assert_array_equal(found.xyz, same.xyz)
 
 
-# ------------------------------------------------------------------------------------------------ frames
+# ------------------------------------------------------------------------------------------- frames
 
 
 def test_a_hand_below_the_minimum_confidence(frame: np.ndarray) -> None:
-    """It has its place, side, confidence and expected error, but nothing of a pose, in a frame and in a crop."""
+    """It has its place, side, confidence and expected error, but nothing of a pose, in a frame
+    and in a crop.
+    """
     predictor = load_predictor(KINECT2, fit="fast", hand="right", min_confidence=0)
     crop = predictor.in_frame(frame).crop
     for predict, image, in_frame in (
@@ -188,7 +194,9 @@ def test_a_confidence_that_was_not_measured_is_not_below(seeing: netlib.Net) -> 
 def test_frames_that_are_refused(
     seeing: netlib.Net, frame: np.ndarray, given: Any, rejected: Any
 ) -> None:
-    """A frame in another unit, of another size or without readings, and an invalid centre, raise an error."""
+    """A frame in another unit, of another size or without readings, and an invalid centre,
+    raise an error.
+    """
     change, camera, center = given
     with rejected:
         Predictor(seeing, camera).in_frame(change(frame), center)
@@ -239,7 +247,7 @@ def test_frames_of_other_sizes(seeing: netlib.Net, frame: np.ndarray) -> None:
     assert (found.camera.width, found.camera.height) == (512, 424)
 
 
-# ------------------------------------------------------------------------------------------------ places
+# ------------------------------------------------------------------------------------------- places
 
 
 def test_the_hand_with_the_highest_presence(seeing: netlib.Net, frame: np.ndarray) -> None:
@@ -262,7 +270,7 @@ def test_of_found_hands_the_one_with_a_sure_pose(frame: np.ndarray) -> None:
     assert np.linalg.norm(found.center_mm - hand.middle) < 60 and found.presence == 0.5
 
 
-# ----------------------------------------------------------------------------------------------- options
+# ------------------------------------------------------------------------------------------ options
 
 
 WHOLE = "expected a whole number from 0 to 100"

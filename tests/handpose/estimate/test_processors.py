@@ -1,4 +1,6 @@
-"""Hands in frames do not depend on the BLAS kernels, which OpenBLAS selects by processor (docs/reliability.md)."""
+"""Hands in frames do not depend on the BLAS kernels, which OpenBLAS selects by processor
+(docs/reliability.md).
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,8 @@ print(json.dumps([load_predictor(fit=fit).in_frame(depth).xyz.tolist() for fit i
 
 
 def joints(kernels: str) -> np.ndarray:
-    """(fits, K, 3) mm of a synthetic frame with these kernels; Nehalem's with NumPy's SIMD extensions off as well.
+    """(fits, K, 3) mm of a synthetic frame with these kernels; Nehalem's with NumPy's SIMD
+    extensions off as well.
 
     Other BLAS libraries than OpenBLAS ignore the choice.
     """

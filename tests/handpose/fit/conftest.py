@@ -16,7 +16,9 @@ from tests.support.packaged_hand import EXACT
 
 
 class Scene(NamedTuple):
-    """N frames: crops (N, 128, 128), centres (N, 3), the truth as variables (N, V) and as joints (N, 31, 3) mm."""
+    """N frames: crops (N, 128, 128), centres (N, 3), the truth as variables (N, V) and as joints
+    (N, 31, 3) mm.
+    """
 
     crops: np.ndarray
     center_uvd: np.ndarray
@@ -42,7 +44,9 @@ def few(scene: Scene) -> Scene:
 
 
 def written_out(model: CapsuleModel, posed: Posed, r: Residuals) -> np.ndarray:
-    """The Jacobian (N, 2, R, V) of residuals, computed row by row from the motion of the capsules' ends."""
+    """The Jacobian (N, 2, R, V) of residuals, computed row by row from the motion of the
+    capsules' ends.
+    """
     n, s = np.arange(len(posed.ends))[:, None], r.place[..., None, None]
     motion = (
         posed.motion[n, model.start[r.capsule]] * (1 - s)

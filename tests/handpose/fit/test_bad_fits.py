@@ -24,7 +24,10 @@ from tests.handpose.fit.test_residuals import PIPE
 from tests.support.bad_input import bad_inputs
 
 NYU = skeleton.load()  # joints that are fitted are NYU's labels
-ROOT = "skeleton 'made up': its root does not translate along x, y, z and turn about three axes, by a free DoF each, ..."
+ROOT = (
+    "skeleton 'made up': its root does not translate along x, y, z and turn about three axes, by "
+    "a free DoF each, ..."
+)
 PARTS = (
     ("X Y", "Z X Y"),
     ("X Y Y", "Z X Y"),
@@ -88,7 +91,9 @@ def poses(*shape: int, value: float = 0, joints: Any = None) -> Callable[[], obj
     },
 )
 def test_what_cannot_be_fitted(given: Callable[[], object], rejected: Any) -> None:
-    """Bodies with other roots, and joints that are too few, unknown or not finite, raise an error."""
+    """Bodies with other roots, and joints that are too few, unknown or not finite,
+    raise an error.
+    """
     with rejected:
         given()
 

@@ -31,7 +31,9 @@ def exact_ends(model: CapsuleModel, x: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("text", [None, ARM, COUPLED], ids=["hand", "arm", "coupled"])
 def test_ends_and_how_they_move(model: CapsuleModel, text: str | None) -> None:
-    """Ends and their motion equal the surface's and its central differences, with all kinds of variables."""
+    """Ends and their motion equal the surface's and its central differences, with all
+    kinds of variables.
+    """
     surface = model if text is None else body(text)
     x = np.random.default_rng(0).normal(0, 0.2, (5, surface.variables))
     posed = surface.posed(x)
@@ -44,7 +46,10 @@ def test_ends_and_how_they_move(model: CapsuleModel, text: str | None) -> None:
 
 
 def test_variables_of_the_hand(model: CapsuleModel) -> None:
-    """The skeleton has 26 variables, the forearm 2; size and thickness are one each. Knuckles and wrist are rigid."""
+    """The skeleton has 26 variables, the forearm 2; size and thickness are one each.
+
+    Knuckles and wrist are rigid.
+    """
     assert model.variables == 30
     assert (len(model.root), len(model.limbs), len(model.own)) == (6, 20, 2)
     used = np.unique(np.concatenate([model.surface.start, model.surface.end]))
@@ -54,7 +59,9 @@ def test_variables_of_the_hand(model: CapsuleModel) -> None:
 
 
 def test_there_and_back(model: CapsuleModel) -> None:
-    """Inputs survive conversion to variables and back; limbs are clipped to their limits; size scales the joints."""
+    """Inputs survive conversion to variables and back; limbs are clipped to their limits; size
+    scales the joints.
+    """
     inputs = np.zeros((3, 47))
     inputs[:, ~model.skeleton.fixed] = np.random.default_rng(1).normal(0, 0.05, (3, 26))
     lower, upper = model.skeleton.lower, model.skeleton.upper
@@ -87,7 +94,9 @@ def test_capsules_for_the_renderer(model: CapsuleModel) -> None:
 
 
 def test_flat_parts_for_the_renderer(model: CapsuleModel) -> None:
-    """Each wedge of the skeleton file is flat between the spheres at its joints, also of a mirrored hand."""
+    """Each wedge of the skeleton file is flat between the spheres at its joints, also of a
+    mirrored hand.
+    """
     capsules = model.capsules(np.zeros((1, model.variables)), np.zeros((1, 3)))
     flesh, names = model.skeleton.param.flesh, model.whole.joint_names
     assert flesh is not None and flesh.wedge

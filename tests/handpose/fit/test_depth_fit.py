@@ -51,7 +51,9 @@ def test_more_starts_are_better_explained(fitter: DepthFitter, scene: Scene) -> 
 
 @pytest.mark.parametrize("plan", [FAST, ACCURATE], ids=lambda plan: plan.name)
 def test_the_same_frames_give_the_same_bits(fitter: DepthFitter, few: Scene, plan: Plan) -> None:
-    """A fit does not depend on other frames, the number of threads, and differences of predictions by 1e-7."""
+    """A fit does not depend on other frames, the number of threads, and differences of
+    predictions by 1e-7.
+    """
     start, quarters, threads = (
         start_of(few, fitter.model),
         len(plan.quarters),
@@ -84,7 +86,9 @@ def test_the_wrong_hand_explains_less(fitter: DepthFitter, scene: Scene) -> None
 
 
 def test_from_the_frame_before(fitter: DepthFitter, scene: Scene) -> None:
-    """The previous frame is one more start, which wins if the network is far off, and loses if it is far off itself."""
+    """The previous frame is one more start, which wins if the network is far off, and loses if it
+    is far off itself.
+    """
     model = fitter.model
     far = scene.truth.copy()
     far[:, model.limbs] = np.clip(
@@ -104,7 +108,9 @@ def test_from_the_frame_before(fitter: DepthFitter, scene: Scene) -> None:
 
 
 def test_frames_without_a_frame_before(fitter: DepthFitter, few: Scene) -> None:
-    """A frame with NaN as its previous frame is fitted as if it had none; the other frames are not affected."""
+    """A frame with NaN as its previous frame is fitted as if it had none; the other frames
+    are not affected.
+    """
     starts = [
         few.truth + np.random.default_rng(q).normal(0, 0.1, few.truth.shape)
         for q in ACCURATE.quarters
@@ -119,7 +125,9 @@ def test_frames_without_a_frame_before(fitter: DepthFitter, few: Scene) -> None:
 
 
 def test_known_sizes_are_kept(fitter: DepthFitter, scene: Scene) -> None:
-    """All frames have a known size, or each its own, which also holds for the start from the previous frame."""
+    """All frames have a known size, or each its own, which also holds for the start from the
+    previous frame.
+    """
     sizes = np.linspace(0.9, 1.1, len(scene.truth))
     for found, size in (
         (fitter.fit(scene.seen, [scene.truth], FAST, size=1.07), 1.07),
@@ -131,7 +139,9 @@ def test_known_sizes_are_kept(fitter: DepthFitter, scene: Scene) -> None:
 
 @pytest.mark.parametrize("plan", [FAST, ACCURATE], ids=lambda plan: plan.name)
 def test_following(fitter: DepthFitter, scene: Scene, plan: Plan) -> None:
-    """Following reduces the error without a network; ``moved``, the network's error, stays a sign."""
+    """Following reduces the error without a network; ``moved``, the network's
+    error, stays a sign.
+    """
     model = fitter.model
     before = scene.truth + np.random.default_rng(0).normal(0, 0.05, scene.truth.shape)
     before[:, -2:] = 0
@@ -147,7 +157,9 @@ def test_following(fitter: DepthFitter, scene: Scene, plan: Plan) -> None:
 def test_followed_limbs_are_held(
     fitter: DepthFitter, scene: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Limbs stay nearer to the expected pose than the network's errors imply; the signs use the network's errors."""
+    """Limbs stay nearer to the expected pose than the network's errors imply; the signs use the
+    network's errors.
+    """
     model, objective = fitter.model, fitter.objective
     before = scene.truth + np.random.default_rng(0).normal(0, 0.1, scene.truth.shape)
     before[:, -2:] = 0

@@ -10,7 +10,9 @@ from tests.handpose.fit.conftest import Scene, error
 
 
 def test_true_joints(model: CapsuleModel, scene: Scene) -> None:
-    """From angles 0.2 radians off, the true pose is found nearly, because the start keeps a small weight."""
+    """From angles 0.2 radians off, the true pose is found nearly, because the start keeps
+    a small weight.
+    """
     start = scene.truth.copy()
     start[:, model.limbs] += np.random.default_rng(0).normal(0, 0.2, (12, 20))
     start = np.clip(start, model.lower, model.upper)
@@ -36,7 +38,9 @@ def test_joints_that_are_no_body(model: CapsuleModel, scene: Scene) -> None:
 
 
 def test_another_rotation(model: CapsuleModel, scene: Scene) -> None:
-    """A rotated and shifted body is aligned with the joints, exactly if its limb angles are right."""
+    """A rotated and shifted body is aligned with the joints, exactly if its limb
+    angles are right.
+    """
     start = scene.truth.copy()
     start[:, model.root] += np.random.default_rng(2).normal(0, 2, (12, 6)) * (
         0.1,

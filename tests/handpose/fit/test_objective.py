@@ -43,7 +43,9 @@ def equations(
 
 
 def test_the_truth_costs_little(model: CapsuleModel, scene: Scene) -> None:
-    """Every term costs less at the truth than at some distance from it, and the parts add up to the total."""
+    """Every term costs less at the truth than at some distance from it, and the parts add
+    up to the total.
+    """
     objective = Objective(model, Weights())
     true, off = cost(objective, scene.truth, scene), cost(objective, moved(scene, 0.15), scene)
     for term in (SURFACE, OUTLINE, FRONT, PRIOR):
@@ -53,7 +55,9 @@ def test_the_truth_costs_little(model: CapsuleModel, scene: Scene) -> None:
 
 
 def test_the_prior_by_hand(model: CapsuleModel, scene: Scene) -> None:
-    """The prior equals values worked out by hand, for a limb, the forearm, the thickness and the palm."""
+    """The prior equals values worked out by hand, for a limb, the forearm, the
+    thickness and the palm.
+    """
     weights = Weights(limbs=2.0, size=0.1, thickness=0.2)
     objective = Objective(model, weights)
     x = scene.truth.copy()
@@ -83,7 +87,9 @@ def natural_poses(model: CapsuleModel) -> Poses:
 
 
 def test_natural_poses_cost_less(model: CapsuleModel, scene: Scene) -> None:
-    """The squared distance from the mean pose, in units of the covariance, adds to the prior and to the curvature."""
+    """The squared distance from the mean pose, in units of the covariance, adds to the prior and to
+    the curvature.
+    """
     poses = natural_poses(model)
     plain, natural = Objective(model, ALONE), Objective(model, ALONE, poses)
     x = moved(scene)
@@ -99,7 +105,9 @@ def test_natural_poses_cost_less(model: CapsuleModel, scene: Scene) -> None:
 
 
 def test_a_forearm_counts_less(model: CapsuleModel, scene: Scene) -> None:
-    """Points on the skeleton's own capsules count fully, those on a forearm by the weight ``beyond``."""
+    """Points on the skeleton's own capsules count fully, those on a forearm by the
+    weight ``beyond``.
+    """
     weights = Weights(beyond=0.5)
     whole, less = (Objective(model, w) for w in (Weights(beyond=1.0), weights))
     measured = whole.measure(scene.truth, scene.seen, prior_of(whole, scene))
@@ -114,7 +122,9 @@ def test_a_forearm_counts_less(model: CapsuleModel, scene: Scene) -> None:
 def test_the_gradient_of_the_prior_and_of_the_robust_terms(
     model: CapsuleModel, few: Scene, robust: float
 ) -> None:
-    """b is half the gradient: exactly for the prior, and for all terms where no point changes its capsule or pixel."""
+    """b is half the gradient: exactly for the prior, and for all terms where no point changes its
+    capsule or pixel.
+    """
     x = moved(few, 0.02)
     for objective, share in (
         (Objective(model, ALONE), 100),

@@ -12,7 +12,9 @@ from tests.handpose.fit.conftest import Scene
 
 
 def test_points_lie_on_the_surface(scene: Scene) -> None:
-    """Every point projects to a pixel of the crop with the same depth, and its ray passes through it."""
+    """Every point projects to a pixel of the crop with the same depth, and its ray
+    passes through it.
+    """
     seen = scene.seen
     assert (seen.known == 1).all()
     points, rays = seen.points.swapaxes(1, 2), seen.rays.swapaxes(1, 2)
@@ -27,7 +29,9 @@ def test_points_lie_on_the_surface(scene: Scene) -> None:
 
 
 def test_columns_and_rows(scene: Scene) -> None:
-    """``offset`` and ``factor`` map a point in space to its column and row in the crop, whose pixels begin at -0.5."""
+    """``offset`` and ``factor`` map a point in space to its column and row in the crop, whose
+    pixels begin at -0.5.
+    """
     seen = scene.seen
     xyz = np.random.default_rng(0).uniform(-100, 100, (12, 7, 3)) + seen.center[:, None]
     x, y, z = np.moveaxis(xyz, -1, 0)
@@ -39,7 +43,9 @@ def test_columns_and_rows(scene: Scene) -> None:
 
 
 def test_outside_and_nearest() -> None:
-    """``outside`` is in mm, negative inside a square plate; ``nearest`` is the smallest depth of nine pixels."""
+    """``outside`` is in mm, negative inside a square plate; ``nearest`` is the smallest depth
+    of nine pixels.
+    """
     crop = np.ones((1, 128, 128), np.float32)
     crop[:, 40:80, 50:70] = 0.2
     crop[:, 60, 60] = 1  # a pixel without a reading
@@ -55,7 +61,9 @@ def test_outside_and_nearest() -> None:
 
 
 def test_few_points_and_none() -> None:
-    """If there are fewer pixels than points, each is used once and the rest are unknown; an empty crop has none."""
+    """If there are fewer pixels than points, each is used once and the rest are unknown; an empty
+    crop has none.
+    """
     crop = np.ones((2, 128, 128), np.float32)
     crop[0, 60:65, 60:70] = 0
     seen = observe(crop, [[320, 240, 700]] * 2, NYU, 300.0, 80)
@@ -82,7 +90,9 @@ def test_thin_parts_have_more_points() -> None:
 
 
 def test_some_in_the_mirror(scene: Scene) -> None:
-    """The chosen frames are those of the mirrored crops, up to rounding to a pixel; the others do not change."""
+    """The chosen frames are those of the mirrored crops, up to rounding to a pixel; the others
+    do not change.
+    """
     which = np.arange(len(scene.seen)) % 3 == 1
     before = {name: values.copy() for name, values in vars(scene.seen).items()}
     some = scene.seen.mirrored(which)

@@ -46,7 +46,9 @@ def of(
     lag: np.ndarray = NONE,
     fingers: dict[str, np.ndarray] = NO_FINGERS,
 ) -> tuple[float, float]:
-    """The expected error and the confidence of one pose; what is neither seen nor hidden is outside the image."""
+    """The expected error and the confidence of one pose; what is neither seen nor hidden is
+    outside the image.
+    """
     support = Support(*(np.array([share]) for share in (seen, hidden, 0.0, 0.0, 1 - seen - hidden)))
     all_signs = np.broadcast_to(signs, (1, len(SIGNS)))
     error_mm, confidence, _ = judged(
@@ -71,7 +73,9 @@ def test_worked_by_hand() -> None:
 
 
 def test_half_at_thirty_millimetres() -> None:
-    """The confidence is 50% where the median error is 30 mm, for instance for a pose smoothed by that much."""
+    """The confidence is 50% where the median error is 30 mm, for instance for a pose
+    smoothed by that much.
+    """
     error, confidence = of(0.0, lag=np.array([np.sqrt(30**2 - np.exp(2 * HAND.constant))]))
     assert confidence == pytest.approx(0.5) and error == pytest.approx(
         30 * np.exp(HAND.spread**2 / 2)
@@ -79,7 +83,9 @@ def test_half_at_thirty_millimetres() -> None:
 
 
 def test_less_in_sight() -> None:
-    """The less was seen, the lower the confidence and the higher the expected error, most if it is covered."""
+    """The less was seen, the lower the confidence and the higher the expected error, most if
+    it is covered.
+    """
     found = [
         of(1.0, seen, hidden) for seen, hidden in ((0.9, 0.1), (0.75, 0.0), (0.75, 0.2), (0.3, 0.6))
     ]
@@ -90,7 +96,9 @@ def test_less_in_sight() -> None:
 
 
 def test_a_hand_whose_fingers_are_in_doubt() -> None:
-    """The expected error is the geometric mean of the whole's and the fingers'; the confidence is the whole's."""
+    """The expected error is the geometric mean of the whole's and the fingers'; the confidence
+    is the whole's.
+    """
     whole, confidence = of(0.0)
     for behind in (0.0, 90.0):
         fingers = FINGERS | {"behind": behind * (np.arange(5) == 2)[None]}
@@ -99,7 +107,9 @@ def test_a_hand_whose_fingers_are_in_doubt() -> None:
 
 
 def test_no_expected_error_contradicts_the_confidence() -> None:
-    """Fingers that seem right do not make the error of a pose that is probably wrong less than Markov's inequality."""
+    """Fingers that seem right do not make the error of a pose that is probably wrong less than
+    Markov's inequality.
+    """
     error, confidence = of(0.0, lag=np.array([60.0]), fingers=FINGERS)
     assert confidence < 0.1 and error == pytest.approx(30 * (1 - confidence))
 
@@ -113,7 +123,9 @@ def test_an_empty_crop() -> None:
 
 
 def test_the_side_by_its_cost() -> None:
-    """Equal costs tell nothing, the sides' probabilities add up to 1, and a single image never tells for certain."""
+    """Equal costs tell nothing, the sides' probabilities add up to 1, and a single image never
+    tells for certain.
+    """
     assert side_chance(side_evidence(80, 80)) == 0.5
     found, other = side_chance(side_evidence(80, 100)), side_chance(side_evidence(100, 80))
     assert found == pytest.approx(1 / (1 + 0.8**8)) == 1 - other
@@ -129,7 +141,9 @@ def errors_of(whole: float, fingers: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def test_finger_errors_worked_by_hand() -> None:
-    """A seen finger of a hand with 1 mm has the constant; each sign adds its weight, of its finger alone."""
+    """A seen finger of a hand with 1 mm has the constant; each sign adds its weight, of
+    its finger alone.
+    """
     constant = np.exp(FINGER.constant + FINGER.spread**2 / 2)
     whole, *weights = FINGER.weights
     np.testing.assert_allclose(errors_of(1.0, FINGERS), [[constant] * 5])

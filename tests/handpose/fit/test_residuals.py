@@ -103,7 +103,8 @@ def test_the_surface_of_a_cone() -> None:
 def test_how_residuals_change(model: CapsuleModel, scene: Scene) -> None:
     """With fixed capsules, direction and swelling are the residuals' derivatives by each variable.
 
-    This holds for the facing side only: the place of points behind it slides along the outline, to second order.
+    This holds for the facing side only: the place of points behind it slides along the outline,
+    to second order.
     """
     rng = np.random.default_rng(0)
     x = scene.truth + rng.normal(0, 0.03, scene.truth.shape)
@@ -135,7 +136,9 @@ def test_the_nearest_of_all_capsules(model: CapsuleModel, scene: Scene) -> None:
 
 
 def test_how_they_change(model: CapsuleModel, scene: Scene) -> None:
-    """The interpolated outline has an exact slope: active residuals change as direction and swelling predict."""
+    """The interpolated outline has an exact slope: active residuals change as direction and
+    swelling predict.
+    """
     x = scene.truth.copy()
     x[:, 0] += 0.1
 
@@ -154,7 +157,9 @@ def test_how_they_change(model: CapsuleModel, scene: Scene) -> None:
 
 
 def test_spheres_before_a_plate(model: CapsuleModel) -> None:
-    """The residuals, worked out by hand, of spheres at the ends of capsules before a plate 30 mm behind the centre."""
+    """The residuals, worked out by hand, of spheres at the ends of capsules before a plate 30 mm
+    behind the centre.
+    """
     seen = observe(np.full((1, 128, 128), 0.2, np.float32), [[320, 240, 700]], NYU, 300.0)
     posed, spheres = model.posed(np.zeros((1, model.variables))), spheres_of(model)
     found = sphere_residuals(cones_of(model, posed), seen, spheres, 3.0)
@@ -181,7 +186,9 @@ def some_residuals(model: CapsuleModel, rng: np.random.Generator, N: int, R: int
 
 
 def test_normal_equations_are_those_of_the_written_out_jacobian(model: CapsuleModel) -> None:
-    """The equations equal A = sum w J Jt and b = sum w J r, with J computed row by row from the motion of the ends."""
+    """The equations equal A = sum w J Jt and b = sum w J r, with J computed row by row from the
+    motion of the ends.
+    """
     rng = np.random.default_rng(0)
     x = rng.normal(0, 0.2, (3, model.variables))
     posed, r = model.posed(x), some_residuals(model, rng, 3, 40)

@@ -1,4 +1,6 @@
-"""handpose/fit/body.py: RootMotion, compared with the kinematics, for roots of every kind; and WorldPose"""
+"""handpose/fit/body.py: RootMotion, compared with the kinematics, for roots of every
+kind; and WorldPose
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,8 @@ from handpose.fit.body import SIZE, CapsuleModel, RootMotion, WorldPose, crop_va
 from layers.hand.bodies import kinematics_of
 from tests.support.made_tracks import skeleton_of
 
-# A body of three joints; {slides} and {turns} are the motions of its root, which have initial values.
+# A body of three joints; {slides} and {turns} are the motions of its root, which have
+# initial values.
 BODY = """name: "made up"
 dof {{ name: "x" initial: 0.1 }} dof {{ name: "y" initial: -0.2 }} dof {{ name: "z" {z} }}
 dof {{ name: "a" initial: 0.3 }} dof {{ name: "b" initial: -0.4 }} dof {{ name: "c" initial: 0.2 }}
@@ -53,7 +56,9 @@ ROOTS = [
     "made", [None, *ROOTS], ids=["hand", *(str(RootMotion(made)._axes) for made in ROOTS)]
 )
 def test_place_and_rotation_there_and_back(model: CapsuleModel, made: CapsuleModel | None) -> None:
-    """Both are the root joint's, for any order and sign of its axes, and convert back, also where two axes coincide."""
+    """Both are the root joint's, for any order and sign of its axes, and convert back, also where
+    two axes coincide.
+    """
     own = made or model
     kinematics, root = kinematics_of(own.skeleton), RootMotion(own)
     x = np.random.default_rng(1).uniform(-1, 1, (30, own.variables))
@@ -80,7 +85,9 @@ CENTERS = st.tuples(*(st.floats(-500, 500),) * 3)
 def test_any_crop_centre(
     model: CapsuleModel, seed: int, first: tuple[float, ...], second: tuple[float, ...]
 ) -> None:
-    """Any pose of the hand is converted between any two centres: its joints in space stay the same."""
+    """Any pose of the hand is converted between any two centres: its joints in space
+    stay the same.
+    """
     x = np.random.default_rng(seed).uniform(-1, 1, model.variables)
     x[model.root] *= 4
     again = crop_variables(model, world_pose(model, x, np.array(first)), np.array(second))
@@ -93,7 +100,9 @@ def test_any_crop_centre(
 
 @given(seed=st.integers(0, 10**6), angle=st.floats(0, np.pi))
 def test_a_step_leads_there_and_back(seed: int, angle: float) -> None:
-    """The step to a pose is the place's way, the turn about an axis of the world, and what others changed by."""
+    """The step to a pose is the place's way, the turn about an axis of the world, and what
+    others changed by.
+    """
     rng = np.random.default_rng(seed)
     axis = rng.normal(size=3)
     step = np.concatenate(

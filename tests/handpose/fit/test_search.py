@@ -38,7 +38,9 @@ def test_much_damping() -> None:
 
 @pytest.mark.parametrize("side", [0, 1])
 def test_at_a_limit(side: int) -> None:
-    """A variable at a limit that would leave it stays, and the others take the step of the problem without it."""
+    """A variable at a limit that would leave it stays, and the others take the step of the
+    problem without it.
+    """
     limits = np.full(5, -100.0), np.full(5, 100.0)
     limits[side][2] = 0.3
     x = X.copy()
@@ -68,7 +70,9 @@ def prior_of(objective: Objective, x: np.ndarray) -> Prior:
 
 
 def test_the_cost_never_rises_within_a_stage(model: CapsuleModel, scene: Scene) -> None:
-    """More iterations in the last stage never give a higher cost, which is that of the result, within the limits."""
+    """More iterations in the last stage never give a higher cost, which is that of the result,
+    within the limits.
+    """
     objective, x = Objective(model, Weights()), start_of(scene, model)
     prior, costs = prior_of(objective, x), []
     for iterations in (0, 2, 5, 9):
@@ -102,7 +106,9 @@ def test_starts_are_compared_without_the_prior(
 
 @pytest.mark.parametrize("quarter", [0, 1, 2, 3])
 def test_a_pose_turned_with_its_picture(model: CapsuleModel, quarter: int) -> None:
-    """A pose found in a picture turned counter-clockwise is turned back, with angles of at most half a turn."""
+    """A pose found in a picture turned counter-clockwise is turned back, with angles of at
+    most half a turn.
+    """
     rng = np.random.default_rng(0)
     inputs = np.where(model.skeleton.fixed, 0, rng.normal(0, 0.3, (4, 47)))
     inputs = model.inputs_of(model.variables_of(inputs))  # within the limits
@@ -116,7 +122,9 @@ def test_a_pose_turned_with_its_picture(model: CapsuleModel, quarter: int) -> No
 
 
 def test_drawn_starts(model: CapsuleModel) -> None:
-    """Only limbs vary, with the given covariance, within the limits, equally for the same seed and for every frame."""
+    """Only limbs vary, with the given covariance, within the limits, equally for the same seed and
+    for every frame.
+    """
     x, spread = np.zeros((2, model.variables)), np.linspace(0.01, 0.1, len(model.limbs))
     starts = drawn(model, x, np.diag(spread**2), 500, 0)
     others = np.setdiff1d(np.arange(model.variables), model.limbs)

@@ -36,7 +36,9 @@ def of(model: CapsuleModel, image: np.ndarray, move: tuple[float, ...] = (0, 0, 
     [(30, "hidden"), (300, "hidden"), (0, "missing"), (np.nan, "missing"), (900, "empty")],
 )
 def test_covered(model: CapsuleModel, image: np.ndarray, value: float, part: str) -> None:
-    """A part of the hand that is covered, not read, or farther than the pose counts in proportion to its area."""
+    """A part of the hand that is covered, not read, or farther than the pose counts in
+    proportion to its area.
+    """
     assert of(model, image).seen[0] > 0.97  # although parts of the hand cover others
     half = image.copy()
     columns = np.flatnonzero((image < 700).any(axis=0))
@@ -48,7 +50,9 @@ def test_covered(model: CapsuleModel, image: np.ndarray, value: float, part: str
 
 
 def test_parts(model: CapsuleModel, image: np.ndarray) -> None:
-    """Of a hand whose index finger is covered, only that finger is hidden; shares of disjoint parts make the whole."""
+    """Of a hand whose index finger is covered, only that finger is hidden; shares of disjoint parts
+    make the whole.
+    """
     assert model.fingers is not None
     index, others = model.fingers.capsules[1], ~model.fingers.capsules[1] & ~model.surface.limbs
     capsules = model.capsules(np.zeros((1, model.variables)), CENTER)
@@ -74,7 +78,9 @@ flesh { wedge { joint: "a" joint: "b" joint: "c" radius: 0.1 } }
 
 
 def test_flat_parts_are_sampled_at_their_middles(model: CapsuleModel) -> None:
-    """The last spheres are those of the wedges of the skeleton file, each with the area of its triangle."""
+    """The last spheres are those of the wedges of the skeleton file, each with the area
+    of its triangle.
+    """
     x = np.zeros((1, model.variables))
     flesh, names = model.skeleton.param.flesh, model.whole.joint_names
     assert flesh is not None and flesh.wedge
@@ -92,7 +98,9 @@ def test_flat_parts_are_sampled_at_their_middles(model: CapsuleModel) -> None:
 
 
 def test_a_flat_part_between_thin_edges() -> None:
-    """Covered in its middle, a web of 5,000 mm2 is hidden but for its edges; a part without an edge has no web."""
+    """Covered in its middle, a web of 5,000 mm2 is hidden but for its edges; a part without an
+    edge has no web.
+    """
     web = body(WEB)
     capsules, none = web.capsules(np.zeros((1, web.variables)), CENTER), np.zeros(3, bool)
     edges = 2 * (100 + 100 + np.hypot(100, 100))  # mm2: 2 mm wide
@@ -108,7 +116,9 @@ def test_a_flat_part_between_thin_edges() -> None:
 
 
 def test_elsewhere(model: CapsuleModel, image: np.ndarray) -> None:
-    """A pose next to the hand is in empty space; a part of it may be outside the image, or behind the camera."""
+    """A pose next to the hand is in empty space; a part of it may be outside the image, or
+    behind the camera.
+    """
     assert of(model, image, (250, 0, 0)).empty[0] > 0.9
     half = (-(CAMERA.u0 / CAMERA.fx) * CENTER[0, 2], 0, 0)
     assert 0.2 < of(model, image, half).outside[0] < 0.8
@@ -117,7 +127,9 @@ def test_elsewhere(model: CapsuleModel, image: np.ndarray) -> None:
 
 
 def test_joints_in_the_image(image: np.ndarray) -> None:
-    """Joints are behind or in front of the readings at their pixels; those without a reading do not count."""
+    """Joints are behind or in front of the readings at their pixels; those without a
+    reading do not count.
+    """
     v, u = np.argwhere(image < 700)[200]
     surface, d = CAMERA.unproject([u, v, image[v, u]]), float(image[v, u])
     joints = np.stack([surface * (1 + dz / d) for dz in (12, -30, 500)])[None]

@@ -17,7 +17,9 @@ GIVEN = CameraInfo(CAMERA, unit_mm=0.5, rate=10.0, origin="--camera")
 
 
 def hand_sized(shape: tuple[int, int] = (48, 64), distance: int = 1000) -> NDArray[np.uint16]:
-    """An object of 10 x 12 px in front of a wall at twice the distance; at 500 mm it is 100 mm wide for CAMERA."""
+    """An object of 10 x 12 px in front of a wall at twice the distance; at 500 mm it is 100 mm
+    wide for CAMERA.
+    """
     image = np.full(shape, 2 * distance, np.uint16)
     image[18:28, 26:38] = distance
     return image

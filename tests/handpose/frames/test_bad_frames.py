@@ -1,4 +1,6 @@
-"""Values of frames, cameras and lenses that are refused: what is given, and the line of the error."""
+"""Values of frames, cameras and lenses that are refused: what is given, and the
+line of the error.
+"""
 
 from __future__ import annotations
 
@@ -165,7 +167,10 @@ def undistort(model: str, *coefficients: float) -> Callable[[], object]:
         **{
             f"to store {depth}": (
                 lambda depth=depth: stored(np.array([[5, depth]], np.float32), 1.0, "take"),
-                f"take: depth from {least} to {most} mm does not fit into 16 bits of 1 mm; expected 0 to 65535, or take a ...",
+                (
+                    f"take: depth from {least} to {most} mm does not fit into 16 bits of 1 mm; "
+                    "expected 0 to 65535, or take a ..."
+                ),
             )
             # not clipped
             for depth, least, most in (

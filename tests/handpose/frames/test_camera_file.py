@@ -50,7 +50,8 @@ def test_the_example_of_the_docstring() -> None:
             CameraInfo(Camera("own", 60, 61, 31.5, 23.5, 0, 0), Lens((0.1, 0, 0, 0)), origin="x"),
         ),
         (
-            '{"width": 64, "height": 48, "fx": 60, "fy": 61, "ppx": 31.5, "ppy": 23.5, "model": "Inverse Brown Conrady", '
+            '{"width": 64, "height": 48, "fx": 60, "fy": 61, "ppx": 31.5, "ppy": 23.5, '
+            '"model": "Inverse Brown Conrady", '
             '"coeffs": [0.1, 0, 0, 0, 0], "depth_scale": 0.001, "fps": 30}',
             CameraInfo(
                 Camera("own", 60, 61, 31.5, 23.5, 64, 48),
@@ -61,7 +62,8 @@ def test_the_example_of_the_docstring() -> None:
             ),
         ),
         (
-            '{"fx": 60, "fy": 61, "cx": 31.5, "cy": 23.5, "k1": 1, "k2": 2, "k3": 3, "k4": 4, "k5": 5, "k6": 6, "p1": 7, '
+            '{"fx": 60, "fy": 61, "cx": 31.5, "cy": 23.5, "k1": 1, "k2": 2, "k3": 3, "k4": 4, '
+            '"k5": 5, "k6": 6, "p1": 7, '
             '"p2": 8}',
             CameraInfo(
                 Camera("own", 60, 61, 31.5, 23.5, 0, 0), Lens((1, 2, 7, 8, 3, 4, 5, 6)), origin="x"
@@ -115,7 +117,9 @@ NUMBER, WHAT = (
         '{"distortion": [1, 2, 3]}': "x: distortion (1.0, 2.0, 3.0), expected 4, 5, 8 finite numbers: k1 k2 p1 p2 ...",
         '{"distortion": [1, "a"]}': 'x: distortion is [1, "a"]; expected a list of numbers: k1, k2, p1, p2, k3 ...',
         '{"distortion": {"modell": "none"}}': "x: distortion: unknown key 'modell' (did you mean 'model'?); known: ...",
-        '{"distortion": {"model": "fisheye", "coefficients": [1, 0, 0, 0]}}': "x: distortion model 'fisheye' is not known; known: brown_conrady (OpenCV's), ...",
+        '{"distortion": {"model": "fisheye", "coefficients": [1, 0, 0, 0]}}': (
+            "x: distortion model 'fisheye' is not known; known: brown_conrady (OpenCV's), ..."
+        ),
         '{"distortion": {"model": 1, "coefficients": [1, 0, 0, 0]}}': "x: model is 1; expected a text",
         '{"distortion": [0, 0, 0, 0], "k1": 0}': "x: says the distortion twice, once as k1 ...",
         '{"model": "none", "distortion": {"model": "none"}}': "x: says model twice, once as distortion",
@@ -123,7 +127,9 @@ NUMBER, WHAT = (
         "K: [1, 2, 3]": "x: K is [1.0, 2.0, 3.0]; expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], or fx, fy, cx, cy",
         "K: [60, 1, 31, 0, 61, 23, 0, 0, 1]": "x: K is [60.0, 1.0, 31.0, ...; expected [[fx, 0, cx], ...",
         "K: [0, 0, 0, 0, 0, 0, 0, 0, 1]": "x: fx is 0.0; expected a number more than 1e-06 and at most 1e+06",
-        "K: [60, 61, 31, 23]\nD: [0.1, 0, 0, 0]\ndistortion_model: equidistant": "x: distortion model 'equidistant' is not known; known: brown_conrady (OpenCV's), ...",
+        "K: [60, 61, 31, 23]\nD: [0.1, 0, 0, 0]\ndistortion_model: equidistant": (
+            "x: distortion model 'equidistant' is not known; known: brown_conrady (OpenCV's), ..."
+        ),
         "K: [60, 61, 31, 23]\nK: 1": "x: has 'K' twice",
         "K: [60, 61, 31, 23]\nresolution: [64.5, 48]": "x: width is 64.5; expected a whole number",
         "a:\n  K: [60, 61, 31, 23]\nb:\n  K: [60, 61, 31, 24]": "x: has several cameras: a, b; expected one, or ...",
@@ -177,7 +183,7 @@ def test_every_number_returns(
     assert parse(to_text(said), "x") == said
 
 
-# ---------------------------------------------------------------------------------------------- other programs
+# ----------------------------------------------------------------------------------- other programs
 
 MATRIX = np.array([[60, 0, 31.5], [0, 61, 23.5], [0, 0, 1.0]])
 ROWS = json.dumps(MATRIX.tolist())
@@ -374,7 +380,9 @@ def test_a_camera_alone(text: str, camera: Camera, words: str) -> None:
     ],
 )
 def test_a_camera_with_a_lens(text: str, name: str, lens: tuple[float, ...]) -> None:
-    """ROS's calibration, a topic's messages, Kalibr, ORB-SLAM, RealSense's list, ROS 2 in JSON, objects in objects."""
+    """ROS's calibration, a topic's messages, Kalibr, ORB-SLAM, RealSense's list, ROS 2 in JSON,
+    objects in objects.
+    """
     found = camera_file.parse(text, "x")
     assert found.camera == Camera(name, 60, 61, 31.5, 23.5, 64, 48)
     assert found.lens == Lens(lens)
@@ -570,7 +578,8 @@ LENS = Lens((0.1, -0.2, 0.01, 0.02, 0.0))
         ),
         ("{'fx': 60.0, 'fy': 61.0, 'ppx': 31.5, 'ppy': 23.5, 'width': 64, 'height': 48}", None),
         (
-            "{'K': array([[60. ,  0. , 31.5],\n       [ 0. , 61. , 23.5],\n       [ 0. ,  0. ,  1. ]]), 'size': [64, 48]}",
+            "{'K': array([[60. ,  0. , 31.5],\n       [ 0. , 61. , 23.5],\n       [ 0. ,  0. "
+            ",  1. ]]), 'size': [64, 48]}",
             None,
         ),
         (
@@ -586,7 +595,8 @@ LENS = Lens((0.1, -0.2, 0.01, 0.02, 0.0))
             Lens((0.1, -0.2, 0, 0, 0, 0, 0, 0)),
         ),
         (
-            "Stream,Depth\nFormat,Z16\nResolution x,64\nResolution y,48\n\nIntrinsic:,\nFx,60\nFy,61\nPPx,31.5\nPPy,23.5\n"
+            "Stream,Depth\nFormat,Z16\nResolution x,64\nResolution "
+            "y,48\n\nIntrinsic:,\nFx,60\nFy,61\nPPx,31.5\nPPy,23.5\n"
             "Distorsion,Brown Conrady\n",
             Lens(),
         ),
@@ -609,13 +619,17 @@ LENS = Lens((0.1, -0.2, 0.01, 0.02, 0.0))
     ],
 )
 def test_what_programs_print(text: str, lens: Lens | None) -> None:
-    """pyrealsense2's two forms, Python's and NumPy's, Orbbec, Azure, RealSense Viewer, ScanNet, ROS's ost, sections."""
+    """pyrealsense2's two forms, Python's and NumPy's, Orbbec, Azure, RealSense Viewer, ScanNet,
+    ROS's ost, sections.
+    """
     found = camera_file.parse(text, "x")
     assert (found.camera, found.lens) == (SIZED, lens)
 
 
 def test_the_modes_of_a_camera(tmp_path: Path) -> None:
-    """The whole text of rs-enumerate-devices -c, also as PowerShell writes it: the depth of the frames' size."""
+    """The whole text of rs-enumerate-devices -c, also as PowerShell writes it: the depth of
+    the frames' size.
+    """
     (tmp_path / "camera.txt").write_text(ENUMERATED, encoding="utf-16")
     for found in (camera_file.parse(ENUMERATED, "x"), camera_file.read(tmp_path / "camera.txt")):
         assert isinstance(found.camera, View) and found.lens == Lens()

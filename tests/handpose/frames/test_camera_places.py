@@ -1,4 +1,6 @@
-"""handpose/frames/camera_places.py: files with a camera near the frames, where programs write them."""
+"""handpose/frames/camera_places.py: files with a camera near the frames, where
+programs write them.
+"""
 
 from __future__ import annotations
 
@@ -157,7 +159,9 @@ def test_the_mode_of_the_frames_size(depth: Path) -> None:
     ],
 )
 def test_files_of_other_recordings_are_not_used(depth: Path, name: str) -> None:
-    """A camera.json among frames is theirs; so is NAME.camera.json; and not every text is looked at."""
+    """A camera.json among frames is theirs; so is NAME.camera.json; and not every
+    text is looked at.
+    """
     put(Path("take/other/0.png"), hand_sized())
     wrote(name, to_text(CameraInfo(Camera("other", 70.0, 71.0, 31.5, 23.5, 64, 48))))
     with pytest.raises(

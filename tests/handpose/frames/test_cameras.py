@@ -28,7 +28,9 @@ def test_round_trip(camera: Camera, x: float, y: float, z: float) -> None:
 
 
 def test_minimum_range() -> None:
-    """Readings nearer than the minimum range become 0; an image without such readings is returned unchanged."""
+    """Readings nearer than the minimum range become 0; an image without such readings is
+    returned unchanged.
+    """
     depth = np.array([[0, 199, 200, 900, -1]], np.int16)
     np.testing.assert_array_equal(NYU.in_range(depth), [[0, 0, 200, 900, -1]])
     assert replace(NYU, min_range_mm=100.0).in_range(depth) is depth

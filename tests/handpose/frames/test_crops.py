@@ -33,7 +33,9 @@ from handpose.frames.crops import (
 def cut_and_resize(
     depth: NDArray[np.float32], uvd: tuple[float, float, float], cube: float, camera: Camera
 ) -> NDArray[np.float32]:
-    """The released preprocessing, step by step: cut the window, pad, clamp, resize with OpenCV, paste."""
+    """The released preprocessing, step by step: cut the window, pad, clamp, resize with
+    OpenCV, paste.
+    """
     (u, v, d), h = uvd, cube / 2
     left, right = (floor((u * d / camera.fx + side) / d * camera.fx) for side in (-h, h))
     top, bottom = (floor((v * d / camera.fy + side) / d * camera.fy) for side in (-h, h))
@@ -54,7 +56,9 @@ def cut_and_resize(
 
 
 def test_the_published_crop(nyu_data: Path) -> None:
-    """The crop of the first real test frame equals the crop published by the paper's authors, on every pixel."""
+    """The crop of the first real test frame equals the crop published by the paper's authors,
+    on every pixel.
+    """
     uvd = np.load(nyu_data / "test_joint_uvd.npz")["joint_uvd"][0, CENTER_JOINT]
     made = crop(read_nyu_depth(nyu_data / "depth_1_0000001.png"), uvd, CUBE_MM)
     published = cv2.imread(str(nyu_data / "crops" / "0.png"), cv2.IMREAD_GRAYSCALE)
@@ -83,7 +87,9 @@ def test_same_as_cutting_and_resizing(
 
 
 def test_near_far_and_no_reading() -> None:
-    """Depths nearer than the cube become -1, farther ones 1, the centre's depth 0; missing readings are background."""
+    """Depths nearer than the cube become -1, farther ones 1, the centre's depth 0; missing readings
+    are background.
+    """
     for reading, value in (
         (10, -1),
         (650, -1),
@@ -107,7 +113,9 @@ def test_window_is_square_in_space() -> None:
 
 @pytest.mark.parametrize("distance", [350, 600, 1000])
 def test_crop_scale_is_half_a_pixel_before_the_window(distance: float) -> None:
-    """``crop_scale`` is half a pixel less than the picked pixels on average; ``crop_pixels`` corrects for it."""
+    """``crop_scale`` is half a pixel less than the picked pixels on average; ``crop_pixels``
+    corrects for it.
+    """
     centers = np.stack(
         [np.linspace(200.1, 300.7, 37), np.full(37, 200.3), np.full(37, distance)], axis=1
     )
@@ -151,7 +159,9 @@ def plate() -> np.ndarray:
 
 
 def test_flying_pixels() -> None:
-    """Behind an edge, and between two surfaces; correct readings at edges stay, and so do those around flying ones."""
+    """Behind an edge, and between two surfaces; correct readings at edges stay, and so do those
+    around flying ones.
+    """
     np.testing.assert_array_equal(without_flying_pixels(plate(), 150.0, 1.5), plate())
     crop = plate()
     crop[100, 20:110] = crop[99, 20:110] + 0.15
@@ -174,7 +184,9 @@ def test_wide_pixels() -> None:
 
 
 def test_crop_of_a_frame() -> None:
-    """``clear_crop`` removes the rim of a disc whose rim reads a depth between the disc and the wall."""
+    """``clear_crop`` removes the rim of a disc whose rim reads a depth between the
+    disc and the wall.
+    """
     depth = np.full((424, 512), 1500, np.float32)
     v, u = np.indices(depth.shape)
     far = np.hypot(u - 256, v - 212)
@@ -185,7 +197,9 @@ def test_crop_of_a_frame() -> None:
 
 
 def test_isolated_near_readings() -> None:
-    """Readings in front of the cube are background, unless they continue a surface that reaches the near face."""
+    """Readings in front of the cube are background, unless they continue a surface that reaches
+    the near face.
+    """
     crop = plate()
     crop[5:20, 5:20] = -1
     np.testing.assert_array_equal(without_isolated_near(crop, 150.0), plate())
@@ -195,7 +209,9 @@ def test_isolated_near_readings() -> None:
 
 
 def test_what_hides_the_hand() -> None:
-    """Readings in front of the cube are at the near face, those nearer than the camera measures included."""
+    """Readings in front of the cube are at the near face, those nearer than the camera
+    measures included.
+    """
     depth = np.full((424, 512), 600, np.float32)
     depth[200:220, 250:260], depth[220:225, 250:260] = 40, 300
     center = (256.0, 212.0, 600.0)

@@ -16,7 +16,9 @@ from tests.support.nyu_data_set import pack_depth
 
 
 def test_png_that_is_not_whole(tmp_path: Path) -> None:
-    """A PNG file that is truncated at any place, or has one wrong byte, is rejected before it is decoded."""
+    """A PNG file that is truncated at any place, or has one wrong byte, is rejected before
+    it is decoded.
+    """
     image = np.random.default_rng(0).integers(0, 65536, (40, 30)).astype(np.uint16)
     raw = cv2.imencode(".png", image)[1].tobytes()
     path = tmp_path / "image.png"
@@ -54,7 +56,9 @@ def test_units_of_a_frame(tmp_path: Path) -> None:
 
 
 def test_crops_are_normalised(tmp_path: Path) -> None:
-    """Gray 0 is the near plane -1, 255 the far plane 1; other sizes are resized by nearest neighbour."""
+    """Gray 0 is the near plane -1, 255 the far plane 1; other sizes are resized by
+    nearest neighbour.
+    """
     image = np.kron(np.array([[0, 255]] * 2, np.uint8), np.ones((32, 32), np.uint8))
     cv2.imwrite(str(tmp_path / "crop.png"), image)
     crop = images.read_crop(tmp_path / "crop.png")
@@ -83,7 +87,9 @@ def test_nothing_read(unread: float) -> None:
 
 @pytest.mark.parametrize("dtype", [np.uint16, np.float32])
 def test_single_missing_pixels_of_a_surface_are_filled(dtype: type) -> None:
-    """Holes of one or two pixels get the median of their neighbours; gaps and edges stay as they are."""
+    """Holes of one or two pixels get the median of their neighbours; gaps and edges
+    stay as they are.
+    """
     image = np.tile(np.arange(500, 512, dtype=dtype), (12, 1))
     image[:, :2] = 0
     image[4:, 6] = 0  # a gap
@@ -100,7 +106,9 @@ def test_single_missing_pixels_of_a_surface_are_filled(dtype: type) -> None:
 
 
 def test_single_pixels_of_other_images() -> None:
-    """Without one the image is not copied, also if its background has no readings; NaN counts as no reading."""
+    """Without one the image is not copied, also if its background has no readings; NaN counts
+    as no reading.
+    """
     image = np.zeros((9, 9), np.uint16)
     image[2:7, 2:7] = 400
     assert without_dropouts(image) is image

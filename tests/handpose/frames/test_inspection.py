@@ -101,9 +101,11 @@ def test_a_unit_that_is_likely_wrong(factor: float, unit_mm: float, advice: str)
 @pytest.mark.parametrize("true_mm", [0.25, 0.2])
 @pytest.mark.parametrize("distance", [300, 450, 600, 900])
 def test_a_unit_for_any_distance(true_mm: float, distance: int) -> None:
-    """Depth in units of 0.25 and 0.2 mm is doubted for a hand at any usual distance; the right unit is suggested.
+    """Depth in units of 0.25 and 0.2 mm is doubted for a hand at any usual distance; the right
+    unit is suggested.
 
-    For a hand so near that it may be another one farther away, the doubt appears if no hand is found.
+    For a hand so near that it may be another one farther away, the doubt appears if no
+    hand is found.
     """
     images = [hand_sized(distance=distance + i) / true_mm for i in range(3)]
     found = inspect(Taken(images))
@@ -116,7 +118,9 @@ def test_a_unit_for_any_distance(true_mm: float, distance: int) -> None:
 
 
 def test_a_person_is_no_hand() -> None:
-    """A wide object beyond 1 m is a person, or a hand of another unit; the hand of a near person is not doubted."""
+    """A wide object beyond 1 m is a person, or a hand of another unit; the hand of a near person
+    is not doubted.
+    """
     assert inspect(Taken([hand_sized(distance=1300)])).warnings == ()
     image = np.full((48, 64), 2800)
     image[:, 16:48] = 1300

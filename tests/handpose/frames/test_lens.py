@@ -28,7 +28,9 @@ def numbered() -> np.ndarray:
 
 @pytest.mark.parametrize("coefficients", LENSES, ids=len)
 def test_the_same_map_as_opencvs(coefficients: tuple[float, ...]) -> None:
-    """The pixel is the nearest to the place in cv2.initUndistortRectifyMap, or 0 outside the image."""
+    """The pixel is the nearest to the place in cv2.initUndistortRectifyMap, or 0
+    outside the image.
+    """
     matrix = np.array([[CAMERA.fx, 0, CAMERA.u0], [0, CAMERA.fy, CAMERA.v0], [0, 0, 1]])
     u, v = cv2.initUndistortRectifyMap(
         matrix, np.array(coefficients), None, matrix, (CAMERA.width, CAMERA.height), cv2.CV_32FC1
@@ -62,7 +64,9 @@ def test_the_inverse_lens_is_the_inverse(coefficients: tuple[float, ...]) -> Non
 
 
 def test_nothing_is_shown_beyond_a_fold() -> None:
-    """With k1 = -1/3 the formula folds back at slope 1; rays beyond it are not in the image and become 0."""
+    """With k1 = -1/3 the formula folds back at slope 1; rays beyond it are not in the
+    image and become 0.
+    """
     wide = Camera("own", 40.0, 40.0, 79.5, 59.5, 160, 120)
     straight = Undistorter(wide, Lens((-1 / 3, 0, 0, 0)))(numbered())
     assert straight[60, 80] > 0 and straight[60, 80 + 38] > 0

@@ -1,4 +1,6 @@
-"""handpose/frames/live.py: frames of any device, dropped ones, clocks, ends and failures, with and without a thread."""
+"""handpose/frames/live.py: frames of any device, dropped ones, clocks, ends and failures, with and
+without a thread.
+"""
 
 from __future__ import annotations
 
@@ -48,7 +50,9 @@ def frame(
 
 
 def test_frames_as_they_come() -> None:
-    """Times begin at 0, depth is in mm, and missing numbers are counted; a repeated frame is skipped."""
+    """Times begin at 0, depth is in mm, and missing numbers are counted; a repeated
+    frame is skipped.
+    """
     device = Simulated(
         [frame(5.0, 7), frame(5.1, 8), frame(5.1, 8), None, frame(5.4, 11), EOFError()]
     )
@@ -98,7 +102,9 @@ def test_a_clock_that_changes(times: list[tuple[float, str]]) -> None:
     ],
 )
 def test_the_end(end: list[Event], cut: str) -> None:
-    """A device that ends, fails or sends nothing more ends the recording, with the reason; frames are counted here."""
+    """A device that ends, fails or sends nothing more ends the recording, with the reason; frames
+    are counted here.
+    """
     recording = LiveRecording(Simulated([frame(1.0), frame(1.2), frame(1.9), *end]))
     assert [one.number for one in recording] == [0, 1, 2] and (
         recording.remarks,
@@ -107,7 +113,9 @@ def test_the_end(end: list[Event], cut: str) -> None:
 
 
 def test_the_end_in_a_thread() -> None:
-    """Exceptions of the thread come after its last frame; a timeout before a frame has no effect."""
+    """Exceptions of the thread come after its last frame; a timeout before a frame
+    has no effect.
+    """
     events: queue.Queue[Event] = queue.Queue()
     with open_device(Simulated(iter(events.get, "never"))) as recording:
         events.put(TimeoutError("not yet"))
@@ -119,7 +127,9 @@ def test_the_end_in_a_thread() -> None:
 
 
 def test_a_thread_keeps_the_newest_frame() -> None:
-    """While a frame is in use, those that come are read, and all but the newest are dropped and counted."""
+    """While a frame is in use, those that come are read, and all but the newest are
+    dropped and counted.
+    """
     read, released = threading.Semaphore(0), [threading.Event(), threading.Event()]
 
     def events() -> Iterable[Event]:

@@ -134,7 +134,9 @@ def test_what_is_no_recording(
 
 
 def converted(source: Path | str, said: str, status: int = 0) -> str:
-    """Run the command in the error for a source, as a shell does; return what it prints as an error."""
+    """Run the command in the error for a source, as a shell does; return what it
+    prints as an error.
+    """
     with pytest.raises(DataError, match=said) as raised:
         open_recording(source)
     program, *words = shlex.split(str(raised.value).partition("; this converts: ")[2])
@@ -145,7 +147,8 @@ def converted(source: Path | str, said: str, status: int = 0) -> str:
 def write_video(
     path: Path, milliseconds: Sequence[int], titles: Sequence[str] = ("",), **tags: str
 ) -> np.ndarray:
-    """Write a video with a stream for each title: colours for COLOR, else 16-bit values 1000, 1001 ... (first DEPTH).
+    """Write a video with a stream for each title: colours for COLOR, else 16-bit values 1000,
+    1001 ... (first DEPTH).
 
     Return the depth, (frames, height, width).
     """
@@ -199,7 +202,9 @@ def write_video(
 def test_videos_are_converted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, titles: Sequence[str], name: str
 ) -> None:
-    """The stream of depth, every value, the times to 1 ms, and the camera in a tag, as tools/record.py once wrote."""
+    """The stream of depth, every value, the times to 1 ms, and the camera in a tag, as
+    tools/record.py once wrote.
+    """
     monkeypatch.chdir(tmp_path)
     depth = write_video(Path(name), (0, 33, 100), titles, CAMERA=camera_file.to_text(GIVEN))
     converted(name, "a video, ")
@@ -265,7 +270,9 @@ def test_two_depth_cameras_of_an_hdf5_file(tmp_path: Path, monkeypatch: pytest.M
 
 
 def test_pgm_is_converted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every file of the folder under its name, so that order, times and kinds are those of the names."""
+    """Every file of the folder under its name, so that order, times and kinds are
+    those of the names.
+    """
     monkeypatch.chdir(tmp_path)
     for number in range(12):
         put(Path(f"a take/d-{number}.pgm"), hand_sized(distance=1000 + number))

@@ -1,4 +1,6 @@
-"""handpose/frames/recording.py: depth from stored values, and which source of parameters takes precedence."""
+"""handpose/frames/recording.py: depth from stored values, and which source of parameters
+takes precedence.
+"""
 
 from __future__ import annotations
 
@@ -66,7 +68,9 @@ def test_the_user_is_believed_first() -> None:
 
 
 def test_the_unit_of_a_known_camera() -> None:
-    """The unit is that of the camera's images unless another is given; a camera's name alone is not enough."""
+    """The unit is that of the camera's images unless another is given; a camera's name alone
+    is not enough.
+    """
     given = CameraInfo(SR305, origin="--camera")
     found = DepthDecoder((480, 640), U16, "take", given)
     assert found.unit_mm == 0.125 and found.remarks == ("camera sr305, by --camera",)

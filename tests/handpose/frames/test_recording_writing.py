@@ -37,7 +37,9 @@ def write(path: Path, taken: list[DepthFrame], unit_mm: float = 0.5) -> None:
 
 @pytest.mark.parametrize("name", ["take", "take.1", "take.npz"])
 def test_a_recording_comes_back(tmp_path: Path, name: str) -> None:
-    """Camera, unit, rate and times are restored, relative to the first frame; no other file is left."""
+    """Camera, unit, rate and times are restored, relative to the first frame; no
+    other file is left.
+    """
     write(tmp_path / "new" / name, frames(start=7.5))
     recording = open_recording(tmp_path / "new" / name)
     assert (recording.camera, recording.unit_mm, recording.rate, recording.count) == (

@@ -53,7 +53,9 @@ def read_all(place: Path) -> None:
 def test_reads_that_fail(
     folder: Path, monkeypatch: pytest.MonkeyPatch, name: str, read: Callable[[Path], object]
 ) -> None:
-    """A read that the system refuses raises DataError with its reason, wherever it happens; no frame counts as bad."""
+    """A read that the system refuses raises DataError with its reason, wherever it happens; no
+    frame counts as bad.
+    """
     np.savez(folder / "take.npz", depth=[hand_sized()] * 3)
     monkeypatch.setattr(reading, "FileIO", Failing)
     reached = []
@@ -73,7 +75,9 @@ def test_reads_that_fail(
 
 
 def test_a_folder_that_cannot_be_listed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A folder that cannot be listed raises an error with its reason; it is not taken for an empty one."""
+    """A folder that cannot be listed raises an error with its reason; it is not taken
+    for an empty one.
+    """
     monkeypatch.setattr(
         os,
         "scandir",

@@ -55,7 +55,9 @@ def net_of(folder: Path, batch: int = 7, extra: str = "") -> netlib.Net:
 
 @pytest.mark.parametrize("batch", [1, 3, 7, 50])
 def test_every_frame_counts_once(frames: Path, batch: int) -> None:
-    """For every batch size the error is 10 mm, and the loss that of the seven frames; a second run begins anew."""
+    """For every batch size the error is 10 mm, and the loss that of the seven frames; a second
+    run begins anew.
+    """
     tracked: list[int] = []
     net = net_of(frames, batch)
     found = held_out.predict_all(net, progress=tracked.append)
@@ -104,12 +106,17 @@ def predict(folder: Path, name: str = "", at: int = 0, extra: str = "") -> objec
 def test_frames_that_cannot_be_judged(
     frames: Path, given: Callable[[Path], object], rejected: Any
 ) -> None:
-    """Values that are not finite are reported with the file and frame; half-cubes are in the order of frames."""
+    """Values that are not finite are reported with the file and frame; half-cubes are in the
+    order of frames.
+    """
     with rejected:
         given(frames)
 
 
-LEARNED = 'layer {{ name: "{0}" type: "InnerProduct" bottom: "{1}" top: "{0}" inner_product_param {{ num_output: 47 }} }} '
+LEARNED = (
+    'layer {{ name: "{0}" type: "InnerProduct" bottom: "{1}" top: "{0}" inner_product_param {{ '
+    "num_output: 47 }} }} "
+)
 DEPLOY = """
 input: "x" input_shape {{ dim: 1 dim: 47 }} {0}
 layer {{ name: "hand" type: "HandModel" bottom: "{1}" top: "pred" }}
@@ -117,7 +124,9 @@ layer {{ name: "hand" type: "HandModel" bottom: "{1}" top: "pred" }}
 
 
 def test_a_deploy_net_with_a_layer_that_the_weights_lack(tmp_path: Path) -> None:
-    """The error names the layer, because a layer with random weights would give meaningless figures."""
+    """The error names the layer, because a layer with random weights would give
+    meaningless figures.
+    """
     one, two = LEARNED.format("one", "x"), LEARNED.format("two", "one")
     net = netlib.Net(prototxt.parse(DEPLOY.format(one, "one")), netlib.TEST)
     net.save(tmp_path / "w.caffemodel.h5")
@@ -154,7 +163,10 @@ def of_file(tmp_path: Path) -> Net:
 
 
 def test_the_data_of_a_test_net(of_file: Net) -> None:
-    """The layer that reads the test set is found by its type; a net without is an error. Crops are found by number."""
+    """The layer that reads the test set is found by its type; a net without is an error.
+
+    Crops are found by number.
+    """
     assert data_layer(of_file).rows == 5
     with pytest.raises(
         NetlibError, match="no HDF5Data layer in phase TEST; expected a net that reads a test set"

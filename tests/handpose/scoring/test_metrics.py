@@ -34,7 +34,9 @@ def test_success_rate() -> None:
 
 
 def test_fraction_out_of_limits() -> None:
-    """A frame counts once for any number of angles; fixed angles are ignored; a tolerance widens the limits."""
+    """A frame counts once for any number of angles; fixed angles are ignored; a tolerance
+    widens the limits.
+    """
     inputs = np.array([[0.0, 9.0], [1.1, 0.0], [-5.0, 0.0], [1.0, 0.0]])
     limits = {"lower": [-1, -1], "upper": [1, 1], "fixed": [False, True]}
     assert metrics.fraction_out_of_limits(inputs, **limits) == 0.5

@@ -52,7 +52,9 @@ def test_read_joints(tmp_path: Path) -> None:
     ],
 )
 def test_what_editors_make_of_a_file(tmp_path: Path, text: str) -> None:
-    """Trailing empty lines, a missing line end, CRLF, a byte order mark and tabs give the same three frames."""
+    """Trailing empty lines, a missing line end, CRLF, a byte order mark and tabs give the
+    same three frames.
+    """
     np.testing.assert_array_equal(read(tmp_path, text), read(tmp_path, LINE * 3))
 
 
@@ -127,7 +129,9 @@ def test_benchmarks() -> None:
 
 
 def test_score() -> None:
-    """The figures of three frames with two joints equal those worked out by hand; an incomplete set has no parts."""
+    """The figures of three frames with two joints equal those worked out by hand; an incomplete
+    set has no parts.
+    """
     benchmark = published.Benchmark(
         "two joints", ICVL, ("a", "b"), 3, {"first": slice(1), "others": slice(1, None)}
     )
@@ -142,7 +146,9 @@ def test_score() -> None:
 
 
 def published_score(dataset: str, name: str) -> Score:
-    """The score of a published file of predictions; the test is skipped where the file is missing."""
+    """The score of a published file of predictions; the test is skipped where the
+    file is missing.
+    """
     folder = SHARED / dataset
     if not folder.is_dir():
         pytest.skip("needs published predictions")
@@ -185,9 +191,11 @@ SKELETON = skeletons.load()
 
 
 def test_angles_of_methods() -> None:
-    """A method without errors, one with a finger beyond its limits, and noise, which is not on the model.
+    """A method without errors, one with a finger beyond its limits, and noise, which is
+    not on the model.
 
-    Angles beyond the limits are counted for joints on the model; progress covers every frame of each fit.
+    Angles beyond the limits are counted for joints on the model; progress covers every
+    frame of each fit.
     """
     inputs = (
         BodySampler(prior_file.load().but(scale_std=0, bone_std=0))

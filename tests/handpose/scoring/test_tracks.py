@@ -60,7 +60,9 @@ def test_the_truth_is_without_fault() -> None:
 
 
 def test_errors() -> None:
-    """A shift by 3, 4 and 0 mm is an error of 5 mm; one of 31 joints contributes a 31st to the mean."""
+    """A shift by 3, 4 and 0 mm is an error of 5 mm; one of 31 joints contributes a
+    31st to the mean.
+    """
     tracked = [
         frame._replace(hands=tuple(moved(one, 3, 4, 0) for one in frame.hands)) for frame in TRUTH
     ]
@@ -75,7 +77,9 @@ def test_errors() -> None:
 
 
 def test_ids_may_have_any_number_but_must_not_change() -> None:
-    """Ids swapped halfway are two switches; the order of the hands within a frame does not matter."""
+    """Ids swapped halfway are two switches; the order of the hands within a frame
+    does not matter.
+    """
     tracked = [
         frame._replace(
             hands=tuple(
@@ -171,7 +175,9 @@ def moving(times: Array) -> Array:
 
 @pytest.mark.parametrize("lag", [0.0, 0.04, 0.0123, -0.025])
 def test_a_track_that_is_late_is_told_by_how_much(lag: float) -> None:
-    """The lag is measured in seconds, more finely than a frame; a constant error does not affect it."""
+    """The lag is measured in seconds, more finely than a frame; a constant error does
+    not affect it.
+    """
     late = moving(TIMES - lag) + (3, -4, 5)
     assert lag_s(NUMBERS, TIMES, late, moving(TIMES)) == pytest.approx(lag, abs=1e-4)
 
@@ -194,7 +200,9 @@ def test_nothing_moves_nothing_lags() -> None:
 
 
 def test_jitter_by_hand() -> None:
-    """With every other frame moved by 1 mm, a window of 15 frames has 7 of them, and the figures follow by hand."""
+    """With every other frame moved by 1 mm, a window of 15 frames has 7 of them, and the figures
+    follow by hand.
+    """
     still = np.broadcast_to(BASE, (42, 31, 3))
     tracked = still.copy()
     tracked[::2, :, 0] += 1.0
@@ -203,7 +211,9 @@ def test_jitter_by_hand() -> None:
 
 
 def test_drift_and_movement_are_no_jitter() -> None:
-    """Drift, and the error while the hand comes to rest, are not jitter; without a rest the figure is NaN."""
+    """Drift, and the error while the hand comes to rest, are not jitter; without a rest the
+    figure is NaN.
+    """
     times = np.arange(600) / RATE
     stops = moving(np.minimum(times, 5.0))
     late = moving(np.minimum(times - 0.1, 5.0))

@@ -57,7 +57,9 @@ def test_a_hand_returns_however_long_the_movement_is_to_be() -> None:
 
 @pytest.mark.parametrize("first", [True, False])
 def test_away(first: bool) -> None:
-    """A hand leaves the image and returns to its place; as the first act it starts outside; it can stay away long."""
+    """A hand leaves the image and returns to its place; as the first act it starts outside; it can
+    stay away long.
+    """
     acts = (Act("away", 4),) if first else (Act("rest", 1), Act("away", 4))
     movement = played(*acts, Act("rest", 2), Act("away", 9), seconds=10 - first)
     u = [float(NYU.project(movement.place.at(t))[0]) for t in np.arange(0, 10 - first, 0.5)]
@@ -117,7 +119,9 @@ def test_gestures_of_a_person() -> None:
 
 @pytest.mark.parametrize("camera", [NYU, ICVL])
 def test_places_are_in_the_image(camera: Camera) -> None:
-    """Places are within the given part of the image, for any field of view; outside places are outside the image."""
+    """Places are within the given part of the image, for any field of view; outside places are
+    outside the image.
+    """
     rng = np.random.default_rng(7)
     volume = Volume(camera, left=0.5).roomy()
     for _ in range(50):

@@ -21,7 +21,9 @@ ARM = np.zeros(len(PERSON.surface.whole.initial) - len(SAMPLER.skeleton.initial)
 
 
 def test_a_stroke() -> None:
-    """A stroke begins and ends at rest, is half done at half time, and has a top speed of 1.875 times the mean."""
+    """A stroke begins and ends at rest, is half done at half time, and has a top speed of 1.875
+    times the mean.
+    """
     s = np.linspace(0, 1, 100001)
     e = eased(s)
     assert e[0] == 0 and e[-1] == 1 and e[50000] == pytest.approx(0.5)
@@ -47,7 +49,9 @@ def test_values_stay_among_their_poses(strokes: list[tuple[float, float, float]]
 
 
 def test_values_have_speed_and_acceleration_without_jumps() -> None:
-    """Two overlapping strokes pass the middle pose without a stop, and are never faster than one stroke."""
+    """Two overlapping strokes pass the middle pose without a stop, and are never faster
+    than one stroke.
+    """
     values = Values(np.array([0.0]))
     values.move(0.5, 1.0, np.array([1.0]))
     values.move(1.5 - OVERLAP, 1.0, np.array([2.0]))
@@ -60,7 +64,9 @@ def test_values_have_speed_and_acceleration_without_jumps() -> None:
 
 
 def test_turns_take_the_shortest_way() -> None:
-    """A turn has a constant axis, is at most half a turn, and ends at its pose; overlapping ones do not jump."""
+    """A turn has a constant axis, is at most half a turn, and ends at its pose; overlapping
+    ones do not jump.
+    """
     keys = Rotation.random(4, np.random.default_rng(0))
     turns = Turns(keys[0])
     assert (turns.at(5.0) * keys[0].inv()).magnitude() < 1e-12
@@ -92,7 +98,9 @@ def test_posed_hands_have_their_middle_at_the_origin() -> None:
 
 
 def test_a_sleeve_is_over_the_forearm() -> None:
-    """The sleeve covers the forearm from a given fraction to the elbow, and is thicker by a given length."""
+    """The sleeve covers the forearm from a given fraction to the elbow, and is thicker by
+    a given length.
+    """
     person = replace(Person.draw(np.random.default_rng(0), SAMPLER), sleeve=(0.25, 0.1))
     inputs = np.zeros(len(person.surface.whole.initial))
     capsules = person.capsules(inputs, np.array([0.0, 0, 600]), "right")

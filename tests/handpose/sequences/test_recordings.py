@@ -17,7 +17,9 @@ from netlib.errors import DataError
 
 
 def test_frames_are_the_same_every_time() -> None:
-    """Frames do not depend on the order of access; noise differs between frames, and recordings between seeds."""
+    """Frames do not depend on the order of access; noise differs between frames, and recordings
+    between seeds.
+    """
     recording, again = (SyntheticRecording("rest", ICVL, seconds=0.1, seed=3) for _ in range(2))
     once, twice = list(recording), [again.frame(n) for n in (2, 1, 0)][::-1]
     assert recording.count == 3 and [frame.number for frame in once] == [0, 1, 2]
@@ -40,7 +42,9 @@ def test_the_hands_are_those_of_people() -> None:
 
 
 def test_a_camera_keeps_its_noise_and_its_background() -> None:
-    """The noise level is drawn once per recording, so that all frames of a still hand are equally noisy."""
+    """The noise level is drawn once per recording, so that all frames of a still hand are
+    equally noisy.
+    """
     recording = SyntheticRecording("rest", ICVL, seconds=0.4)
     assert (
         recording.sensor and recording.sensor.depth_noise[0] == recording.sensor.depth_noise[1] > 0
@@ -54,7 +58,9 @@ def test_a_camera_keeps_its_noise_and_its_background() -> None:
 
 
 def test_the_truth_is_what_is_seen() -> None:
-    """The rendered surface of the truth equals the depth of an ideal camera; joints are those of the inputs."""
+    """The rendered surface of the truth equals the depth of an ideal camera; joints are those
+    of the inputs.
+    """
     for script in ("moving", "left"):
         recording = SyntheticRecording(script, NYU, seconds=4, rate=1, clean=True)
         header = recording.header
@@ -93,7 +99,9 @@ def test_rate_and_length_do_not_change_the_movement() -> None:
 
 
 def test_a_hand_that_leaves_is_lost_until_it_returns() -> None:
-    """The states are in sight, partly, gone, partly, in sight; ``since`` does not depend on the order of access."""
+    """The states are in sight, partly, gone, partly, in sight; ``since`` does not depend on the
+    order of access.
+    """
     recording = SyntheticRecording("leaves", ICVL, seconds=9, rate=20)
     truths = list(recording.truths())
     states = [truth.lost[0].reason if truth.lost else "" for truth in truths]
@@ -106,7 +114,9 @@ def test_a_hand_that_leaves_is_lost_until_it_returns() -> None:
 
 
 def test_two_hands() -> None:
-    """They have equal bones; each hand stays in its half, the right one on the left in the image."""
+    """They have equal bones; each hand stays in its half, the right one on the
+    left in the image.
+    """
     one = SyntheticRecording("two_hands", ICVL, rate=1, seconds=8)
     for truth in one.truths():
         right, left = truth.hands
@@ -132,7 +142,9 @@ def test_a_body_stands_behind() -> None:
 
 @pytest.mark.parametrize("name", SCRIPTS)
 def test_scripts(name: str) -> None:
-    """Every script begins with a hand in sight, keeps it so for most of the time, and scores perfectly on itself."""
+    """Every script begins with a hand in sight, keeps it so for most of the time, and scores
+    perfectly on itself.
+    """
     recording = SyntheticRecording(name, ICVL, rate=1)
     truths = list(recording.truths())
     assert len(truths) == recording.count == SCRIPTS[name].seconds

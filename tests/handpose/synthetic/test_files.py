@@ -28,7 +28,9 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_whole_files_are_kept(tmp_path: Path) -> None:
-    """Complete files of an interrupted run are kept; the next run writes the others, and a missing list."""
+    """Complete files of an interrupted run are kept; the next run writes the others, and
+    a missing list.
+    """
     reported: list[int] = []
 
     def advance(count: int) -> None:

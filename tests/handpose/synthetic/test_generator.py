@@ -36,7 +36,9 @@ def test_arrays(generator: Generator, frames: Frames) -> None:
 
 
 def test_frames_depend_on_seed_split_and_number_only(generator: Generator, frames: Frames) -> None:
-    """A generator gives the same frames regardless of earlier blocks; another seed, split or block differs."""
+    """A generator gives the same frames regardless of earlier blocks; another seed, split or
+    block differs.
+    """
     generator.block(3)
     for name, array in generator.block(0).arrays().items():
         np.testing.assert_array_equal(array, frames.arrays()[name], name)
@@ -96,7 +98,7 @@ def test_every_roll_and_every_camera() -> None:
     assert (np.histogram(roll, 4, (-np.pi, np.pi))[0] / len(roll) > 0.12).all()
 
 
-# ---------------------------------------------------------------------------------------- against reality
+# ---------------------------------------------------------------------------------- against reality
 
 
 @pytest.mark.parametrize("frame", [0, 772])
@@ -130,7 +132,9 @@ def test_real_hands(nyu_data: Path, generator: Generator, frame: int) -> None:
 
 
 def test_crops_look_like_real_ones(generator: Generator) -> None:
-    """Crops have as much background as real ones (67% and 73%), and hands at the same depth (median -27 mm)."""
+    """Crops have as much background as real ones (67% and 73%), and hands at the same depth
+    (median -27 mm).
+    """
     depth = np.concatenate([generator.block(number).depth for number in range(4)])
     assert 0.65 < np.median((depth == 1).mean(axis=(1, 2, 3))) < 0.85
     assert np.median(depth[depth < 1]) * 150 == pytest.approx(-27, abs=15)

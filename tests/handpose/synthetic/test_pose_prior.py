@@ -35,7 +35,9 @@ def test_bones_vary_within_reason(sampler: BodySampler, hands: Bodies) -> None:
 
 
 def test_parameters_are_the_models(sampler: BodySampler, hands: Bodies) -> None:
-    """``dof`` is within the limits, 0 where fixed, and poses the packaged hand within a few mm of the labels."""
+    """``dof`` is within the limits, 0 where fixed, and poses the packaged hand within a few mm
+    of the labels.
+    """
     skeleton = sampler.skeleton
     assert (hands.inputs >= skeleton.lower - 1e-12).all() and (
         hands.inputs <= skeleton.upper + 1e-12

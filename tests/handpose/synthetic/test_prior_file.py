@@ -60,7 +60,9 @@ def tail(tmp_path: Path) -> Path:
 
 
 def test_the_hands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The packaged prior is found from any folder, has NYU's hand, and its gestures use every finger."""
+    """The packaged prior is found from any folder, has NYU's hand, and its gestures
+    use every finger.
+    """
     monkeypatch.chdir(tmp_path)
     prior = prior_file.load()
     assert prior.body().name == "nyu" and prior.cube_mm == 300 and prior.camera in CAMERAS
@@ -110,7 +112,9 @@ def test_poses_with_a_name(tail: Path) -> None:
 
 
 def test_one_hand_and_a_second() -> None:
-    """Training frames have the packaged hand; test blocks alternate with a second, constant one in smaller crops."""
+    """Training frames have the packaged hand; test blocks alternate with a second, constant one in
+    smaller crops.
+    """
     made = recipe("one_hand")
     hand = made.prior.body()
     for split, number, same in (
@@ -243,7 +247,9 @@ def test_the_skeleton_beside_the_prior_comes_first(
     ("old", "new"), [("0.3", "5"), ("cube_mm: 1000", "cube_mm: 1"), ("y: 100", "y: 3000")]
 )
 def test_a_body_beside_the_crops(tail: Path, old: str, new: str) -> None:
-    """Lengths beyond the cube, a cube of 1 mm and a distant centre raise an error before frames are made."""
+    """Lengths beyond the cube, a cube of 1 mm and a distant centre raise an error before
+    frames are made.
+    """
     tail.with_name("tail.prototxt").write_text(SKELETON.replace(old, new))
     tail.write_text(PRIOR.replace(old, new))
     with pytest.raises(

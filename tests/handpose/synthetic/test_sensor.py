@@ -85,7 +85,9 @@ def test_holes() -> None:
 
 
 def test_time_of_flight() -> None:
-    """Noise grows with the squared depth and is rounded to mm; without other faults nothing else changes."""
+    """Noise grows with the squared depth and is rounded to mm; without other faults
+    nothing else changes.
+    """
     perfect = replace(PERFECT, baseline=0.0, depth_noise=(4.0, 4.0))
     near, far = (np.full((1, 64, 64), mm, np.float32) for mm in (500, 1000))
     for plate, deviation in ((near, 1.0), (far, 4.0)):
@@ -105,7 +107,9 @@ def test_flying_pixels() -> None:
 
 
 def test_a_settled_sensor_is_one_camera() -> None:
-    """A settled sensor has levels within the bounds that are constant over frames and differ between cameras."""
+    """A settled sensor has levels within the bounds that are constant over frames and differ
+    between cameras.
+    """
     one, other = (NOISY_KINECT.settled(np.random.default_rng(seed)) for seed in (0, 1))
     for name, bounds in vars(NOISY_KINECT).items():
         own = getattr(one, name)
@@ -117,7 +121,9 @@ def test_a_settled_sensor_is_one_camera() -> None:
 
 
 def test_near_surfaces_spread() -> None:
-    """A plate covers the given number of image pixels around it, and its own depths are unchanged."""
+    """A plate covers the given number of image pixels around it, and its own depths
+    are unchanged.
+    """
     depth = np.full((1, 128, 128), 950, np.float32)
     depth[:, 40:80, 40:80] = 700
     wide = replace(PERFECT, spread=(2.0, 2.0), disparity_step=1e-4)

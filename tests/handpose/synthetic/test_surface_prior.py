@@ -57,7 +57,9 @@ def test_offsets(sampler: BodySampler) -> None:
 
 
 def test_cut_forearms_and_sleeves(sampler: BodySampler) -> None:
-    """A cut forearm is shorter; a sleeve surrounds it from a given place to its end, and is thicker."""
+    """A cut forearm is shorter; a sleeve surrounds it from a given place to its end,
+    and is thicker.
+    """
     whole, cut = drawn(sampler, EXACT), drawn(sampler, replace(EXACT, cut=1.0, cut_at=(0.25, 0.25)))
     length = [np.linalg.norm(c.b[:, -1] - c.a[:, -1], axis=1) for c in (whole, cut)]
     np.testing.assert_allclose(length[1], length[0] / 4)
@@ -71,14 +73,18 @@ def test_cut_forearms_and_sleeves(sampler: BodySampler) -> None:
 
 
 def test_a_forearm_ends_before_the_camera(sampler: BodySampler) -> None:
-    """No part of the forearm is nearer to the camera's plane than CLEAR_MM, so that it can be rendered."""
+    """No part of the forearm is nearer to the camera's plane than CLEAR_MM, so that it
+    can be rendered.
+    """
     near = drawn(sampler, replace(EXACT, redraws=0), depth=260)
     assert (near.b[:, -1, 2] - near.radius_b[:, -1]).min() >= CLEAR_MM - 1e-9
     assert (drawn(sampler, EXACT, depth=900).b[:, -1, 2] > 500).all()
 
 
 def test_palms_are_thicker_than_fingers(sampler: BodySampler) -> None:
-    """The palm's radii have a factor of their own; those of fingers and arms have the common one."""
+    """The palm's radii have a factor of their own; those of fingers and arms have
+    the common one.
+    """
     prior = replace(EXACT, thickness_mean=1.5, trunk_mean=2.0)
     thin, thick = (drawn(sampler, own, count=20) for own in (EXACT, prior))
     factor = np.concatenate([thick.radius_a / thin.radius_a, thick.radius_b / thin.radius_b])

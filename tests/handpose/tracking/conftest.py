@@ -45,8 +45,10 @@ def played(script: Script, seed: int) -> Take:
 
 
 def tracked(predictor: Predictor, take: Take, **options: object) -> Take:
-    """The same take, with all hands that are followed. Sizes are determined from fewer frames than usual, because
-    recordings are short."""
+    """The same take, with all hands that are followed.
+
+    Sizes are determined from fewer frames than usual, because recordings are short.
+    """
     tracker = Tracker(predictor, min_confidence=0, **options)  # type: ignore[arg-type]
     done = replace(take, tracker=tracker, reported=[])
     with pytest.MonkeyPatch.context() as patch:

@@ -1,4 +1,6 @@
-"""A tracked hand that something nearer covers, or of which nothing is read: no confident pose, and the right reason"""
+"""A tracked hand that something nearer covers, or of which nothing is read: no confident pose, and
+the right reason
+"""
 
 from __future__ import annotations
 
@@ -52,7 +54,9 @@ def own_pixels(take: Take, number: int) -> NDArray[np.bool_]:
 
 
 def covered(take: Take, number: int, share: float, value: float) -> DepthFrame:
-    """A frame in which this share of the hand's pixels, from the left, has another reading; with 2 the whole view."""
+    """A frame in which this share of the hand's pixels, from the left, has another reading; with 2
+    the whole view.
+    """
     own, frame = own_pixels(take, number), take.frames[number]
     last = np.quantile(np.argwhere(own)[:, 1], min(share, 1))
     where = own & (np.arange(ICVL.width) <= last) if share <= 1 else np.ones_like(own)
@@ -80,7 +84,9 @@ def after(
 def test_half_of_it_or_more(
     begun: Tracker, resting: Take, value: float, reasons: tuple[str, ...]
 ) -> None:
-    """From half of the hand to the whole view: no confident pose, and the reason; then the hand is tracked again."""
+    """From half of the hand to the whole view: no confident pose, and the reason; then the hand is
+    tracked again.
+    """
     for share in (0.5, 0.6, 0.9, 1.0, 2.0):
         for reported in after(begun, resting, share, value):
             assert all(hand.confidence <= DOUBTFUL for hand in reported.hands)
@@ -105,7 +111,9 @@ def test_half_of_it_or_more(
 def test_the_pose_of_a_part(
     begun: Tracker, resting: Take, value: float, share: float, least: float, frames: int
 ) -> None:
-    """What is covered or not read is unknown, not empty: the rest keeps its pose, and half a hand has no sure one."""
+    """What is covered or not read is unknown, not empty: the rest keeps its pose, and half a hand
+    has no sure one.
+    """
     (whole,) = next(after(begun, resting, 0.0, value)).hands
     most = whole.confidence if share < 0.5 else DOUBTFUL
     reported = list(after(begun, resting, share, value, 5))
@@ -120,7 +128,9 @@ def test_the_pose_of_a_part(
 
 
 def moving(side: Side, velocity: tuple[float, float, float], seed: int) -> Take:
-    """A hand that starts to move at BEGUN, at once with this velocity in m/s, for five frames at 30 per second."""
+    """A hand that starts to move at BEGUN, at once with this velocity in m/s, for five frames at
+    30 per second.
+    """
     script = Script((BEGUN + 7) / 30, {side: (Act("rest", 1),)})
     recording = SyntheticRecording(script, ICVL, rate=30, seed=seed)
     (movement,) = recording.movements
@@ -150,7 +160,9 @@ def moving(side: Side, velocity: tuple[float, float, float], seed: int) -> Take:
 def test_a_hand_that_moves_fast_is_not_covered(
     predictor: Predictor, side: Side, velocity: tuple[float, float, float], seed: int
 ) -> None:
-    """A hand that pushes towards the camera, or moves aside, is followed from the first frame on."""
+    """A hand that pushes towards the camera, or moves aside, is followed from the
+    first frame on.
+    """
     take, tracker = moving(side, velocity, seed), Tracker(predictor)
     for frame, truth in zip(take.frames, take.truth):
         (hand,) = tracker.step(frame).hands

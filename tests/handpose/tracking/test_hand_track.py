@@ -91,13 +91,15 @@ def track(estimates: Sequence[Hand], **options: Any) -> HandTrack:
 
 
 def followed(one: HandTrack, estimates: list[list[Hand]], first: int = 1) -> HandTrack:
-    """The track after a frame of each estimate, at 30 per second, in which all sides are also estimated again."""
+    """The track after a frame of each estimate, at 30 per second, in which all sides are also
+    estimated again.
+    """
     for n, seen in enumerate(estimates, first):
         assert one.take([own for own in seen if own.hand in one.sides], seen, n * FRAME)
     return one
 
 
-# --------------------------------------------------------------------------------------------- which hand
+# --------------------------------------------------------------------------------------- which hand
 
 
 @pytest.mark.parametrize(
@@ -132,7 +134,9 @@ def test_the_mean_decides_which_hand_it_is(
 
 
 def test_a_side_that_is_not_seen_says_nothing() -> None:
-    """A side out of sight is no evidence; a side whose crop shows no hand counts against that side."""
+    """A side out of sight is no evidence; a side whose crop shows no hand counts
+    against that side.
+    """
     one = followed(track(both()), [[estimate("left")]] * 29)
     assert one.side_confidence == 0.5 and one.hand == "right"
     followed(one, [[estimate("right", cost=np.inf, confidence=0), estimate("left")]], 30)
@@ -164,7 +168,7 @@ def test_a_hand_that_returns_is_known() -> None:
     )
 
 
-# --------------------------------------------------------------------------------------------- where next
+# --------------------------------------------------------------------------------------- where next
 
 
 def moving(x: Sequence[float]) -> HandTrack:
@@ -180,7 +184,9 @@ def expected_x(one: HandTrack, frame: int) -> float:
 
 
 def test_where_to_look_next() -> None:
-    """The first region is at the hand; later ones are extrapolated, by no more than its velocity and for some time."""
+    """The first region is at the hand; later ones are extrapolated, by no more than its velocity
+    and for some time.
+    """
     assert expected_x(moving([0.0]), 1) == 0
     one = moving([10.0 * n for n in range(10)])
     places = [expected_x(one, frame) for frame in (10, 12, 21, 99)]
@@ -220,7 +226,9 @@ def test_a_pose_found_anew(
 
 
 def test_the_network_is_asked_now_and_then() -> None:
-    """The network runs in some frames while the fit is good, and in all others; in between its last error is reused."""
+    """The network runs in some frames while the fit is good, and in all others; in between its last
+    error is reused.
+    """
     one, asked = track([estimate()]), []
     for n in range(1, 31):
         (region,) = one.regions(n * FRAME)
@@ -237,7 +245,9 @@ def test_the_network_is_asked_now_and_then() -> None:
 
 
 def test_a_second_look() -> None:
-    """An uncertain hand gets a region at the palm that the network sees, from the finder's hand or the crop on."""
+    """An uncertain hand gets a region at the palm that the network sees, from the finder's hand
+    or the crop on.
+    """
     one, unsure = track([estimate(x=5)], size=0.9), [estimate(x=20, confidence=0.6)]
     assert one.other_regions(SEEN, [estimate()], 1.0) == []
     (first,) = one.other_regions(SEEN, unsure, 1.0)
@@ -259,7 +269,9 @@ def test_a_second_look() -> None:
     ("confidence", "least", "most"), [(0.6, 30, 50), (0.1, 70, 110)], ids=["unsure", "no pose"]
 )
 def test_second_looks_are_rare(confidence: float, least: int, most: int) -> None:
-    """Of 300 uncertain frames in ten seconds few get a second estimate; more if there is no pose."""
+    """Of 300 uncertain frames in ten seconds few get a second estimate; more if
+    there is no pose.
+    """
     one, seen, looks = track([estimate()]), [estimate(confidence=confidence)], 0
     for n in range(1, 301):
         regions = one.other_regions(SEEN, seen, n * FRAME)
@@ -269,7 +281,9 @@ def test_second_looks_are_rare(confidence: float, least: int, most: int) -> None
 
 
 def test_of_several_looks_the_best_counts() -> None:
-    """The estimate with the least expected error is used; a side without an estimate keeps its pose."""
+    """The estimate with the least expected error is used; a side without an estimate
+    keeps its pose.
+    """
     one = track(both())
     assert one.take(
         [estimate(x=1, error=9)], [estimate(x=2, error=4), estimate(x=3, error=6)], FRAME
@@ -283,12 +297,14 @@ def test_of_several_looks_the_best_counts() -> None:
     assert one.sides["right"].estimate.body.place[0] == 4
 
 
-# ------------------------------------------------------------------------------------------------- losing
+# ------------------------------------------------------------------------------------------- losing
 
 
 @pytest.mark.parametrize("seen", [[], [estimate(confidence=0.1)]], ids=["nothing", "unlike"])
 def test_losing(seen: list[Hand]) -> None:
-    """A frame without the hand does not end its track: its credit does, which time with the hand renews."""
+    """A frame without the hand does not end its track: its credit does, which time with
+    the hand renews.
+    """
     one = moving([0, 1])
     assert one.credit == pytest.approx(FIRST_CREDIT + 2 * FRAME)
     smooth = one.best.smooth.place[0]

@@ -1,4 +1,6 @@
-"""handpose/tracking/later_frames.py: sides decided later; recordings of a moving, a trembling and a missing hand"""
+"""handpose/tracking/later_frames.py: sides decided later; recordings of a moving, a trembling and
+a missing hand
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,9 @@ def take(
     size: float | None = None,
     missing: Sequence[int] = (),
 ) -> list[TrackedFrame]:
-    """A track of one hand with these variables (N, V), smoothed by a tracker; some frames are without it."""
+    """A track of one hand with these variables (N, V), smoothed by a tracker; some frames
+    are without it.
+    """
     one, hands = PoseFilter(), {}
     for n in (n for n in range(len(poses)) if n not in missing):
         fitted = world_pose(model, poses[n], ORIGIN * mirror_of(side))
@@ -52,7 +56,9 @@ def variables_of(model: CapsuleModel, hand: TrackedHand) -> np.ndarray:
 
 
 def joints(model: CapsuleModel, frames: list[TrackedFrame]) -> tuple[np.ndarray, np.ndarray]:
-    """The joints (N, K, 3) in mm of the only hand as the tracker smoothed it, and with later frames."""
+    """The joints (N, K, 3) in mm of the only hand as the tracker smoothed it, and
+    with later frames.
+    """
     before = np.stack(
         [model.joints(variables_of(model, frame.hands[0]))[0] + ORIGIN for frame in frames]
     )
@@ -60,7 +66,9 @@ def joints(model: CapsuleModel, frames: list[TrackedFrame]) -> tuple[np.ndarray,
 
 
 def swinging(model: CapsuleModel) -> np.ndarray:
-    """Variables (120, V) of fingers that close and open once per second, in a palm that swings by 100 mm and turns."""
+    """Variables (120, V) of fingers that close and open once per second, in a palm that swings by
+    100 mm and turns.
+    """
     phase = 2 * np.pi * np.arange(120) / RATE
     x = np.zeros((120, model.variables))
     x[:, 0], x[:, 5] = 0.05 / 0.15 * np.sin(phase), 0.2 * np.sin(phase)
@@ -89,7 +97,9 @@ def test_a_later_decision_is_used(model: CapsuleModel) -> None:
 
 
 def test_frames_wait_for_a_decision(model: CapsuleModel) -> None:
-    """Frames before it wait, also those of other hands; after some seconds they are released with an unknown side."""
+    """Frames before it wait, also those of other hands; after some seconds they are released with
+    an unknown side.
+    """
     one = LaterFrames[int](model)
     given = frames_of((tracked("right"),), *[(undecided(0.5),)] * 9, step=MAX_UNDECIDED_S / 2)
     ready = [[found.number for _, found in one.add(0, frame)] for frame in given]
@@ -99,7 +109,9 @@ def test_frames_wait_for_a_decision(model: CapsuleModel) -> None:
 
 @pytest.mark.parametrize(("right", "side"), [(0.95, "right"), (0.55, None)])
 def test_the_end_of_a_recording(model: CapsuleModel, right: float, side: Side | None) -> None:
-    """At the end, a likely side is used for the frames that are still held; an unlikely one remains unknown."""
+    """At the end, a likely side is used for the frames that are still held; an unlikely one
+    remains unknown.
+    """
     found = smoothed(model, frames_of((undecided(0.6),), (undecided(right),), step=0.1))
     assert [hand.known_side for frame in found for hand in frame.hands] == [side, side]
 
@@ -121,7 +133,9 @@ def test_a_hand_is_present_that_is_sure_later(model: CapsuleModel, later: str) -
 
 
 def test_a_moving_hand_is_followed_without_lag(model: CapsuleModel) -> None:
-    """The error of smoothing is less than half of that of the filter that knows earlier frames only."""
+    """The error of smoothing is less than half of that of the filter that knows
+    earlier frames only.
+    """
     x = swinging(model)
     true = model.joints(x) + ORIGIN
     before, off = (
@@ -142,7 +156,9 @@ def test_a_trembling_hand_becomes_steadier(model: CapsuleModel) -> None:
 
 @pytest.mark.parametrize("side", SIDES)
 def test_the_values_of_a_hand_agree(model: CapsuleModel, side: Side) -> None:
-    """Joints follow from inputs, bones and origin; bones keep the known size; the surface moves with the pose."""
+    """Joints follow from inputs, bones and origin; bones keep the known size; the surface moves
+    with the pose.
+    """
     frames = smoothed(model, take(model, swinging(model), side, size=0.9))
     for frame in frames[::40]:
         (hand,) = frame.hands
@@ -191,7 +207,9 @@ def test_hands_that_were_not_smoothed_are_unchanged(model: CapsuleModel) -> None
 
 
 def test_errors_last(model: CapsuleModel) -> None:
-    """Expected errors are means over half a second before and after, and the confidence is that mean at most."""
+    """Expected errors are means over half a second before and after, and the confidence is
+    that mean at most.
+    """
     hands = []
     for n, frame in enumerate(take(model, np.zeros((90, model.variables)))):
         error, confidence = (40.0, 0.2) if 40 <= n < 42 else (10.0, 0.9)

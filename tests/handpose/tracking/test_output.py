@@ -82,7 +82,9 @@ def output(
 @pytest.mark.parametrize("side", SIDES)
 @pytest.mark.parametrize("apart", [None, 6.0])
 def test_a_hand(model: CapsuleModel, side: Side, apart: float | None) -> None:
-    """The joints are those of the body, smoothed if asked for, and of the reported inputs; all else is as estimated."""
+    """The joints are those of the body, smoothed if asked for, and of the reported inputs; all else
+    is as estimated.
+    """
     hand = output(model, state(model, side, apart or 9.0), smooth=apart is not None, surface=True)
     origin, raw = NYU.unproject(CENTER), model.joints(variables(model)[None])[0]
     xyz = (raw + (apart or 0.0, 0, 0)) * mirror_of(side) + origin
@@ -110,7 +112,9 @@ def test_a_known_size(model: CapsuleModel) -> None:
 
 
 def test_a_hand_of_an_undecided_side(model: CapsuleModel) -> None:
-    """It has the same hand as one of the other side, if that was seen, too; confidences are multiplied."""
+    """It has the same hand as one of the other side, if that was seen, too; confidences
+    are multiplied.
+    """
     right, left = (state(model, side, readings=image_of(model)) for side in SIDES)
     alone, both = output(model, right), output(model, right, left)
     assert (both.hand, both.side_confidence, both.other.hand) == ("right", 0.7, "left")
@@ -125,7 +129,9 @@ def test_a_hand_of_an_undecided_side(model: CapsuleModel) -> None:
 
 
 def test_confidence_and_error_are_of_the_reported_pose(model: CapsuleModel) -> None:
-    """A smoothed pose apart from the fit, a covered hand and a hand without readings are less certain."""
+    """A smoothed pose apart from the fit, a covered hand and a hand without readings
+    are less certain.
+    """
     image = image_of(model)
     covered = image.copy()
     covered[:, : int(np.median(np.argwhere(image < 1000)[:, 1]))] = 400

@@ -76,7 +76,9 @@ def test_the_wrong_hand_is_doubted(
 def test_places_of_all_kinds_together(
     estimator: PoseEstimator, depth: np.ndarray, center: np.ndarray
 ) -> None:
-    """Estimates are in the order of the regions, equal those of single regions, and are None out of sight."""
+    """Estimates are in the order of the regions, equal those of single regions, and are
+    None out of sight.
+    """
     (before,) = estimator.estimate(depth, [SearchRegion(center, "right")])
     assert before is not None
     regions = [
@@ -115,7 +117,9 @@ def test_from_the_pose_before(
     shown: Take,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """From a previous pose, also about another centre, the network does not run if its last error is given."""
+    """From a previous pose, also about another centre, the network does not run if its last
+    error is given.
+    """
     (first,) = estimator.estimate(depth, [SearchRegion(center, "right")])
     assert first is not None
     monkeypatch.setattr("handpose.estimate.estimator.fit_starts", None)  # any call raises an error
@@ -149,7 +153,8 @@ def test_does_it_go_on(estimator: PoseEstimator, depth: np.ndarray, center: np.n
 def test_a_left_hand_is_the_mirror_image() -> None:
     """A left hand in the mirrored image, with an off-centre principal point, is mirrored.
 
-    The accurate plan gives nearly the same pose for both, although crop windows are rounded towards the left.
+    The accurate plan gives nearly the same pose for both, although crop windows are rounded
+    towards the left.
     """
     recording = SyntheticRecording(
         Script(3, {"right": (Act("gestures", 3),)}), ASIDE, rate=15, seed=2
@@ -216,7 +221,9 @@ def test_the_network_sees_no_covering(
 def test_what_is_not_read_around_the_hand_is_unknown(
     estimator: PoseEstimator, depth: np.ndarray, center: np.ndarray
 ) -> None:
-    """Without readings in one half, the crop is unknown up to AROUND_MM from the expected hand, and empty beyond."""
+    """Without readings in one half, the crop is unknown up to AROUND_MM from the expected hand,
+    and empty beyond.
+    """
     (whole,) = estimator.estimate(depth, [SearchRegion(center, "right")])
     assert whole is not None
     half = depth.copy()

@@ -28,7 +28,9 @@ def why(
     missing: float = 0.0,
     outside: float = 0.0,
 ) -> str:
-    """The reason for a hand 120 mm wide that was expected at this place, with these shares of its surface."""
+    """The reason for a hand 120 mm wide that was expected at this place, with these shares
+    of its surface.
+    """
     shares = Support(
         *(
             np.array([one])
@@ -63,12 +65,15 @@ def test_beyond_the_edges(u: float, v: float, where: str) -> None:
 
 
 def test_only_the_hand_itself_leaves() -> None:
-    """A hand has not left while an edge cuts only its forearm; with a third of its joints outside it has."""
+    """A hand has not left while an edge cuts only its forearm; with a third of its joints
+    outside it has.
+    """
     depth = WALL.copy()
     depth[40:, 60:100] = 600
     assert why(depth, 80, 90) == UNLIKE
     assert why(depth, 80, 108) == f"{LEFT} at the lower edge"
-    # Of a hand of which a few joints are outside, and that is not found, what is not read may be outside, too.
+    # Of a hand of which a few joints are outside, and that is not found, what is not read may
+    # be outside, too.
     assert [why(depth, 80, 104.5, missing=0.5, outside=share) for share in (0.04, 0.1)] == [
         "no depth at its last position, 600 mm away",
         f"{LEFT} at the lower edge",

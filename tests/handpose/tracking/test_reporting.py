@@ -37,7 +37,9 @@ def reported(*frames: tuple[TrackedHand | LostHand, ...]) -> list[TrackedFrame]:
 
 
 def test_a_hand_that_becomes_unsure() -> None:
-    """It is present, and its joints are given again later; the tracker's reason for losing it is reported."""
+    """It is present, and its joints are given again later; the tracker's reason for losing
+    it is reported.
+    """
     before = [(SURE,)] * (MIN_GIVEN - 2)
     frames = reported(*before, (SURE,), (UNSURE,), (UNSURE,), (SURE,), (UNSURE,), (GONE,))[
         len(before) :
@@ -56,7 +58,9 @@ def test_a_hand_that_becomes_unsure() -> None:
 
 
 def test_a_hand_that_was_never_sure() -> None:
-    """It is present at the mean of its joints, and is not listed as lost when the tracker loses it."""
+    """It is present at the mean of its joints, and is not listed as lost when the
+    tracker loses it.
+    """
     first, second = reported((UNSURE,), (GONE,))
     assert not first.hands and first.present[0].place == tuple(UNSURE.xyz.mean(axis=0))
     assert second == TrackedFrame(1, 1.0, ())

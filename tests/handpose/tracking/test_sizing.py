@@ -42,7 +42,9 @@ def estimates(
     fitted: float = 1.0,
     confidence: float = 1.0,
 ) -> list[Hand]:
-    """Estimates of hands of this size, or of their mirror images, with small errors and sizes about ``fitted``."""
+    """Estimates of hands of this size, or of their mirror images, with small errors and sizes
+    about ``fitted``.
+    """
     x, uvd = poses[0].copy(), poses[1]
     x[:, SIZE] = np.log(size)
     crops = normalise_depth(
@@ -79,7 +81,9 @@ def kept(model: CapsuleModel, hands: Sequence[Hand], every: float = 0.2) -> list
 
 @pytest.mark.parametrize(("side", "other"), [("right", "left"), ("left", "right")])
 def test_the_size_of_a_hand(model: CapsuleModel, poses: Poses, side: Side, other: Side) -> None:
-    """The size is returned once, after enough frames; earlier sights as the other side do not count."""
+    """The size is returned once, after enough frames; earlier sights as the other
+    side do not count.
+    """
     hands = estimates(model, poses, side=side)
     [(count, size)] = kept(model, hands)
     assert count == FRAMES and size == pytest.approx(0.93, abs=0.02)

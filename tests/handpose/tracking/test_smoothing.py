@@ -1,4 +1,6 @@
-"""handpose/tracking/smoothing.py: the paper's formulas, for vectors and rotations; a trembling hand and a moving one"""
+"""handpose/tracking/smoothing.py: the paper's formulas, for vectors and rotations; a trembling hand
+and a moving one
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,9 @@ def alpha(hertz: float, seconds: float) -> float:
 
 
 def by_the_paper(values: np.ndarray, times: np.ndarray, cutoff: Cutoff) -> list[float]:
-    """The paper's equations 1 to 5 for scalars: the speed of the raw values is filtered with a fixed cutoff."""
+    """The paper's equations 1 to 5 for scalars: the speed of the raw values is filtered with
+    a fixed cutoff.
+    """
 
     out, speed = [values[0]], 0.0
     for i in range(1, len(values)):
@@ -40,7 +44,9 @@ def by_the_paper(values: np.ndarray, times: np.ndarray, cutoff: Cutoff) -> list[
 def with_noise(
     values: np.ndarray, times: np.ndarray, cutoff: Cutoff, trust: np.ndarray
 ) -> list[float]:
-    """The paper's filter with a bounded noise floor of the speed, the geometric mean of its deviations, and gaps."""
+    """The paper's filter with a bounded noise floor of the speed, the geometric mean of its
+    deviations, and gaps.
+    """
 
     out, speed, scatter = [values[0]], 0.0, 1.0
     for i in range(1, len(values)):
@@ -69,7 +75,9 @@ def filtered(
     others: np.ndarray | None = None,
     errors_mm: np.ndarray | None = None,
 ) -> WorldPose:
-    """Places (N, 3), rotations (N, 3, 3) and other variables (N, n), filtered; what is not given rests."""
+    """Places (N, 3), rotations (N, 3, 3) and other variables (N, n), filtered; what is
+    not given rests.
+    """
     count = len(times)
     errors_mm = np.zeros(count) if errors_mm is None else errors_mm
     place = np.zeros((count, 3)) if place is None else place
@@ -89,12 +97,14 @@ def of_values(cutoff: Cutoff, values: np.ndarray, times: np.ndarray) -> np.ndarr
     return filtered(cutoff, times, others=values).others
 
 
-# ------------------------------------------------------------------------------------------------ vectors
+# ------------------------------------------------------------------------------------------ vectors
 
 
 @given(seed=SEEDS)
 def test_as_in_the_paper(seed: int) -> None:
-    """Each variable is filtered as in the paper, at uneven times; so is a place that moves along one axis."""
+    """Each variable is filtered as in the paper, at uneven times; so is a place that moves
+    along one axis.
+    """
     rng = np.random.default_rng(seed)
     times, values = uneven(rng), np.cumsum(rng.normal(0, 20, (30, 3)), axis=0)
     expected = np.transpose([by_the_paper(own, times, CUTOFF) for own in values.T])
@@ -105,7 +115,9 @@ def test_as_in_the_paper(seed: int) -> None:
 
 @given(seed=SEEDS)
 def test_a_point_has_no_axes(seed: int) -> None:
-    """With the speed of the point, filtering commutes with rotation; with one speed per variable it does not."""
+    """With the speed of the point, filtering commutes with rotation; with one speed per
+    variable it does not.
+    """
     rng = np.random.default_rng(seed)
     times, values = uneven(rng), np.cumsum(rng.normal(0, 20, (30, 3)), axis=0)
     R = Rotation.random(random_state=rng).as_matrix()
@@ -123,7 +135,9 @@ def test_a_point_has_no_axes(seed: int) -> None:
     gap=st.sampled_from([0.0, 2.0]),
 )
 def test_trembling_is_no_movement(seed: int, noise: float, most: float, gap: float) -> None:
-    """The deviation of the speed is subtracted from it, up to a bound, gaps add to it, and large errors count less."""
+    """The deviation of the speed is subtracted from it, up to a bound, gaps add to it, and large
+    errors count less.
+    """
     rng = np.random.default_rng(seed)
     times, values, errors = (
         uneven(rng),
@@ -139,7 +153,9 @@ def test_trembling_is_no_movement(seed: int, noise: float, most: float, gap: flo
 
 
 def test_steadier_at_rest_and_as_quick_in_motion() -> None:
-    """With the noise floor the filter trembles much less at rest, and has the same lag in motion."""
+    """With the noise floor the filter trembles much less at rest, and has the same
+    lag in motion.
+    """
     times = np.arange(300) / 30
     still = np.random.default_rng(0).normal(0, 1, (300, 1))
     plain, floored = Cutoff(0.5, 0.4, 2.7), Cutoff(0.5, 0.4, 2.7, noise=1.3)
@@ -184,7 +200,7 @@ def test_what_moves_faster_lags_less() -> None:
     assert lag(10, 0) == pytest.approx(lag(1000, 0)) and lag(10, 0) > lags[0]
 
 
-# ---------------------------------------------------------------------------------------------- rotations
+# ---------------------------------------------------------------------------------------- rotations
 
 
 @given(seed=SEEDS)
@@ -204,7 +220,9 @@ def test_turns_about_one_axis_are_angles(seed: int) -> None:
 
 @given(seed=SEEDS)
 def test_rotations_have_no_axes(seed: int) -> None:
-    """The filter does not depend on the axes of the world or of the body, and its values are rotations."""
+    """The filter does not depend on the axes of the world or of the body, and its values
+    are rotations.
+    """
     rng = np.random.default_rng(seed)
     times, values = uneven(rng), [Rotation.random(random_state=rng).as_matrix()]
     for step in rng.uniform(-0.5, 0.5, (29, 3)):
@@ -219,7 +237,7 @@ def test_rotations_have_no_axes(seed: int) -> None:
     np.testing.assert_allclose(np.linalg.det(once), 1)
 
 
-# -------------------------------------------------------------------------------------------------- times
+# -------------------------------------------------------------------------------------------- times
 
 
 def test_at_rest_it_stays() -> None:
@@ -243,7 +261,7 @@ def test_longer_without_a_frame_counts_more() -> None:
     np.testing.assert_allclose(found[3], 5)
 
 
-# -------------------------------------------------------------------------------------------------- hands
+# -------------------------------------------------------------------------------------------- hands
 
 TIMES = np.arange(90) / 30
 CENTER = np.array([20.0, -30, 700])
@@ -267,7 +285,9 @@ def bones(model: CapsuleModel, joints: np.ndarray) -> np.ndarray:
 
 @pytest.fixture
 def trembling(model: CapsuleModel) -> np.ndarray:
-    """Variables (90, V) of a hand at rest, with noise of half a millimetre and 0.004 radians, and a constant size."""
+    """Variables (90, V) of a hand at rest, with noise of half a millimetre and 0.004 radians, and a
+    constant size.
+    """
     off = np.random.default_rng(0).normal(0, 0.004, (len(TIMES), model.variables))
     off[:, :3] *= 0.5 / (150 * 0.004)
     off[:, -2:] = 0
@@ -275,7 +295,9 @@ def trembling(model: CapsuleModel) -> np.ndarray:
 
 
 def test_a_trembling_hand_becomes_steady(model: CapsuleModel, trembling: np.ndarray) -> None:
-    """The deviation is halved at least, the first pose is unchanged, and bones keep their lengths."""
+    """The deviation is halved at least, the first pose is unchanged, and bones keep
+    their lengths.
+    """
     raw, found = model.joints(trembling), smoothed(model, trembling)
     np.testing.assert_allclose(found[0], raw[0], atol=1e-6)
     assert found[15:].std(axis=0).max() < 0.5 * raw.std(axis=0).max()
@@ -286,7 +308,9 @@ def test_a_trembling_hand_becomes_steady(model: CapsuleModel, trembling: np.ndar
 
 
 def test_a_moving_hand_is_not_left_behind(model: CapsuleModel) -> None:
-    """At half a metre and half a turn per second, with closing fingers, the lag is less than a frame."""
+    """At half a metre and half a turn per second, with closing fingers, the lag is
+    less than a frame.
+    """
     x = np.zeros((len(TIMES), model.variables))
     x[:, 0] = 500 * TIMES / 150
     x[:, 5] = np.pi * TIMES
@@ -298,7 +322,9 @@ def test_a_moving_hand_is_not_left_behind(model: CapsuleModel) -> None:
 
 
 def test_a_pose_that_is_not_sure_moves_little(model: CapsuleModel, trembling: np.ndarray) -> None:
-    """A larger expected error gives a smaller weight, which is never 0; an unknown error counts as a small one."""
+    """A larger expected error gives a smaller weight, which is never 0; an unknown error counts
+    as a small one.
+    """
     other = trembling[0].copy()
     other[model.limbs] += 0.5
     ways = []

@@ -52,11 +52,13 @@ def raw(predictor: Predictor, shown: Take) -> Take:
     return tracked(predictor, shown, smooth=False)
 
 
-# ---------------------------------------------------------------------------------------------- one hand
+# ----------------------------------------------------------------------------------------- one hand
 
 
 def test_a_hand_is_followed(shown: Take) -> None:
-    """The hand is found in nearly every frame with one id, as a right hand, with a small error; no other hand is."""
+    """The hand is found in nearly every frame with one id, as a right hand, with a small error; no
+    other hand is.
+    """
     scores = shown.score()
     hand = scores.hands[0]
     assert scores.found > 0.95 and scores.invented == 0 and hand.id_switches == 0
@@ -87,7 +89,9 @@ def test_a_size_that_is_given_and_a_surface(shown: Take, predictor: Predictor) -
 
 
 def test_raw_and_smoothed(shown: Take, raw: Take) -> None:
-    """Smoothing changes the reported poses, not how the hand is followed; the poses before it are reported, too."""
+    """Smoothing changes the reported poses, not how the hand is followed; the poses before it are
+    reported, too.
+    """
     for one, other in zip(shown.reported, raw.reported):
         assert (one.number, one.lost) == (other.number, other.lost)
         for own, same in zip(one.hands, other.hands, strict=True):
@@ -114,7 +118,9 @@ def test_it_goes_frame_by_frame(shown: Take, predictor: Predictor) -> None:
 
 
 def test_unsure_hands_are_followed_without_their_joints(predictor: Predictor, shown: Take) -> None:
-    """By default and with another minimum confidence; a second run gives the same hands bit for bit."""
+    """By default and with another minimum confidence; a second run gives the same
+    hands bit for bit.
+    """
     least = float(np.median([frame.hands[0].confidence for frame in shown.reported[:12]]))
     for minimum, options in ((MIN_CONFIDENCE, {}), (least, {"min_confidence": least})):
         for frame, same in zip(again(predictor, shown, 12, **options), shown.reported):
@@ -130,11 +136,13 @@ def test_unsure_hands_are_followed_without_their_joints(predictor: Predictor, sh
             )
 
 
-# --------------------------------------------------------------------------------------- lost and found
+# ----------------------------------------------------------------------------------- lost and found
 
 
 def test_a_hand_that_leaves_and_returns(leaving: Take) -> None:
-    """It is either reported or lost, with the reason and when it was seen last, and keeps its id and side."""
+    """It is either reported or lost, with the reason and when it was seen last, and keeps
+    its id and side.
+    """
     scores, since = leaving.score(), None
     away = [true.number for true in leaving.truth if [lost.reason for lost in true.lost] == [LEFT]]
     told = [leaving.reported[number].lost for number in away]
@@ -160,7 +168,9 @@ def test_a_hand_that_leaves_and_returns(leaving: Take) -> None:
 def test_what_does_not_look_like_a_hand_is_dropped(
     shown: Take, begun: Callable[[], Tracker], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A pose whose confidence by the frame is low is none, and the hand is lost when its credit is used up."""
+    """A pose whose confidence by the frame is low is none, and the hand is lost when its
+    credit is used up.
+    """
     tracker = begun()
     (track,), tracker.finder = tracker.tracks, Said()
 
@@ -177,7 +187,9 @@ def test_what_does_not_look_like_a_hand_is_dropped(
 
 
 def test_after_a_gap_in_time(shown: Take, begun: Callable[[], Tracker]) -> None:
-    """A hand that is missing in one frame is still expected; after a gap it is lost at once, until it is found."""
+    """A hand that is missing in one frame is still expected; after a gap it is lost at once,
+    until it is found.
+    """
     tracker = begun()
     reported = tracker.step(plain(6, 0))
     assert not reported.hands and len(tracker.tracks) == 1
@@ -204,7 +216,9 @@ def seeing(tracker: Tracker, *places: tuple[float, ...]) -> Tracker:
 
 
 def test_what_only_the_finder_takes_for_a_hand(shown: Take, predictor: Predictor) -> None:
-    """It is present without joints where the finder sees it, and is gone when the finder no longer sees it."""
+    """It is present without joints where the finder sees it, and is gone when the finder no
+    longer sees it.
+    """
     tracker = seeing(Tracker(predictor), (0.0, 60, 1400, 0.7))
     for n in range(12):
         found = tracker.step(plain(n))
@@ -256,7 +270,7 @@ def test_a_hand_that_is_more_present_takes_the_place_of_a_doubtful_one(
     assert [one.place for one in reported.present] == [(250, 60, 1400)]
 
 
-# ------------------------------------------------------------------------------------------ many and none
+# ------------------------------------------------------------------------------------ many and none
 
 
 def test_two_hands(two: Take) -> None:
@@ -309,7 +323,9 @@ def doubled(tracker: Tracker, time: float) -> HandTrack:
 def test_one_hand_is_not_two(
     shown: Take, begun: Callable[[], Tracker], begun_s: float, id: int
 ) -> None:
-    """Of two tracks of one hand the better one goes on, with the older one's id; the other is not lost."""
+    """Of two tracks of one hand the better one goes on, with the older one's id; the
+    other is not lost.
+    """
     tracker = begun()
     double = doubled(tracker, 5 / RATE)
     double.begun = begun_s
@@ -337,7 +353,7 @@ def test_a_hand_that_is_found_twice_at_once_is_one(shown: Take, predictor: Predi
         assert len(reported.hands) == 1 and not reported.lost and not reported.present
 
 
-# ------------------------------------------------------------------------------- beside a hand with joints
+# ------------------------------------------------------------------------ beside a hand with joints
 
 ELSEWHERE = (-250.0, 60.0, 1400.0)
 
@@ -352,7 +368,9 @@ def following(predictor: Predictor, shown: Take) -> Tracker:
 
 
 def seen_beside(tracker: Tracker, shown: Take, *presences: float) -> list[int]:
-    """The number of present hands in each further frame, while the finder sees one at ELSEWHERE, thus present."""
+    """The number of present hands in each further frame, while the finder sees one at
+    ELSEWHERE, thus present.
+    """
     counts = []
     for frame, presence in zip(shown.frames[6:], presences):
         reported = seeing(tracker, (*ELSEWHERE, presence)).step(frame)
@@ -399,7 +417,9 @@ def test_a_hand_that_was_followed_remains_present(
 def test_a_second_hand_of_another_recording_is_found(
     shown: Take, predictor: Predictor, still: bool
 ) -> None:
-    """Laid into the frames, the nearest depth in front: it is there in nearly all frames, and nothing else is."""
+    """Laid into the frames, the nearest depth in front: it is there in nearly all frames, and
+    nothing else is.
+    """
     tracker, other = Tracker(predictor), shown.frames[20:]
     counts = []
     for n, frame in enumerate(shown.frames[:16]):
@@ -411,7 +431,9 @@ def test_a_second_hand_of_another_recording_is_found(
 
 @pytest.mark.parametrize("mm", [0, 250, 600, 1200, 3000])
 def test_nobody(begun: Callable[[], Tracker], predictor: Predictor, mm: float) -> None:
-    """A second without readings, or of a plane, as of a covered lens, has no hand, whether or not one was there."""
+    """A second without readings, or of a plane, as of a covered lens, has no hand, whether or not
+    one was there.
+    """
     new, tracker = Tracker(predictor), begun()
     for n in range(6, 21):
         assert (
@@ -425,7 +447,7 @@ def test_what_is_masked_was_not_read(shown: Take, predictor: Predictor) -> None:
     assert Tracker(predictor).step(frame) == TrackedFrame(0, 0.0, (), ())
 
 
-# ----------------------------------------------------------------------------------------------- mistakes
+# ----------------------------------------------------------------------------------------- mistakes
 
 
 def test_a_frame_of_another_size(begun: Callable[[], Tracker]) -> None:
@@ -443,7 +465,9 @@ def test_times_that_do_not_ascend(shown: Take, begun: Callable[[], Tracker]) -> 
 
 
 def test_another_unit(shown: Take, begun: Callable[[], Tracker], predictor: Predictor) -> None:
-    """Another unit raises an error at the first frame with readings; a speck in a later frame does not."""
+    """Another unit raises an error at the first frame with readings; a speck in a later
+    frame does not.
+    """
     for factor in (0.001, -1):
         tracker = Tracker(predictor)
         tracker.step(plain(0, 0))

@@ -104,7 +104,9 @@ def test_by_hand(run, layer, x, y, dx, in_place):
     "shape", [(), (1,), (0, 20_000), (3, 5), (2, 1 << 14), (3, (1 << 14) + 5), (5, 7, 1000)]
 )
 def test_any_size_and_order(run, rng, kind, most, shape):
-    """Long rows, odd sizes and scalars give the same values, although they are computed in different ways."""
+    """Long rows, odd sizes and scalars give the same values, although they are computed in
+    different ways.
+    """
     x, dy = rng.normal(3, 5, size=shape), rng.normal(size=shape)
     done = run(f'type: "{kind}"', x)
     assert np.array_equal(done.y, np.clip(x, 0, most))

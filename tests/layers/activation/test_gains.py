@@ -1,4 +1,7 @@
-"""Bias, Scale and PReLU: learned numbers per channel. Their gradients are compared in test_gradients.py."""
+"""Bias, Scale and PReLU: learned numbers per channel.
+
+Their gradients are compared in test_gradients.py.
+"""
 
 import numpy as np
 import pytest

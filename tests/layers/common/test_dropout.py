@@ -5,7 +5,9 @@ import pytest
 
 
 def test_values_are_zero_or_scaled(run):
-    """Kept values are scaled by 1 / (1 - p), which preserves the mean; the gradient uses the same mask."""
+    """Kept values are scaled by 1 / (1 - p), which preserves the mean; the gradient uses
+    the same mask.
+    """
     done = run('type: "Dropout" dropout_param { dropout_ratio: 0.2 }', np.ones((4, 500)))
     assert sorted(set(done.y.ravel().tolist())) == [0, pytest.approx(1.25)]
     assert done.y.mean() == pytest.approx(1, abs=0.05)
@@ -27,7 +29,9 @@ def test_every_batch_has_another_mask(run):
 
 
 def test_fast_rcnns_dropout_scales_in_test(run):
-    """With ``scale_train: false`` kept values are not scaled in TRAIN; TEST scales all values instead."""
+    """With ``scale_train: false`` kept values are not scaled in TRAIN; TEST scales all
+    values instead.
+    """
     text = 'type: "Dropout" dropout_param { dropout_ratio: 0.25 scale_train: false }'
     train, test = (run(text, np.full(1000, 8.0), phase=phase) for phase in ("TRAIN", "TEST"))
     assert set(train.y) == {0, 8}

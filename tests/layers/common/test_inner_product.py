@@ -47,7 +47,9 @@ def test_axes_before_axis_count_items(run, rng, axis, shape, weight):
 
 
 def test_more_rows_than_a_block(run, rng, keep_threads):
-    """Products are split into blocks between threads; the result is the same for any number of threads."""
+    """Products are split into blocks between threads; the result is the same for any
+    number of threads.
+    """
     x, w, dy = rng.normal(size=(300, 7)), rng.normal(size=(300, 7)), rng.normal(size=(300, 300))
     found = []
     for threads in (1, 3):
@@ -64,7 +66,9 @@ def test_more_rows_than_a_block(run, rng, keep_threads):
 
 
 def test_the_gradient_of_a_bias_over_many_items_in_float32(run):
-    """The bias gradient has float32 precision; adding 200,000 rows one by one would have an error of 2e-3."""
+    """The bias gradient has float32 precision; adding 200,000 rows one by one would have an
+    error of 2e-3.
+    """
     done = run(text(), np.zeros((200_000, 1)), dtype=np.float32)
     dy = np.full((200_000, 3), 0.1, np.float32)
     done.backward(dy)

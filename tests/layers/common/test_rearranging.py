@@ -1,4 +1,6 @@
-"""Layers that copy, join, split and rearrange values: BatchReindex, Concat, Flatten, Permute, Reshape and others."""
+"""Layers that copy, join, split and rearrange values: BatchReindex, Concat, Flatten, Permute,
+Reshape and others.
+"""
 
 import numpy as np
 import pytest
@@ -83,7 +85,9 @@ def test_by_hand(by_hand, layer, bottoms, tops, dy, dx):
 
 
 def like_numpy(layer, *rows):
-    """Rows of a layer type, the shape of its bottom, its options, and the function of NumPy that it equals."""
+    """Rows of a layer type, the shape of its bottom, its options, and the function of NumPy
+    that it equals.
+    """
     return [
         (f'type: "{layer.split()[0]}" {layer.split()[1]} {{ {options} }}', *row)
         for options, *row in rows
@@ -166,7 +170,9 @@ def test_values_and_gradients_are_those_of_numpy(run, rng, text, shape, function
     "shape", [(2, 6), (2, 6, 3), (2, 6, 2, 3), (1, 6, 2, 1, 2), (0, 6, 2, 2)], ids=str
 )
 def test_shuffle_channel_any_number_of_axes(run, rng, shape):
-    """Shuffling with G and then with C / G groups is the identity, for items, rows and columns of any number."""
+    """Shuffling with G and then with C / G groups is the identity, for items, rows and columns
+    of any number.
+    """
     x = rng.normal(size=shape)
     two, three = (
         f'type: "ShuffleChannel" shuffle_channel_param {{ group: {group} }}' for group in (2, 3)

@@ -1,4 +1,6 @@
-"""Layers that compute with several values: ArgMax, Axpy, Eltwise, Embed, Reduction and Softmax, by hand."""
+"""Layers that compute with several values: ArgMax, Axpy, Eltwise, Embed, Reduction and
+Softmax, by hand.
+"""
 
 import numpy as np
 import pytest

@@ -111,7 +111,9 @@ def test_a_resume_with_another_database_starts_over(database, images, tmp_path, 
 
 
 def test_a_database_in_one_file_and_beside_the_prototxt(tmp_path, images, monkeypatch):
-    """A database may be a single file; it is searched in the working directory, then next to the prototxt."""
+    """A database may be a single file; it is searched in the working directory, then next
+    to the prototxt.
+    """
     write(tmp_path / "file.mdb", [datum(images[0], 5)], subdir=False)
     (tmp_path / "net.prototxt").write_text(text("file.mdb", "batch_size: 1"))
     assert labels(netlib.Net(tmp_path / "net.prototxt", netlib.TRAIN)) == [5]
@@ -135,7 +137,9 @@ def test_what_is_accepted_and_ignored(database, net_of, caplog):
 
 
 def test_a_database_that_is_cut_under_a_running_net(tmp_path, net_of):
-    """If the file is truncated, the position is kept, and a net on the restored file continues with the same batch."""
+    """If the file is truncated, the position is kept, and a net on the restored file continues with
+    the same batch.
+    """
     database = write(
         tmp_path / "lmdb", [datum(np.ones((1, 100, 100), np.uint8), i) for i in range(20)]
     )

@@ -28,7 +28,9 @@ def test_floats(rng):
 
 @pytest.mark.parametrize(("color", "channels"), [(None, 3), (True, 3), (False, 1)])
 def test_an_encoded_picture(rng, color, channels):
-    """An encoded image is decoded by OpenCV, with channels in the order blue, green, red, or to gray."""
+    """An encoded image is decoded by OpenCV, with channels in the order blue, green,
+    red, or to gray.
+    """
     image = rng.integers(0, 256, (4, 5, 3)).astype(np.uint8)
     png = cv2.imencode(".png", image)[1].tobytes()
     values, label = decode_datum(datum(png, 3), color, "d")

@@ -18,7 +18,9 @@ def data(rng):
 
 @pytest.mark.parametrize("shape", [(6,), (6, 1, 1, 1)])
 def test_batches_come_in_order_and_go_round(net_of, data, shape):
-    """Batches are in order and repeat; labels may have one axis or four, and the top has four, as in Caffe."""
+    """Batches are in order and repeat; labels may have one axis or four, and the top has
+    four, as in Caffe.
+    """
     net = net_of(NET)
     net.layer_dict["d"].set_input_arrays(data[0], data[1].reshape(shape))
     for first in (0, 2, 4, 0, 2):
@@ -136,7 +138,9 @@ def dummy(options, tops=1):
     ],
 )
 def test_dummy_shapes_and_values_for_each_top_or_for_all(net_of, options, values):
-    """Shapes and fillers apply to one top each or to all; the default is 0, and four sizes may replace a shape."""
+    """Shapes and fillers apply to one top each or to all; the default is 0, and four sizes may
+    replace a shape.
+    """
     net = net_of(dummy(options, tops=2))
     net.forward()
     assert [net.blobs[name].data.tolist() for name in "ab"] == values
@@ -156,10 +160,17 @@ def test_dummy_random_values_are_new_in_every_batch(net_of):
     {
         "": "net.prototxt:1:7: error: layer 'd': has 3 tops, but 0 of shape",
         "shape { } shape { }": "net.prototxt:1:...: error: layer 'd': has 3 tops, but 2 of shape",
-        "shape { } data_filler { } data_filler { }": "net.prototxt:1:...: error: layer 'd': has 3 tops, but 2 of data_filler",
-        "num: 1 num: 2 channels: 1 height: 1 width: 1": "net.prototxt:1:...: error: layer 'd': has 3 tops, but 2 of num",
+        "shape { } data_filler { } data_filler { }": (
+            "net.prototxt:1:...: error: layer 'd': has 3 tops, but 2 of data_filler"
+        ),
+        "num: 1 num: 2 channels: 1 height: 1 width: 1": (
+            "net.prototxt:1:...: error: layer 'd': has 3 tops, but 2 of num"
+        ),
         "num: 1 channels: 1 width: 1": "net.prototxt:1:7: error: layer 'd': has 3 tops, but 0 of height",
-        "shape { } num: 1 channels: 1 height: 1 width: 1": "net.prototxt:1:...: error: layer 'd': has both shape and the older num, channels, height, width; expected one",
+        "shape { } num: 1 channels: 1 height: 1 width: 1": (
+            "net.prototxt:1:...: error: layer 'd': has both shape and the older num, channels, "
+            "height, width; expected one"
+        ),
     },
 )
 def test_mistakes_of_dummy_data(net_of, given, rejected):

@@ -13,7 +13,9 @@ from tests.support.hdf5_files import write_hdf5
 
 @pytest.fixture
 def data(tmp_path, net_of):
-    """``data([3, 4], batch, shuffle)``: a net that reads files of 3 and 4 rows, numbered consecutively."""
+    """``data([3, 4], batch, shuffle)``: a net that reads files of 3 and 4 rows, numbered
+    consecutively.
+    """
 
     def make(counts, batch, shuffle=False, chunks=None, dtype=np.float32, **options):
         number = 0
@@ -101,7 +103,9 @@ def test_any_storage_is_read(data, options, shuffle):
 
 @pytest.mark.parametrize("chunks", [None, (2, 2)], ids=["in one piece", "in chunks"])
 def test_the_rest_of_a_file_in_another(data, tmp_path, net_of, monkeypatch, chunks):
-    """The attribute rest_in names a file with further data sets, relative to the folder of the first file."""
+    """The attribute rest_in names a file with further data sets, relative to the folder of
+    the first file.
+    """
     want = numbers(data([5], 5, chunks=chunks), 1)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "companions").mkdir()
@@ -146,7 +150,9 @@ def test_a_batch_of_more_rows_than_there_are_is_a_warning(data, caplog):
     "options", ["", "scale: 0.5", "mirror: true", 'mean_file: "absent"', "crop_size: 1"]
 )
 def test_transform_param_is_rejected(tmp_path, net_of, options):
-    """HDF5Data does not transform data; transform_param is an error, as in Caffe, even if it is empty."""
+    """HDF5Data does not transform data; transform_param is an error, as in Caffe, even
+    if it is empty.
+    """
     text = layer(tmp_path / "list.txt", 2)[:-1] + f"transform_param {{ {options} }} }}"
     with pytest.raises(
         netlib.LayerError, match="layer 'd': HDF5Data does not transform data, as in Caffe"
@@ -161,7 +167,9 @@ def listed(folder, *names, **datasets):
 
 
 def unwritten(folder):
-    """Write a file of rows that were never stored; HDF5 would fill in more than the memory can hold."""
+    """Write a file of rows that were never stored; HDF5 would fill in more than the
+    memory can hold.
+    """
     listed(folder, "a.h5", t=np.zeros(10**3))
     with h5py.File(folder / "a.h5", "a") as file:
         file.create_dataset("x", (10**12, 1), "f4", chunks=(1024, 1))
@@ -286,7 +294,9 @@ OUTSIDE = "rest_in is '%s'; expected a relative name of a file in the same"
     ],
 )
 def test_where_the_rest_may_be(tmp_path, net_of, rest, link, is_near):
-    """In the folder of the data file, below it or in a neighbouring folder, also by a link; nowhere else."""
+    """In the folder of the data file, below it or in a neighbouring folder, also by a
+    link; nowhere else.
+    """
     for folder in ("set/a/below", "set/near/below"):
         (tmp_path / folder).mkdir(parents=True)
     for place in ("private.h5", "set/near/below/private.h5", "set/near/rest.h5"):

@@ -12,7 +12,9 @@ SIZES = [(4, 6), (4, 6), (4, 6), (5, 8), (3, 3)]
 
 @pytest.fixture
 def pictures(tmp_path, rng):
-    """Five images, the last two of other sizes, and a list of the first three with labels 10, 11, 12."""
+    """Five images, the last two of other sizes, and a list of the first three with
+    labels 10, 11, 12.
+    """
     found = []
     for i, size in enumerate(SIZES):
         found.append(rng.integers(0, 256, (*size, 3)).astype(np.uint8))
@@ -38,7 +40,9 @@ def labels(net, count=1):
 
 
 def test_pictures_come_in_order_and_go_round(tmp_path, pictures, net_of):
-    """Images are (C, H, W) with blue first; paths may contain spaces and are relative to the list's folder."""
+    """Images are (C, H, W) with blue first; paths may contain spaces and are relative to the
+    list's folder.
+    """
     net = net_of(text(tmp_path, "batch_size: 2"))
     for first, second in ((0, 1), (2, 0), (1, 2)):
         tops = net.forward()
@@ -127,7 +131,9 @@ def test_a_resume_with_another_list_starts_over(tmp_path, pictures, net_of):
 
 
 def test_where_pictures_are_looked_for(tmp_path, pictures, net_of, monkeypatch):
-    """root_folder is prepended as text; without it, paths are relative to the working directory or the list."""
+    """root_folder is prepended as text; without it, paths are relative to the working
+    directory or the list.
+    """
     (tmp_path / "a_list").mkdir()
     (tmp_path / "a_list" / "list.txt").write_text("ture 1.png 1")
     with pytest.raises(netlib.DataError, match="cannot read the image"):

@@ -1,4 +1,6 @@
-"""layers/data/lmdb_file.py: entries are read as by the package lmdb; damage raises a one-line error."""
+"""layers/data/lmdb_file.py: entries are read as by the package lmdb; damage raises a
+one-line error.
+"""
 
 from __future__ import annotations
 
@@ -78,7 +80,9 @@ def only_file(path: Path) -> Path:
 def test_entries_in_the_order_of_their_keys(
     tmp_path: Path, entries: Entries, depth: int, subdir: bool
 ) -> None:
-    """Entries are read in order for any depth, with values in leaves or in separate pages, from a folder or a file."""
+    """Entries are read in order for any depth, with values in leaves or in separate pages, from a
+    folder or a file.
+    """
     path = write(tmp_path / "a", entries, subdir=subdir)
     database = Database(path)
     assert (database.entries, database.depth) == (len(entries), depth)
@@ -87,7 +91,9 @@ def test_entries_in_the_order_of_their_keys(
 
 @pytest.mark.parametrize("seed", range(6))
 def test_whatever_has_been_written_and_deleted(tmp_path: Path, seed: int) -> None:
-    """Databases with reused pages and changed values and trees are read correctly, and so are compact copies."""
+    """Databases with reused pages and changed values and trees are read correctly, and so are
+    compact copies.
+    """
     rng = random.Random(seed)
     path, kept = tmp_path / "a", Entries()
     few = rng.choice((20, 300, 3000))
@@ -306,7 +312,9 @@ def test_nothing_is_believed(
 
 
 def test_pages_do_not_come_up_twice(tmp_path: Path) -> None:
-    """A page that is referenced twice raises an error; a tree of such branches would have 2^31 leaves."""
+    """A page that is referenced twice raises an error; a tree of such branches would
+    have 2^31 leaves.
+    """
     branches = [
         page(BRANCH, i, [pointer(b"", i + 1), pointer(b"%02d" % i, i + 1)], 512)
         for i in range(2, 33)
@@ -318,7 +326,10 @@ def test_pages_do_not_come_up_twice(tmp_path: Path) -> None:
         list(walked(path))
 
 
-ORDER = "...: written on a machine of 32 bits or of another byte order, expected 64 bits, little endian; copy it with ..."
+ORDER = (
+    "...: written on a machine of 32 bits or of another byte order, expected 64 bits, little "
+    "endian; copy it with ..."
+)
 
 
 @bad_inputs(
@@ -341,7 +352,9 @@ Damage = Callable[[bytearray, random.Random], int]
 
 
 def flipped_bit(content: bytearray, rng: random.Random) -> int:
-    """Flip any bit, every second time in the numbers at the start of a page; at most one entry may change."""
+    """Flip any bit, every second time in the numbers at the start of a page; at most one
+    entry may change.
+    """
     head = 4096 * rng.randrange(len(content) // 4096) + rng.randrange(160)
     content[rng.choice((head, rng.randrange(len(content))))] ^= 1 << rng.randrange(8)
     return 1
@@ -369,7 +382,9 @@ def cut(content: bytearray, rng: random.Random) -> int:
 
 @pytest.fixture(scope="module")
 def good(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, Entries]:
-    """A tree of three levels, with values of all sizes and free pages: its content and its entries."""
+    """A tree of three levels, with values of all sizes and free pages: its content
+    and its entries.
+    """
     entries = {
         b"%0200d" % i: b"%04d" % i * (20 if i % 5 else 400 * (1 + i % 4)) for i in range(400)
     }
@@ -382,7 +397,9 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, Entries]:
 
 @pytest.mark.parametrize("damage", [flipped_bit, zeros, swapped_pages, cut])
 def test_damage(tmp_path: Path, good: tuple[bytes, Entries], damage: Damage) -> None:
-    """A damaged file raises a one-line error, or gives all entries with changes only at the damaged position."""
+    """A damaged file raises a one-line error, or gives all entries with changes only at the
+    damaged position.
+    """
     content, entries = good
     rng, path, refused = random.Random(damage.__name__), tmp_path / "a", 0
     assert len(entries) == 300
@@ -407,7 +424,9 @@ def test_damage(tmp_path: Path, good: tuple[bytes, Entries], damage: Damage) -> 
 
 
 def test_a_database_that_is_cut_under_way(tmp_path: Path) -> None:
-    """A file that is truncated or changed in use raises an error on the next access, even for pages in memory."""
+    """A file that is truncated or changed in use raises an error on the next access, even for
+    pages in memory.
+    """
     path = only_file(write(tmp_path / "a", numbered(300, 5000)))
     for change, message in (
         (lambda: os.truncate(path, 20_000), "was cut to 20000 of"),

@@ -99,11 +99,19 @@ def test_float32_is_computed_in_float32(image):
     netlib.LayerError,
     {
         "crop_size: 6": "...:1:48: error: layer 'it': x: the image (C, H, W) (3, 5, 7) is smaller than crop_size 6",
-        "mean_value: 1 mean_value: 2": "...:1:48: error: layer 'it': x: 3 channels, but 2 mean_value; expected one for all, or one per channel",
-        'mean_file: "m"': "...:1:48: error: layer 'it': x: the image (C, H, W) is (3, 5, 7), mean_file 'm' (3, 5, 6); ...",
+        "mean_value: 1 mean_value: 2": (
+            "...:1:48: error: layer 'it': x: 3 channels, but 2 mean_value; expected one for all, "
+            "or one per channel"
+        ),
+        'mean_file: "m"': (
+            "...:1:48: error: layer 'it': x: the image (C, H, W) is (3, 5, 7), mean_file 'm' (3, "
+            "5, 6); ..."
+        ),
         'mean_file: "m" mean_value: 1': "...:1:63: error: layer 'it': mean_file and mean_value cannot both be given",
         'mean_file: "flat"': "...:1:48: error: layer 'it': mean_file 'flat' has shape (3,), expected (1, C, H, W)",
-        "force_color: true force_gray: true": "...:1:66: error: layer 'it': force_color and force_gray cannot both be set",
+        "force_color: true force_gray: true": (
+            "...:1:66: error: layer 'it': force_color and force_gray cannot both be set"
+        ),
         "no mean": (
             'mean_file: "none"',
             netlib.DataError,
@@ -138,13 +146,17 @@ def test_mistakes(tmp_path, image, given, rejected):
     },
 )
 def test_an_image_that_does_not_fit_its_batch(image, given, rejected):
-    """Without crop_size all images of a batch must have the same size; the number of channels must always agree."""
+    """Without crop_size all images of a batch must have the same size; the number of channels
+    must always agree.
+    """
     with rejected:
         transformer(given[0]).transform(image, np.zeros(given[1]), "x")
 
 
 def test_options_in_their_old_place_are_pointed_out(caplog):
-    """Transformation options in the layer's own block are a warning; Caffe ignores them silently."""
+    """Transformation options in the layer's own block are a warning; Caffe ignores
+    them silently.
+    """
     text = 'name: "it" type: "ImageData" image_data_param { source: "s" scale: 2 mirror: false }'
     spec = schema.read(prototxt.parse(text, "net"), LayerParameter)
     warn_of_misplaced(

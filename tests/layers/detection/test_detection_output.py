@@ -1,4 +1,6 @@
-"""DetectionOutput: decoding, non-maximum suppression, selection and order; compared with plain loops."""
+"""DetectionOutput: decoding, non-maximum suppression, selection and order; compared
+with plain loops.
+"""
 
 import logging
 import math
@@ -16,7 +18,9 @@ def text(classes=2, more=""):
 
 
 def bottoms(boxes, scores):
-    """Return bottoms for one item whose boxes are the priors themselves; scores are per box, then per class."""
+    """Return bottoms for one item whose boxes are the priors themselves; scores are per box,
+    then per class.
+    """
     priors = np.array([boxes, np.full(np.shape(boxes), 0.1)]).reshape(1, 2, -1)
     return np.zeros((1, np.size(boxes))), np.reshape(scores, (1, -1)), priors
 
@@ -70,7 +74,9 @@ def test_a_location_for_each_class(run):
 
 
 def strips(*starts):
-    """Return boxes of width 4 and height 1; two that are shifted by s overlap by (4 - s) / (4 + s)."""
+    """Return boxes of width 4 and height 1; two that are shifted by s overlap by
+    (4 - s) / (4 + s).
+    """
     return [[x, 0, x + 4, 1] for x in starts]
 
 
@@ -142,7 +148,9 @@ def test_classes(run, options, boxes, found):
 
 
 def test_nothing_found(run):
-    """A batch without detections has one row per item; an item without any in another batch has none."""
+    """A batch without detections has one row per item; an item without any in another
+    batch has none.
+    """
     priors = bottoms([WIDE], [[0, 0]])[2]
     options, locations = text(more="confidence_threshold: 0.5"), np.zeros((3, 4))
     found = rows(run, options, locations, np.zeros((3, 2)), priors)
@@ -152,7 +160,9 @@ def test_nothing_found(run):
 
 
 def test_values_that_are_not_finite(run):
-    """A confidence that is no number is no detection; boxes that grow beyond all numbers do no harm."""
+    """A confidence that is no number is no detection; boxes that grow beyond all
+    numbers do no harm.
+    """
     priors = bottoms([WIDE, WIDE], [[0, 0]])[2]
     found = rows(
         run,
@@ -165,7 +175,9 @@ def test_values_that_are_not_finite(run):
 
 
 def test_many_candidates_are_suppressed_in_blocks(run, rng):
-    """Boxes that are kept overlap by at most 0.3, and each other one overlaps a kept one of a higher confidence."""
+    """Boxes that are kept overlap by at most 0.3, and each other one overlaps a kept one of a
+    higher confidence.
+    """
     corner = rng.uniform(0, 0.9, (700, 2))
     boxes, scores = (
         np.hstack([corner, corner + rng.uniform(0.05, 0.3, (700, 2))]),
@@ -216,7 +228,9 @@ def test_a_prior_without_size(run):
 
 
 def test_saving_is_ignored_with_a_note(run, caplog):
-    """Options that write files or show images are accepted; only those that would take effect are noted."""
+    """Options that write files or show images are accepted; only those that would take
+    effect are noted.
+    """
     caplog.set_level(logging.WARNING, "netlib")
     arrays = bottoms([WIDE], [[0, 1]])
     run(

@@ -58,7 +58,8 @@ AGAIN = "min_size: 4 aspect_ratio: 1 aspect_ratio: 4 aspect_ratio: 4.0000001 asp
             centres,
             [[0, 0], [4, 0], [0, 8], [4, 8]],
         ),
-        # for each min_size: its square, that of the mean with max_size, then each ratio and its inverse
+        # for each min_size: its square, that of the mean with max_size, then each ratio
+        # and its inverse
         (
             MANY,
             (1, 1),

@@ -1,9 +1,11 @@
-"""A small detector gives what OpenCV 4.14 gives, survives binary files, and runs under both engines.
+"""A small detector gives what OpenCV 4.14 gives, survives binary files, and runs
+under both engines.
 
-small_ssd.npz was recorded with OpenCV's importer: the parameters (``LAYER/INDEX``), the input and, as ``opencv/BLOB``,
-the blobs that ``cv2.dnn.readNetFromCaffe("small_ssd.prototxt", weights).forward(...)`` returned, of the detections
-those rows that are not zeros. The importer sorts detections by their confidence, Caffe by label and confidence. The
-weights were chosen such that no decision depends on rounding. To record again, save a net with these parameters as
+small_ssd.npz was recorded with OpenCV's importer: the parameters (``LAYER/INDEX``), the input and,
+as ``opencv/BLOB``, the blobs that ``cv2.dnn.readNetFromCaffe("small_ssd.prototxt",
+weights).forward(...)`` returned, of the detections those rows that are not zeros. The importer
+sorts detections by their confidence, Caffe by label and confidence. The weights were chosen such
+that no decision depends on rounding. To record again, save a net with these parameters as
 .caffemodel, with norm2's scale of shape (1,), which OpenCV requires.
 """
 
@@ -51,7 +53,9 @@ def test_the_net_agrees_with_opencv(net, recorded):
 
 
 def test_text_and_binary_are_equivalent():
-    """Encoded and decoded, the options of the fork are unchanged; protobuf's classes give the same bytes."""
+    """Encoded and decoded, the options of the fork are unchanged; protobuf's classes give
+    the same bytes.
+    """
     google = pytest.importorskip("google.protobuf.text_format")
     from netlib.caffe.proto import caffe_pb2
 

@@ -10,7 +10,8 @@ import pytest
 
 from layers.hand.skeleton import Skeleton, load
 
-# The base moves to (x, y); upper arm (length 2) and forearm (length 1) lie along local x axes and turn about z.
+# The base moves to (x, y); upper arm (length 2) and forearm (length 1) lie along local x axes
+# and turn about z.
 ARM = """
     name: "arm"
     dof { name: "x" } dof { name: "y" initial: 0.5 }
@@ -43,8 +44,8 @@ def arm() -> Callable[[np.ndarray], np.ndarray]:
 
 
 def random_body(rng: np.random.Generator) -> str:
-    """A skeleton file of 6 joints and 6 DoFs with two roots, children before parents, joints with and without a bone,
-    and DoFs that are fixed, drive several joints, translate or rotate.
+    """A skeleton file of 6 joints and 6 DoFs with two roots, children before parents, joints with
+    and without a bone, and DoFs that are fixed, drive several joints, translate or rotate.
     """
     axes = ["X", "Y", "Z", "NEG_X", "NEG_Y", "NEG_Z"]
     lines = [

@@ -61,7 +61,9 @@ def test_joints_stay_on_the_picture(net_of: NetOf, options: str) -> None:
 
 
 def test_sizes_of_the_changes(net_of: NetOf) -> None:
-    """Each change is uniformly distributed up to its option and equal for both joints of an item."""
+    """Each change is uniformly distributed up to its option and equal for both
+    joints of an item.
+    """
     depth, joint = dots()
     net = net_of(LAYER % ("y", "moved", "shift: 6.4 depth: 0.06"))
     _, moved = augmented(net, depth, joint)

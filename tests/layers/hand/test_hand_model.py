@@ -43,7 +43,9 @@ def test_a_factor_is_a_scaled_body(run, of_any, rng, N):
 
 
 def test_lengths_are_a_body_with_such_bones(run, of_any, rng):
-    """A length per joint replaces its bone, with its sign; lengths of joints without a bone are ignored."""
+    """A length per joint replaces its bone, with its sign; lengths of joints without a
+    bone are ignored.
+    """
     text, skeleton = of_any
     x, b = rng.normal(size=(3, 6)), rng.normal(size=(3, 6))
     assert (skeleton.bone_axes < 0).any()
@@ -86,7 +88,9 @@ def test_a_body_of_one_joint_has_a_factor(run, tmp_path):
 @pytest.mark.parametrize("sizes", [1, 31])
 @pytest.mark.parametrize(("dtype", "tolerance"), [(np.float32, 1e-4), (np.float64, 1e-12)])
 def test_a_net_with_sizes(net_of, rng, N, sizes, dtype, tolerance):
-    """A net that predicts, a net that learns and the plain engine agree for any batch size, including 0."""
+    """A net that predicts, a net that learns and the plain engine agree for any batch
+    size, including 0.
+    """
     layers = f"""
         layer {{ name: "x" type: "Input" top: "x" input_param {{ shape {{ dim: {N} dim: 47 }} }} }}
         layer {{ name: "b" type: "Input" top: "b" input_param {{ shape {{ dim: {N} dim: {sizes} }} }} }}

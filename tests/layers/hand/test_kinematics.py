@@ -1,4 +1,6 @@
-"""Forward kinematics and its gradient for a planar arm in closed form, for the hand and for any pose."""
+"""Forward kinematics and its gradient for a planar arm in closed form, for the hand
+and for any pose.
+"""
 
 import numpy as np
 import pytest
@@ -14,7 +16,9 @@ HAND = load()
 
 @pytest.fixture
 def body(skeleton):
-    """``body(text)`` returns the kinematics of a skeleton file with this text, in the engine in use."""
+    """``body(text)`` returns the kinematics of a skeleton file with this text, in the
+    engine in use.
+    """
     return lambda text: kinematics_of(skeleton(text))
 
 
@@ -26,7 +30,9 @@ def hand(engine_in_use):
 
 @pytest.mark.parametrize("N", [1, 3, 8, 9, 40])
 def test_a_planar_arm_is_its_closed_form(body, arm_text, arm, rng, N):
-    """Joints are in file order, even if children precede their parents, for few poses and for many."""
+    """Joints are in file order, even if children precede their parents, for few
+    poses and for many.
+    """
     inputs = rng.normal(size=(N, 4))
     assert np.allclose(body(arm_text).joints(inputs), arm(inputs))
 
@@ -43,7 +49,9 @@ def test_the_gradient_of_the_arm_is_that_of_its_closed_form(body, arm_text, arm,
 
 
 def test_force_and_torque_on_numbers_worked_by_hand(body, arm_text):
-    """For the arm stretched along x, an upward force f at the hand exerts 3 f on the shoulder and f on the elbow."""
+    """For the arm stretched along x, an upward force f at the hand exerts 3 f on the shoulder and
+    f on the elbow.
+    """
     made = body(arm_text)
     pose = made.forward(np.array([[0.0, -0.5, -0.25, 0.0]]))
     assert np.allclose(pose.joints[0], [[3, 0, 0], [2, 0, 0], [0, 0, 0]])
@@ -110,7 +118,9 @@ def test_jacobian_against_differences(body, arm_text, rng, joints, fixed):
 
 @pytest.mark.parametrize("name", ["arm", "hand"])
 def test_bone_directions_against_differences(body, arm_text, hand, rng, name):
-    """A longer bone moves its joint and all descendants along the bone direction; joints without a bone have none."""
+    """A longer bone moves its joint and all descendants along the bone direction; joints without a
+    bone have none.
+    """
     made = body(arm_text) if name == "arm" else hand
     table = made.skeleton
     inputs = rng.normal(size=(3, len(table.initial)))
@@ -133,7 +143,9 @@ def test_bone_directions_against_differences(body, arm_text, hand, rng, name):
 
 @pytest.mark.parametrize("N", [1, 40])
 def test_the_gradient_of_bones(body, any_body, rng, N):
-    """The gradient of each pose's bone lengths agrees with differences; it is 0 for joints without a bone."""
+    """The gradient of each pose's bone lengths agrees with differences; it is 0 for joints
+    without a bone.
+    """
     made = body(any_body)
     table = made.skeleton
     inputs, dX = rng.normal(size=(N, 6)), rng.normal(size=(N, 6, 3))
@@ -146,7 +158,9 @@ def test_the_gradient_of_bones(body, any_body, rng, N):
 
 
 def test_the_force_along_a_bone_worked_by_hand(body, arm_text):
-    """For the arm stretched along x, the upper arm's gradient sums elbow and hand, the forearm's only the hand."""
+    """For the arm stretched along x, the upper arm's gradient sums elbow and hand, the forearm's
+    only the hand.
+    """
     made = body(arm_text)
     pose = made.forward(np.array([[0.0, -0.5, -0.25, 0.0]]))
     dX = np.array([[[2.0, 9, 0], [3, 9, 0], [100, 9, 0]]])  # at hand, elbow, base
@@ -154,7 +168,9 @@ def test_the_force_along_a_bone_worked_by_hand(body, arm_text):
 
 
 def test_one_pose_by_hand(hand):
-    """With the palm unrotated and all angles 0, the ring finger is a straight line along its metacarpal."""
+    """With the palm unrotated and all angles 0, the ring finger is a straight line along
+    its metacarpal.
+    """
     [joints] = hand.joints(-HAND.initial[None] * ~HAND.fixed)
     names = HAND.joint_names
     chain = [
@@ -181,7 +197,9 @@ def test_any_pose_keeps_the_bone_lengths(hand, pose):
 
 
 def test_float32_costs_digits_of_float32_only(hand, rng):
-    """float32 loses only float32 precision, even far from the origin, as torques are computed about local points."""
+    """float32 loses only float32 precision, even far from the origin, as torques are computed
+    about local points.
+    """
     inputs, dX = (
         rng.normal(0, 0.5, (20, 47)).astype(np.float32),
         rng.normal(size=(20, 31, 3)).astype(np.float32),
@@ -228,7 +246,9 @@ def test_a_body_without_free_motions(body):
 
 
 def test_rotations():
-    """Rotation about z maps x to y, about x maps y to z and about y maps z to x, for one angle or many."""
+    """Rotation about z maps x to y, about x maps y to z and about y maps z to x, for one
+    angle or many.
+    """
     for axis in range(3):
         R = rotation(axis, np.pi / 2)
         assert np.allclose(R @ np.eye(3)[(axis + 1) % 3], np.eye(3)[(axis + 2) % 3])
@@ -240,7 +260,9 @@ def test_rotations():
 @pytest.mark.parametrize("N", [1, 4, 40])
 @pytest.mark.parametrize("own", [False, True], ids=["packaged bones", "own bones"])
 def test_forward_pose_is_a_pose(rng, N, own):
-    """Joints, axes, pivots and rotations equal those of the plain engine, with the skeleton's or each pose's bones."""
+    """Joints, axes, pivots and rotations equal those of the plain engine, with the skeleton's or
+    each pose's bones.
+    """
     skeleton = HAND.with_surface()
     made, plain = kinematics_of(skeleton), Kinematics(skeleton)
     inputs = rng.normal(0, 0.5, (N, len(skeleton.initial)))

@@ -32,7 +32,9 @@ def text(tmp_path):
     ],
 )
 def test_by_hand(run, text, norm, loss, gradient):
-    """The loss is the mean over the items; fixed and unlimited DoFs add nothing and have gradient 0."""
+    """The loss is the mean over the items; fixed and unlimited DoFs add nothing and
+    have gradient 0.
+    """
     done = run(text % norm, X)
     assert done.y == loss
     [dx] = done.backward(2)

@@ -181,7 +181,9 @@ def test_by_hand(by_hand, layer, bottoms, tops, weight, dx):
 
 
 def by_loops(x, labels, H, ignore):
-    """Return the loss summed over labels and classes, and its gradient, for x of shape (N, K, places)."""
+    """Return the loss summed over labels and classes, and its gradient, for x of shape
+    (N, K, places).
+    """
     total, dx = 0.0, np.zeros_like(x)
     for n, place in np.ndindex(labels.shape):
         p = np.exp(x[n, :, place]) / np.exp(x[n, :, place]).sum()
@@ -203,7 +205,9 @@ def by_loops(x, labels, H, ignore):
 )
 @pytest.mark.parametrize("kind", ["InfogainLoss", "SoftmaxWithLoss"])
 def test_labels_of_pixels_against_loops(run, rng, kind, options, divisor):
-    """With an ignored label; H may have leading axes, and SoftmaxWithLoss is InfogainLoss with the identity."""
+    """With an ignored label; H may have leading axes, and SoftmaxWithLoss is InfogainLoss
+    with the identity.
+    """
     x, labels = rng.normal(size=(2, 3, 2)), np.array([[0, 1], [9, 2]])
     H = rng.normal(size=(3, 3)) if kind == "InfogainLoss" else np.eye(3)
     total, gradient = by_loops(x, labels, H, ignore=9)
@@ -291,7 +295,9 @@ def test_a_divisor_is_at_least_1():
 
 
 def test_which_labels_count():
-    """Labels are truncated before they are compared with ignore_label; NaN is never ignored, so that it is detected."""
+    """Labels are truncated before they are compared with ignore_label; NaN is never ignored, so
+    that it is detected.
+    """
     values = np.array([0, 0.9, -0.9, 1, -1, np.nan])
     assert labels.counted(values, None).all()
     assert labels.counted(values, 0)[:5].tolist() == [False, False, False, True, True]

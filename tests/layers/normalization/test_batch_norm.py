@@ -28,7 +28,9 @@ def test_by_hand(by_hand, options, phase, x, y):
 
 
 def test_the_sums_take_up_every_batch(run):
-    """Earlier batches are scaled by the moving average fraction; the variance is multiplied by M / (M - 1), here 2."""
+    """Earlier batches are scaled by the moving average fraction; the variance is multiplied by
+    M / (M - 1), here 2.
+    """
     done = run(KEPT, [[1, 3], [3, 7]])
     mean, variance, weight = (blob.data for blob in done.layer.blobs)
     assert (mean.tolist(), variance.tolist(), weight.tolist()) == ([2, 5], [2, 8], [1])
@@ -40,7 +42,9 @@ def test_the_sums_take_up_every_batch(run):
     ("text", "phase"), [(STORED, "TRAIN"), (TEXT + " batch_norm_param { eps: 0 }", "TEST")]
 )
 def test_the_sums_normalise(run, text, phase):
-    """With stored statistics of mean 6 / 2 and variance 8 / 2, the gradient is scaled and the sums do not change."""
+    """With stored statistics of mean 6 / 2 and variance 8 / 2, the gradient is scaled and the sums
+    do not change.
+    """
     done = run(text, [[1], [7]], phase=phase, params=[[6], [8], [2]])
     assert done.y.tolist() == [[-1], [2]]
     assert done.backward([[4], [6]])[0].tolist() == [[2], [3]]
@@ -72,7 +76,9 @@ def test_a_solver_leaves_the_sums_alone(net_of, options):
 @pytest.mark.parametrize("shape", [(1024, 2, 16, 16), (8192, 3)])
 @pytest.mark.parametrize("mean", [0, 1000])
 def test_float32_keeps_its_digits(run, rng, mean, shape):
-    """float32 results agree with float64 for many items, even if the mean is far larger than the deviation."""
+    """float32 results agree with float64 for many items, even if the mean is far larger than
+    the deviation.
+    """
     x, dy = rng.normal(mean, 1, shape).astype(np.float32), rng.normal(size=shape).astype(np.float32)
     single, double = (run(TEXT, x, dtype=dtype) for dtype in (np.float32, np.float64))
     assert np.allclose(single.y, double.y, rtol=0, atol=2e-6)

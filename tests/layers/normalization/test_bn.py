@@ -20,7 +20,9 @@ def normalized(x, eps):
 
 @pytest.mark.parametrize("phase", ["TRAIN", "TEST"])
 def test_segnet_learns_with_the_statistics_of_the_batch(run, rng, phase):
-    """With LEARN, both phases normalize by the batch, and two more tops have its mean and variance."""
+    """With LEARN, both phases normalize by the batch, and two more tops have its
+    mean and variance.
+    """
     x = rng.normal(3, 2, size=(2, 3, 4, 5))
     scale, bias = rng.normal(size=(2, 1, 3, 1, 1))
     done = run(text("bn_mode: LEARN"), x, tops=3, phase=phase, params=[scale, bias])
@@ -41,7 +43,9 @@ def test_segnet_infers_with_scale_and_bias_only(run, rng):
 
 
 def test_pspnet_learns_and_averages(run, rng):
-    """In TRAIN, the moving averages follow the mean and the variance of the batch, without a correction."""
+    """In TRAIN, the moving averages follow the mean and the variance of the batch,
+    without a correction.
+    """
     x = rng.normal(3, 2, size=(2, 3, 4, 5))
     done = run(
         text("momentum: 0.75"),

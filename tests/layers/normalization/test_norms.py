@@ -75,7 +75,8 @@ WITH_EPS, GRADIENT = mvn([1, 2, 6], 3)
             None,
             None,
         ),
-        # the item has length 11, and of dy = (1, 1) only the part across x = (3, 4) remains: (1, 1) - (3, 4) 7 / 25
+        # the item has length 11, and of dy = (1, 1) only the part across x = (3, 4) remains:
+        # (1, 1) - (3, 4) 7 / 25
         (
             "Normalize",
             np.array([1.0, 2, 4, 10]).reshape(1, 2, 1, 2),

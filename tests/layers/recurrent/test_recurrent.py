@@ -75,7 +75,9 @@ def loops(kind, x, cont, params, static=None, h=None, c=None):
 @pytest.mark.parametrize("with_static", [False, True])
 @kinds
 def test_it_gives_what_plain_loops_give(run, rng, kind, item, with_static):
-    """The outputs agree with loops for features of several axes and static features, and the state carries over."""
+    """The outputs agree with loops for features of several axes and static features, and the
+    state carries over.
+    """
     x, static = rng.normal(size=(4, 2, *item)), rng.normal(size=(2, 2, 2)) if with_static else None
     done = run(text(kind), x, CONT, *[static] * with_static)
     params = [blob.data for blob in done.layer.blobs]
@@ -94,7 +96,9 @@ def test_it_gives_what_plain_loops_give(run, rng, kind, item, with_static):
 
 
 def test_the_exposed_state_of_an_rnn(run, rng):
-    """The exposed state h is the bottom after the static features, and the second top; its gradient is 0."""
+    """The exposed state h is the bottom after the static features, and the second top; its
+    gradient is 0.
+    """
     x, static, h = rng.normal(size=(4, 2, 5)), rng.normal(size=(2, 4)), rng.normal(size=(1, 2, 3))
     done = run(text(options="expose_hidden: true"), x, np.ones((4, 2)), static, h, tops=2)
     y, last = loops(

@@ -1,4 +1,6 @@
-"""Convolution, Deconvolution, depthwise convolutions and Im2col: by hand, and compared with loops."""
+"""Convolution, Deconvolution, depthwise convolutions and Im2col: by hand, and
+compared with loops.
+"""
 
 import logging
 
@@ -154,7 +156,9 @@ def test_deconvolution_is_a_convolution_backwards(run, rng, options):
 
 
 def test_several_outputs_per_channel_and_several_bottoms(run, rng):
-    """DepthwiseConvolution may have a multiple of the channels as outputs: first all those of the first channel."""
+    """DepthwiseConvolution may have a multiple of the channels as outputs: first all those of the
+    first channel.
+    """
     bottoms = rng.normal(size=(2, 1, 2, 4, 4))
     done = run(
         text("DepthwiseConvolution", num_output=4, group=2, kernel_size=1, bias_term="false"),
@@ -166,7 +170,9 @@ def test_several_outputs_per_channel_and_several_bottoms(run, rng):
 
 
 def test_convolution_depthwise_ignores_outputs_and_group_with_a_warning(run, caplog):
-    """Like the forks, ConvolutionDepthwise has as many outputs as channels whatever its options say."""
+    """Like the forks, ConvolutionDepthwise has as many outputs as channels whatever
+    its options say.
+    """
     with caplog.at_level(logging.WARNING, "netlib"):
         done = run(
             text("ConvolutionDepthwise", num_output=8, group=2, kernel_size=1),
@@ -184,7 +190,9 @@ def test_convolution_depthwise_ignores_outputs_and_group_with_a_warning(run, cap
 
 @pytest.mark.parametrize("shape", [(2, 3, 7), (2, 3, 5, 6), (1, 2, 4, 3, 5)], ids=str)
 def test_im2col_times_the_kernel_is_a_convolution(run, rng, shape):
-    """The product with the kernel equals a Convolution for any number of axes; options of the weights are ignored."""
+    """The product with the kernel equals a Convolution for any number of axes; options of the
+    weights are ignored.
+    """
     windows = "num_output: 4 bias_term: false kernel_size: 2 stride: 2 pad: 1 dilation: 2"
     x, w = rng.normal(size=shape), rng.normal(size=(4, shape[1], *[2] * (len(shape) - 2)))
     columns = run(f'type: "Im2col" convolution_param {{ {windows} }}', x).y

@@ -78,7 +78,8 @@ LOWEST = -float(np.finfo(np.float32).max)  # of an empty window
         # without its memory
         ({"kernel_size": 10**9, "stride": 10**9}, SMALL, [[[7]], [[2]]], [[1]], [[0, 0], [1, 0]]),
         ({"pool": "AVE", "kernel_size": 10**9, "stride": 10**9}, SMALL, [[[15 / 4]]], None, None),
-        # a window as large as its bottom that begins in the padding reads neither the last row nor the last column
+        # a window as large as its bottom that begins in the padding reads neither the last row nor
+        # the last column
         (
             {"kernel_size": 3, "stride": 5, "pad": 1},
             np.arange(9.0).reshape(1, 1, 3, 3),
@@ -104,7 +105,8 @@ def test_by_hand(by_hand, options, x, tops, dy, dx):
     ("options", "size", "top"),
     [
         ({"kernel_h": 2, "kernel_w": 1, "stride_h": 2, "stride_w": 3}, (6, 6), (3, 3)),
-        # padding on one axis drops an empty last window on the other, as in Caffe: of columns 0, 3 and 6 the last
+        # padding on one axis drops an empty last window on the other, as in Caffe: of columns 0, 3
+        # and 6 the last
         (
             {"kernel_h": 2, "kernel_w": 1, "stride_h": 2, "stride_w": 3, "pad_h": 1, "pad_w": 0},
             (6, 6),
@@ -192,7 +194,9 @@ def test_the_mask_says_where_the_maximum_is(run, rng, options):
 
 
 def test_a_layer_in_place_before_the_pooling_shows_in_the_mask(net_of, rng):
-    """After a ReLU in place the mask of an all-negative window is its first zero, not the largest previous value."""
+    """After a ReLU in place the mask of an all-negative window is its first zero, not the largest
+    previous value.
+    """
     kernel = 'type: "Convolution" convolution_param { num_output: 1 kernel_size: 1 weight_filler { value: 1 } }'
     net = net_of(
         inputs(x=(2, 1, 6, 6)) + f'layer {{ name: "c" bottom: "x" top: "c" {kernel} }} '
@@ -217,7 +221,9 @@ def test_nan_is_not_hidden(run, options):
 
 
 def test_half_a_kernel_is_ignored_as_in_caffe(run, caplog):
-    """Of kernel_size and only one of kernel_h and kernel_w, Caffe uses the former; here with a warning."""
+    """Of kernel_size and only one of kernel_h and kernel_w, Caffe uses the former; here
+    with a warning.
+    """
     assert run(text(kernel_size=2, kernel_h=4), np.zeros((1, 1, 5, 5))).y.shape == (1, 1, 4, 4)
     assert (
         "Pooling ignores kernel_h in pooling_param, as Caffe does; kernel_size takes precedence"
@@ -277,7 +283,9 @@ def pooled(run, x, level, pool):
 @pytest.mark.parametrize("pool", ["MAX", "AVE"])
 @pytest.mark.parametrize("size", [(4, 8), (7, 11), (13, 6), (10, 10)], ids=str)
 def test_levels_of_spp_are_poolings(run, rng, size, pool):
-    """Values and gradients of each level equal those of Pooling, also with windows that extend over the edges."""
+    """Values and gradients of each level equal those of Pooling, also with windows that extend
+    over the edges.
+    """
     x = rng.integers(0, 5, (2, 3, *size)).astype(float)
     done = run(spp(3, pool), x)
     levels = [pooled(run, x, level, pool) for level in range(3)]

@@ -60,7 +60,8 @@ BY_HAND = [
     (roi(1, 1, 0.25), X, [0, 3, 0, 9, 0], [[2]], [[0]], filled(X)),
     (roi(1, 1), X, [0, 4, 2, 1, 0], [[16]], [[0]], filled(X)),  # at least one row and column
     (roi(1, 2), X - 100, [0, -2, 0, 1, 0], [[0, -99]], [[7, 1]], filled(X, {1: 1})),  # an empty bin
-    # each of four bins of rows 1 to 2 and columns 1 to 4 is the mean of one row and two columns of another map
+    # each of four bins of rows 1 to 2 and columns 1 to 4 is the mean of one row and two columns
+    # of another map
     (
         psroi(),
         MAPS,

@@ -94,7 +94,8 @@ BY_HAND = [
         10 * SIXTEEN,
         [map_of([[50, 20], [80, 150]]), np.zeros((1, 1, 2, 2))],
     ),
-    # of values with the same place, as overlapping windows have, the last one is kept, and it gets the gradient
+    # of values with the same place, as overlapping windows have, the last one is kept, and it
+    # gets the gradient
     (
         "Upsample",
         [map_of([[1, 2], [3, 4]]), map_of([[5, 5], [0, 5]])],
@@ -126,7 +127,9 @@ def test_by_hand(by_hand, layer, bottoms, top, dy, dx):
     ],
 )
 def test_sizes_of_interp(run, rng, options, size):
-    """The size follows from the options in the order of DeepLab's code; both corners are those of the cropped map."""
+    """The size follows from the options in the order of DeepLab's code; both corners are those of
+    the cropped map.
+    """
     x = rng.normal(size=(2, 3, 7, 6))
     y = run(f'type: "Interp" interp_param {{ {options} }}', x).y
     assert y.shape == (2, 3, *size)
@@ -203,7 +206,9 @@ def test_sizes_of_upsample_with_a_mask(run, options, size):
 
 @pytest.mark.parametrize("kernel", ["kernel_size: 2 stride: 2", "kernel_size: 3 stride: 2 pad: 1"])
 def test_after_a_pooling_with_a_mask(net_of, rng, kernel):
-    """A pooling and an upsampling with its mask keep the maxima in place, and pass the gradient to them."""
+    """A pooling and an upsampling with its mask keep the maxima in place, and pass the
+    gradient to them.
+    """
     x = rng.permutation(2 * 3 * 6 * 6).reshape(2, 3, 6, 6) + 1.0
     net = net_of(
         inputs(x=x.shape)

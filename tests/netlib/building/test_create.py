@@ -33,7 +33,9 @@ def test_a_block_that_the_type_does_not_read_is_a_warning(
 
 
 def test_a_mistake_in_a_block_that_the_type_does_not_read() -> None:
-    """It is an error when the net is built, as in Caffe, and not hours later in the first snapshot."""
+    """It is an error when the net is built, as in Caffe, and not hours later in the
+    first snapshot.
+    """
     layer = 'layer { name: "k" type: "HingeLoss" bottom: "x" bottom: "t" top: "k" dropout_param { ratio: 0.3 } }'
     with pytest.raises(
         netlib.PrototxtError,

@@ -1,4 +1,6 @@
-"""The table of layer types: files of layers are imported when a net has such a layer, and classes can be replaced."""
+"""The table of layer types: files of layers are imported when a net has such a layer, and classes
+can be replaced.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""User-defined Python layers, and invalid layer names and options: each error is one line with its position."""
+"""User-defined Python layers, and invalid layer names and options: each error is one line
+with its position.
+"""
 
 from __future__ import annotations
 
@@ -141,7 +143,9 @@ class Steeper(TanH):
     ],
 )
 def test_a_python_layer_that_fails(squares: None, name: str, message: str) -> None:
-    """The error names the layer, its method, the exception, and the innermost line of the user's own file."""
+    """The error names the layer, its method, the exception, and the innermost line of the
+    user's own file.
+    """
     with pytest.raises(netlib.LayerError, match=rf"layer 'own': {message}$"):
         net = net_with(python(name))
         net.forward(x=np.ones(3))
@@ -173,7 +177,10 @@ BESIDE = "it must lie in the working directory or on PYTHONPATH"
         **{
             f"Python 2: {line}": (
                 (line, python("Square", module="old")),
-                f"f:1:169: error: layer 'own': cannot import 'old' (...); it was written for Python 2: {advice} (docs/...)",
+                (
+                    "f:1:169: error: layer 'own': cannot import 'old' (...); it was written for "
+                    f"Python 2: {advice} (docs/...)"
+                ),
             )
             for line, advice in {
                 **dict.fromkeys(
@@ -242,7 +249,9 @@ OTHER_PHASE = python("Square").replace('name: "own"', 'name: "own" include { pha
 
 @pytest.mark.parametrize("make", [netlib.Net, caffe.Net])
 def test_a_net_without_python_layers(squares: None, make: type[netlib.Net]) -> None:
-    """``python_layers=False`` rejects a net with a Python layer before any layer is built; other nets load."""
+    """``python_layers=False`` rejects a net with a Python layer before any layer is built;
+    other nets load.
+    """
     for text, phase in ((python("Square"), netlib.TRAIN), (OTHER_PHASE, netlib.TEST)):
         with pytest.raises(netlib.PrototxtError, match=REFUSED):
             make(text_with(text), phase, python_layers=False)
@@ -262,7 +271,9 @@ def test_a_solver_without_python_layers(squares: None, make: Callable[..., objec
 
 
 def test_a_process_without_python_layers(squares: None) -> None:
-    """Within ``allowed(False)`` no inner setting or argument allows Python layers; the setting is then restored."""
+    """Within ``allowed(False)`` no inner setting or argument allows Python layers; the setting is
+    then restored.
+    """
     with (
         python_layer.allowed(False),
         python_layer.allowed(True),
@@ -276,7 +287,9 @@ def test_a_process_without_python_layers(squares: None) -> None:
 
 @pytest.mark.parametrize("name", ["", "/", ".", "a//b", "/a", "a/", "a/0", "\\000"])
 def test_a_name_that_hdf5_cannot_hold(name: str, tmp_path: Path) -> None:
-    """Any layer name works in the binary format; HDF5 rejects an invalid name if the layer has parameters."""
+    """Any layer name works in the binary format; HDF5 rejects an invalid name if the layer
+    has parameters.
+    """
     options = "inner_product_param { num_output: 1 axis: 0 }"
     layer = f'layer {{ name: "{name}" type: "%s" bottom: "x" top: "y" {options} }}'
     net = net_with(layer % "InnerProduct")
@@ -291,7 +304,10 @@ def test_a_name_that_hdf5_cannot_hold(name: str, tmp_path: Path) -> None:
 
 
 def test_a_layer_with_its_own_init(squares: None) -> None:
-    """``__init__`` gets one argument, as in pycaffe, and the base class is complete before. Errors name the layer."""
+    """``__init__`` gets one argument, as in pycaffe, and the base class is complete before.
+
+    Errors name the layer.
+    """
     net = net_with(python("Counting", more='param_str: "3"'))
     net.forward(x=np.ones(3))
     assert net.layer_dict["own"].passes == 4 and (net.blobs["y"].data == 3).all()

@@ -12,7 +12,9 @@ pytestmark = pytest.mark.both_engines
 
 
 def test_shared_parameters_are_one(net_of: MakeNet) -> None:
-    """Shared parameters have one blob and one learnable entry, with the sum of both layers' gradients."""
+    """Shared parameters have one blob and one learnable entry, with the sum of both
+    layers' gradients.
+    """
     net = net_of(shared() + loss("b"), dtype=np.float64)
     assert np.shares_memory(net.params["a"][0].data, net.params["b"][0].data)
     assert np.shares_memory(net.params["a"][0].diff, net.params["b"][0].diff)
@@ -30,7 +32,9 @@ def test_shared_parameters_are_one(net_of: MakeNet) -> None:
 
 
 def test_permissive_sharing_wants_only_the_same_count(net_of: MakeNet) -> None:
-    """PERMISSIVE sharing requires only equal counts: (2, 6) and (3, 4) weights use the same memory."""
+    """PERMISSIVE sharing requires only equal counts: (2, 6) and (3, 4) weights use
+    the same memory.
+    """
     shapes = "shape { dim: 2 dim: 6 } shape { dim: 2 dim: 4 }"
     text = f'layer {{ name: "x" type: "Input" top: "x" top: "y" input_param {{ {shapes} }} }} '
     text += ip("a", "x", "a", 'param { name: "w" }', 2) + ip(

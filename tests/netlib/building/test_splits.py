@@ -81,7 +81,9 @@ def shown(layers: list[LayerParameter]) -> list[str]:
     ],
 )
 def test_each_reader_gets_a_copy(layers: list[LayerParameter], expected: list[str]) -> None:
-    """A Split has Caffe's name and follows the last layer that writes the blob before its readers."""
+    """A Split has Caffe's name and follows the last layer that writes the blob
+    before its readers.
+    """
     assert shown(insert_splits(layers)) == expected
 
 

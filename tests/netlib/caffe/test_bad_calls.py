@@ -276,7 +276,9 @@ def test_classes_of_errors():
     ("option", "error"), [({"zzz": 1}, AttributeError), ({"num_output": {}}, TypeError)]
 )
 def test_classes_of_wrong_options(option, error):
-    """An unknown option is an AttributeError, a value of another type a TypeError, as in pycaffe."""
+    """An unknown option is an AttributeError, a value of another type a TypeError,
+    as in pycaffe.
+    """
     with pytest.raises(error):
         L.Convolution(DATA, **option).to_proto()
 

@@ -1,4 +1,6 @@
-"""caffe_pb2: classes of protobuf, built from the dataclasses that read and write the files of this project."""
+"""caffe_pb2: classes of protobuf, built from the dataclasses that read and write the files
+of this project.
+"""
 
 from __future__ import annotations
 
@@ -94,7 +96,9 @@ def test_what_scripts_use_of_protobuf() -> None:
 
 
 def test_another_module_of_the_same_messages() -> None:
-    """A script's own compiled caffe_pb2 can be loaded too: the descriptors are in a pool of their own."""
+    """A script's own compiled caffe_pb2 can be loaded too: the descriptors are in a
+    pool of their own.
+    """
     from google.protobuf import descriptor_pool
 
     other = caffe_pb2.file_descriptor()
@@ -106,7 +110,9 @@ def test_another_module_of_the_same_messages() -> None:
 
 
 def test_messages_inside_the_options_of_a_fork() -> None:
-    """Messages that only options contain are defined, and the enum that two layer types use is where scripts look."""
+    """Messages that only options contain are defined, and the enum that two layer types use is
+    where scripts look.
+    """
     made = caffe_pb2.LayerParameter(type="DetectionOutput")
     made.detection_output_param.nms_param.top_k = 400
     made.detection_output_param.save_output_param.resize_param.resize_mode = (

@@ -60,7 +60,9 @@ def test_from_a_net_to_its_input(data):
 
 
 def test_between_two_branches(data):
-    """Two branches are related through a common ancestor; only the first bottom of a Crop is followed."""
+    """Two branches are related through a common ancestor; only the first bottom of a
+    Crop is followed.
+    """
     left = L.Convolution(data, kernel_size=3)
     right = L.Convolution(data, kernel_size=7)
     assert numbers(coord_map_from_to(right, left)) == (1, [1], [2])

@@ -1,4 +1,7 @@
-"""caffe.io: messages and arrays, the Transformer, images. Expected values of resized images are scikit-image's."""
+"""caffe.io: messages and arrays, the Transformer, images.
+
+Expected values of resized images are scikit-image's.
+"""
 
 import sys
 from io import BytesIO
@@ -65,7 +68,9 @@ def transformer() -> io.Transformer:
 
 
 def test_preprocess_step_by_step(transformer):
-    """The steps are transpose, channel swap, raw scale, mean and input scale; worked by hand for one pixel."""
+    """The steps are transpose, channel swap, raw scale, mean and input scale; worked by hand
+    for one pixel.
+    """
     transformer.set_channel_swap("data", (2, 1, 0))
     transformer.set_raw_scale("data", 255)
     transformer.set_mean("data", np.array([100.0, 110, 120]))
@@ -176,7 +181,9 @@ def test_resized_as_scikit_image_does(size):
     ids=["nearest", "cubic"],
 )
 def test_other_orders(order, first_row):
-    """Order 0 takes the nearest pixel; order 3 uses cubic splines, clipped to the range of the image."""
+    """Order 0 takes the nearest pixel; order 3 uses cubic splines, clipped to the
+    range of the image.
+    """
     found = io.resize_image(SMALL[..., None], (3, 4), interp_order=order)
     np.testing.assert_allclose(found[0, :, 0], first_row, atol=1e-5)
     assert found.min() >= 0 and found.max() <= 60
@@ -223,7 +230,8 @@ GRAY = [[[0], [0.2], [1]]]
     ids=["8 bits", "alpha", "gray", "16 bits", "floats"],
 )
 def test_images(tmp_path, pixels, colour, gray):
-    """Colour is red first in [0, 1], gray has scikit-image's weights, alpha is dropped, and floats are not scaled.
+    """Colour is red first in [0, 1], gray has scikit-image's weights, alpha is dropped, and floats
+    are not scaled.
 
     Scripts that receive images, as a web server does, pass open files and BytesIO.
     """
@@ -238,7 +246,9 @@ def test_images(tmp_path, pixels, colour, gray):
 
 
 def test_names_of_other_packages(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Scripts use what pycaffe's module imports: SciPy's zoom; scikit-image, or a line that says that it is missing."""
+    """Scripts use what pycaffe's module imports: SciPy's zoom; scikit-image, or a line that says
+    that it is missing.
+    """
     assert io.zoom(np.ones((2, 2)), 2).shape == (4, 4)
     for name in ("skimage", "resize"):
         monkeypatch.setitem(sys.modules, "skimage.transform", None)

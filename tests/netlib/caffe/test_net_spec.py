@@ -71,7 +71,9 @@ def test_the_net_runs(tmp_path):
 
 
 def test_names_are_made_for_what_has_none():
-    """Unnamed layers are numbered by type from 1 and take the name of their first top; shared inputs occur once."""
+    """Unnamed layers are numbered by type from 1 and take the name of their first top; shared
+    inputs occur once.
+    """
     data, label = L.DummyData(shape={"dim": [1, 2]}, ntop=2)
     left, right = L.Slice(L.InnerProduct(data, num_output=4), slice_point=2, ntop=2)
     net = caffe.to_proto(L.Eltwise(L.TanH(left), right), L.EuclideanLoss(L.TanH(right), label))
@@ -189,7 +191,9 @@ def test_what_is_no_package():
 
 
 def test_nets_of_forks_are_written() -> None:
-    """Readers and losses of forks, whose layers are not ours, with enums and messages inside messages."""
+    """Readers and losses of forks, whose layers are not ours, with enums and messages
+    inside messages.
+    """
     n = caffe.NetSpec()
     n.data, n.label = L.DenseImageData(
         dense_image_data_param={"source": "list.txt", "batch_size": 4}, ntop=2

@@ -107,7 +107,9 @@ def test_a_layer_in_place_writes_the_blob_that_it_reads(work: Path) -> None:
 
 
 def test_the_compiled_module() -> None:
-    """caffe._caffe has the names of pycaffe's compiled module, and caffe those of them that pycaffe imports."""
+    """caffe._caffe has the names of pycaffe's compiled module, and caffe those of them that
+    pycaffe imports.
+    """
     assert all(
         getattr(caffe, name) is getattr(_caffe, name)
         for name in set(_caffe.__all__) & set(caffe.__all__)
@@ -158,7 +160,9 @@ CONVOLUTIONS = """
 
 
 def assert_classes_of(net: pycaffe.Net, cls: type = caffe.Net) -> None:
-    """The classes of everything in a net are those of pycaffe (python/caffe/_caffe.cpp and pycaffe.py), by identity."""
+    """The classes of everything in a net are those of pycaffe (python/caffe/_caffe.cpp and
+    pycaffe.py), by identity.
+    """
     vectors: dict[str, tuple[Any, Any]] = {
         "layers": (net.layers, _caffe.LayerVec),
         "_blobs": (net._blobs, _caffe.BlobVec),
@@ -205,7 +209,8 @@ def assert_classes_of(net: pycaffe.Net, cls: type = caffe.Net) -> None:
 
 
 def test_classes_are_pycaffes_by_identity(work: Path, module: MakeModule) -> None:
-    """Scripts compare them by ``type(x) is caffe._caffe.BlobVec``: in a net, a solver's nets and a Python layer.
+    """Scripts compare them by ``type(x) is caffe._caffe.BlobVec``: in a net, a solver's nets and
+    a Python layer.
 
     get_solver uses the file's type; a solver class uses its own update rule regardless of it.
     """
@@ -244,7 +249,9 @@ def test_classes_are_pycaffes_by_identity(work: Path, module: MakeModule) -> Non
     "args", [((), {"phase": 1, "weights": "w"}), ((1, 0, None, "w"), {}), (("w", 1), {})]
 )
 def test_constructors(net: pycaffe.Net, args: tuple[tuple[object, ...], dict[str, object]]) -> None:
-    """Phase, level, stages and weights are accepted by position or name, and in pycaffe's older order."""
+    """Phase, level, stages and weights are accepted by position or name, and in
+    pycaffe's older order.
+    """
     net.save("w")
     positional, named = args
     made = pycaffe.Net("net.prototxt", *positional, **named)
@@ -253,7 +260,9 @@ def test_constructors(net: pycaffe.Net, args: tuple[tuple[object, ...], dict[str
 
 
 def test_forward_and_backward_return_what_pycaffes_do(net: pycaffe.Net) -> None:
-    """forward returns the outputs or the tops of ``end``; backward the diffs of inputs or of the bottoms of ``end``."""
+    """forward returns the outputs or the tops of ``end``; backward the diffs of inputs or of the
+    bottoms of ``end``.
+    """
     assert set(net.forward(x=X)) == {"l", "y"}
     assert set(net.forward(["x"], end="a")) == {"a_top", "x"}
     assert set(net.backward()) == {"x"}
@@ -270,7 +279,9 @@ def test_parts_by_number(net: pycaffe.Net) -> None:
 
 
 def test_parameters_of_another_net(net: pycaffe.Net) -> None:
-    """An assigned parameter, also by ``layers``, is the one that forward uses and that files contain."""
+    """An assigned parameter, also by ``layers``, is the one that forward uses and that
+    files contain.
+    """
     other = pycaffe.Net("net.prototxt", netlib.TRAIN)
     other.params["a"][0] = net.params["a"][0]
     other.layers[list(other._layer_names).index("a")].blobs[1] = net.params["a"][1]
@@ -310,7 +321,9 @@ def test_one_value_for_each_channel_fills_the_input() -> None:
 
 
 def test_hooks_are_called_around_every_layer(net: pycaffe.Net) -> None:
-    """Hooks receive the number of the layer, in reverse order for backward, and do not change the results."""
+    """Hooks receive the number of the layer, in reverse order for backward, and do not
+    change the results.
+    """
     plain = net.forward(x=X)["y"].copy()
     calls: list[tuple[str, int]] = []
 
@@ -470,7 +483,9 @@ def test_one_solver_in_one_process() -> None:
 
 
 def test_one_solver_of_several_processes(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The count and rank are those of the ranks that train together; setting other values raises an error."""
+    """The count and rank are those of the ranks that train together; setting other values
+    raises an error.
+    """
 
     class OneOfThree(Ranks):
         rank, count = 1, 3

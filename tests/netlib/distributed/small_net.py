@@ -30,7 +30,9 @@ iter_size: 2 max_iter: 100 random_seed: 3
 
 
 def write_files() -> None:
-    """Write the data, small.prototxt, and solver.prototxt for a long training run to the working directory."""
+    """Write the data, small.prototxt, and solver.prototxt for a long training run to the
+    working directory.
+    """
     rng = np.random.default_rng(0)
     for i, rows in enumerate((31, 9, 20)):
         x = rng.standard_normal((rows, 6)).astype(np.float32)

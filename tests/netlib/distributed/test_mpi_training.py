@@ -26,7 +26,9 @@ test_iter: 1 test_interval: 100 test_initialization: false snapshot_after_train:
 
 @pytest.fixture(autouse=True)
 def small(tmp_path, monkeypatch):
-    """Change to a folder with a small net on three files of rows, and solver.prototxt for a long training run."""
+    """Change to a folder with a small net on three files of rows, and solver.prototxt for a
+    long training run.
+    """
     monkeypatch.chdir(tmp_path)
     write_files()
 
@@ -47,8 +49,8 @@ def test_four_ranks():
 
 
 def test_two_ranks_are_one_with_twice_the_batch(rng):
-    """The losses of 8 iterations agree to 1e-5 for the paper's network without dropout, and for Adam with clipped
-    gradients and iter_size.
+    """The losses of 8 iterations agree to 1e-5 for the paper's network without dropout, and for
+    Adam with clipped gradients and iter_size.
     """
     write_hdf5(
         "frames.h5",
@@ -82,9 +84,9 @@ def test_two_ranks_are_one_with_twice_the_batch(rng):
 
 
 def test_exact(caplog):
-    """Training and resuming are reproducible bit for bit with dropout, shuffling and running means, whenever gradients
-    are averaged; two solvers can alternate; a changed bit on one rank is detected; another number of ranks resumes with
-    a note.
+    """Training and resuming are reproducible bit for bit with dropout, shuffling and running means,
+    whenever gradients are averaged; two solvers can alternate; a changed bit on one rank is
+    detected; another number of ranks resumes with a note.
     """
     more = """layer { name: "norm" type: "BatchNorm" bottom: "h" top: "h" }
 layer { name: "drop" type: "Dropout" bottom: "h" top: "h" }

@@ -96,8 +96,8 @@ def net(text, batch, share):
 @pytest.mark.parametrize("shuffle", ["false", "true"])
 @pytest.mark.parametrize("layer", [hdf5, database, pictures])
 def test_ranks_read_what_one_would_read(tmp_path, write_rows, layer, shuffle):
-    """Row k of rank r is row k N + r of a batch N times as large, for several steps, past the end of the data, after a
-    resume, and also if the batch is divided among the ranks.
+    """Row k of rank r is row k N + r of a batch N times as large, for several steps, past the end
+    of the data, after a resume, and also if the batch is divided among the ranks.
     """
     text = layer(tmp_path, write_rows, shuffle)
     whole = net(text, BATCH * COUNT, Shard())

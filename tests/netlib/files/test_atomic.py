@@ -66,7 +66,9 @@ def test_a_folder_is_not_replaced(
 def test_a_link_that_somebody_planted_is_not_followed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A symbolic link with the name of the temporary file is not followed, even if the random part matches."""
+    """A symbolic link with the name of the temporary file is not followed, even if the
+    random part matches.
+    """
     (tmp_path / "precious").write_text("mine")
     monkeypatch.setattr(secrets, "token_hex", lambda count: "0123abcd")
     (tmp_path / ".w.0123abcd.netlib.tmp").symlink_to(tmp_path / "precious")

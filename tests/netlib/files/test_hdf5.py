@@ -1,4 +1,6 @@
-"""netlib/files/hdf5.py: files that refer to other files, sealed and damaged files; rows by plain reads."""
+"""netlib/files/hdf5.py: files that refer to other files, sealed and damaged files; rows
+by plain reads.
+"""
 
 from __future__ import annotations
 
@@ -139,7 +141,9 @@ def test_damage_of_a_sealed_file_is_found_without_hdf5(sealed: Path, as_content:
 def test_rows_are_what_h5py_reads(
     tmp_path: Path, shape: tuple[int, ...], dtype: str, options: dict[str, Any]
 ) -> None:
-    """A single row, a range, a list of rows and all rows equal h5py's; take converts to the type of ``out``."""
+    """A single row, a range, a list of rows and all rows equal h5py's; take converts to the
+    type of ``out``.
+    """
     values = np.random.default_rng(3).integers(0, 100, (20, *shape)).astype(dtype)
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file.create_dataset("x", data=values, **options)

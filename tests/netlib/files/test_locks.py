@@ -26,7 +26,9 @@ sys.stdin.read()
 
 
 def test_one_at_a_time(tmp_path: Path) -> None:
-    """A second lock on the same path fails, also in one process, and names the holder; release removes the file."""
+    """A second lock on the same path fails, also in one process, and names the holder; release
+    removes the file.
+    """
     path = tmp_path / ".prefix.lock"
     first = locks.Lock(path)
     second = locks.Lock(path)

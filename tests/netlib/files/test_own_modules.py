@@ -14,7 +14,9 @@ NET = f"caffe.Net({str(ROOT / 'prototxt' / 'nyu_deploy.prototxt')!r}, caffe.TEST
 
 @pytest.fixture
 def run(tmp_path: Path):
-    """``run(code, files)`` returns the lines that a script prints that lies in a folder with these files."""
+    """``run(code, files)`` returns the lines that a script prints that lies in a folder
+    with these files.
+    """
 
     def make(code: str, files: dict[str, str], *argv: str) -> list[str]:
         for name, content in files.items():
@@ -48,7 +50,9 @@ FILES = {
     ],
 )
 def test_a_scripts_own_modules_win(run, kind: str, how: str) -> None:
-    """The script finds its own modules, also later and in other modules; nets are built and run by ours."""
+    """The script finds its own modules, also later and in other modules; nets are built
+    and run by ours.
+    """
     begin = {
         "python -m netlib.caffe": "",
         "install_as_caffe": "import netlib; netlib.install_as_caffe()\n",

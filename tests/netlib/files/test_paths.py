@@ -35,13 +35,17 @@ def test_the_working_directory_comes_first(tree: Path) -> None:
 
 @pytest.mark.parametrize("solver", ["prototxt/solver.prototxt", "prototxt/body/solver.prototxt"])
 def test_the_tree_of_the_file_that_names_it(tree: Path, solver: str) -> None:
-    """A name that begins with a parent folder of the prototxt is found there from any working directory."""
+    """A name that begins with a parent folder of the prototxt is found there from any
+    working directory.
+    """
     net = put(tree / "prototxt" / "body" / "net.prototxt")
     assert find("prototxt/body/net.prototxt", str(put(tree / solver))) == net
 
 
 def test_the_projects_own_files(tree: Path) -> None:
-    """A solver may name a net of the project, also of an installed package; the working directory comes first."""
+    """A solver may name a net of the project, also of an installed package; the working
+    directory comes first.
+    """
     source = str(put(tree / "solver.prototxt"))
     assert (
         find("prototxt/nyu_train_test.prototxt", source)
@@ -60,7 +64,9 @@ def test_no_other_place(tree: Path) -> None:
 
 
 def test_the_command_line(tree: Path) -> None:
-    """A name on the command line may be a file of the project, but is not searched in other folders."""
+    """A name on the command line may be a file of the project, but is not searched in
+    other folders.
+    """
     packaged = Path("prototxt/nyu_train_test.prototxt")
     assert find(str(packaged), None) == ROOT / packaged
     assert find("nyu_train_test.prototxt", None) == Path("nyu_train_test.prototxt")

@@ -1,4 +1,6 @@
-"""netlib/files/pictures.py: the size in an image's header is checked before the image is decoded."""
+"""netlib/files/pictures.py: the size in an image's header is checked before the
+image is decoded.
+"""
 
 from __future__ import annotations
 

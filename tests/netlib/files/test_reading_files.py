@@ -19,7 +19,9 @@ from tests.support.bad_input import bad_inputs
 
 
 def test_bytes_and_text(tmp_path: Path) -> None:
-    """read_text removes a byte order mark and normalizes line ends; read_bytes returns the bytes unchanged."""
+    """read_text removes a byte order mark and normalizes line ends; read_bytes returns the
+    bytes unchanged.
+    """
     path = tmp_path / "a.txt"
     path.write_bytes(b"\xef\xbb\xbfone\r\ntwo\r\xc3\xa4")
     assert files.read_text(path, "the list") == "one\ntwo\nä"
@@ -93,7 +95,9 @@ def test_folders_are_made(tmp_path: Path) -> None:
 
 
 def test_what_is_read_within_a_block_is_noted(tmp_path: Path) -> None:
-    """noted collects the files read within the block, also in nested blocks, but not failed reads or later ones."""
+    """noted collects the files read within the block, also in nested blocks, but not failed reads
+    or later ones.
+    """
     for name in "ab":
         (tmp_path / name).write_text(name)
     with files.noted() as outer:
@@ -106,7 +110,9 @@ def test_what_is_read_within_a_block_is_noted(tmp_path: Path) -> None:
 
 
 def kinds_in(folder: Path) -> dict[str, str]:
-    """Map names of things that are not files to error patterns; Python 3.13 rewords the error for a null byte."""
+    """Map names of things that are not files to error patterns; Python 3.13 rewords the error
+    for a null byte.
+    """
     os.mkfifo(folder / "pipe")
     (folder / "folder").mkdir()
     with socket.socket(socket.AF_UNIX) as server:
@@ -137,7 +143,9 @@ def test_what_is_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
 
 @pytest.mark.skipif(not Path("/proc/self/pagemap").is_file(), reason="no file without an end here")
 def test_a_file_without_an_end() -> None:
-    """A file that reports size 0 is read as empty; /proc/self/pagemap would return data without end."""
+    """A file that reports size 0 is read as empty; /proc/self/pagemap would return
+    data without end.
+    """
     pagemap = "/proc/self/pagemap"
     assert (
         files.read_bytes(pagemap, "weights") == files.read_bytes(pagemap, "weights", first=8) == b""
@@ -183,7 +191,9 @@ def test_a_source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, positioned: b
 
 
 def test_a_source_that_is_gone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A file that was removed on a network drive raises a DataError, so that a training run can write a snapshot."""
+    """A file that was removed on a network drive raises a DataError, so that a training run can
+    write a snapshot.
+    """
     (tmp_path / "a").write_bytes(bytes(100))
     source = files.Source(tmp_path / "a", "the data")
 

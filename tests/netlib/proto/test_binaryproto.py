@@ -62,7 +62,9 @@ def test_four_axes_take_precedence_over_a_shape(shape: str) -> None:
     [("FLOAT16", "<f2", np.float32), ("FLOAT", "<f4", np.float32), ("DOUBLE", "<f8", float)],
 )
 def test_raw_values(tmp_path: Path, kind: str, written: str, read: type) -> None:
-    """Values in raw_data, as in half-precision files of OpenCV and NVIDIA's Caffe, are read; half becomes single."""
+    """Values in raw_data, as in half-precision files of OpenCV and NVIDIA's Caffe, are read; half
+    becomes single.
+    """
     blob = caffe_pb2.BlobProto(
         raw_data_type=kind, raw_data=np.array([1.5, -0.1, 3], written).tobytes()
     )

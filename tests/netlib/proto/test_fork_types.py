@@ -1,4 +1,6 @@
-"""Layer types of other programs: the advice is a table, and the layers that it names compute what it says."""
+"""Layer types of other programs: the advice is a table, and the layers that it names
+compute what it says.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Options of forks of Caffe: accepted without effect, or named in the error; binary files keep them."""
+"""Options of forks of Caffe: accepted without effect, or named in the error; binary
+files keep them.
+"""
 
 from __future__ import annotations
 
@@ -51,7 +53,9 @@ EVERY = [
     ("message", "name", "harmless"), EVERY, ids=lambda value: str(value).strip('"')
 )
 def test_every_option_is_ignored_or_refused(message: str, name: str, harmless: str) -> None:
-    """A value without effect is ignored; any other is an error, with the same text for all options."""
+    """A value without effect is ignored; any other is an error, with the same text
+    for all options.
+    """
     cls, required = CLASSES[message], REQUIRED.get(message, "")
     if harmless != forks.NONE:
         good = "SOME_WORD" if harmless == forks.ANY else harmless
@@ -150,7 +154,9 @@ def test_a_number_is_that_of_the_type() -> None:
 
 @pytest.mark.parametrize("number", [143, 144, 147, 206, 500])
 def test_blocks_of_an_unknown_type_are_kept(number: int) -> None:
-    """In a layer of an unknown type no number is interpreted; repeated values would be merged otherwise."""
+    """In a layer of an unknown type no number is interpreted; repeated values would be
+    merged otherwise.
+    """
     data = layer_bytes("SegAccuracy", number, b"\x08\xff\x01\x08\xfe\x01")
     tree = wire.decode(data, LayerParameter)
     assert str(tree) == 'name: "a"\ntype: "SegAccuracy"\n'

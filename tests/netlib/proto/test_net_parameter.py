@@ -92,7 +92,9 @@ def test_the_state_may_stand_in_the_net(net_of: MakeNet) -> None:
     ],
 )
 def test_inputs_old_and_new(net_of: MakeNet, text: str, shapes: dict[str, tuple[int, ...]]) -> None:
-    """``input_dim`` has four values per input; ``input_shape`` and an Input layer have one shape per input or top."""
+    """``input_dim`` has four values per input; ``input_shape`` and an Input layer have one shape
+    per input or top.
+    """
     net = net_of(text)
     assert net.inputs == list(shapes)
     assert {name: blob.shape for name, blob in net.blobs.items()} == shapes
@@ -101,7 +103,9 @@ def test_inputs_old_and_new(net_of: MakeNet, text: str, shapes: dict[str, tuple[
 
 
 def test_an_input_without_a_shape_that_a_layer_has_too(net_of: MakeNet) -> None:
-    """The line ``input`` of an older file is dropped if the net has an Input layer for this blob, as in Caffe."""
+    """The line ``input`` of an older file is dropped if the net has an Input layer for this
+    blob, as in Caffe.
+    """
     net = net_of('input: "x" ' + X + 'layer { name: "p" type: "Power" bottom: "x" top: "p" }')
     assert net.inputs == ["x"]
     assert net.blobs["x"].shape == (2, 3)

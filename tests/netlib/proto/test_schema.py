@@ -87,7 +87,9 @@ def read(text: str) -> Outer:
     ],
 )
 def test_values(text: str, field: str, expected: Any) -> None:
-    """Values are read as in protobuf; floats have 32 bits, and a message written in parts is merged."""
+    """Values are read as in protobuf; floats have 32 bits, and a message written in
+    parts is merged.
+    """
     assert getattr(read(text), field) == expected
 
 
@@ -151,7 +153,9 @@ def test_a_missing_required_field() -> None:
 
 
 def test_the_options_of_a_layer_stay_trees() -> None:
-    """Every ``*_param`` block is kept as a tree, merged if it occurs twice; the layer reads it later."""
+    """Every ``*_param`` block is kept as a tree, merged if it occurs twice; the layer
+    reads it later.
+    """
     text = "layer { x_param { a: 1 } x_param { b: 2 } y_param { } }"
     [layer] = schema.read(prototxt.parse(text, "f"), NetParameter).layer
     assert {name: [f.name for f in block.fields] for name, block in layer.blocks.items()} == {

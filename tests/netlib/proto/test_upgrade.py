@@ -79,9 +79,15 @@ AGE = (
 @bad_inputs(
     PrototxtError,
     {
-        'layers { type: RELU } layer { type: "ReLU" }': "<text>:1:1: error: this net has both 'layer' and 'layers' (Caffe's V1 format); expected one of them",
+        'layers { type: RELU } layer { type: "ReLU" }': (
+            "<text>:1:1: error: this net has both 'layer' and 'layers' (Caffe's V1 format); "
+            "expected one of them"
+        ),
         "layers { type: POOLIN }": "<text>:1:16: error: unknown value POOLIN of 'type' (did you mean 'POOLING'?)",
-        'layers { type: "InnerProduct" }': "<text>:1:16: error: 'type' expects a name without quotes, found ... (did you mean 'INNER_PRODUCT'?)",
+        'layers { type: "InnerProduct" }': (
+            "<text>:1:16: error: 'type' expects a name without quotes, found ... (did you mean "
+            "'INNER_PRODUCT'?)"
+        ),
         "layers { type: PRELU }": "<text>:1:16: error: unknown value PRELU of 'type' (the layer PReLU needs the current "
         'format: layer { type: "PReLU" ... })',
         "layers { type: CROP }": "<text>:1:16: error: unknown value CROP of 'type' (the layer Crop needs the current "

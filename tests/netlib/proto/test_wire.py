@@ -1,4 +1,6 @@
-"""The binary format, on examples worked by hand and against protobuf itself; invalid bytes raise a one-line error."""
+"""The binary format, on examples worked by hand and against protobuf itself; invalid bytes raise a
+one-line error.
+"""
 
 from __future__ import annotations
 
@@ -52,7 +54,9 @@ def test_text_and_bytes(text: str, cls: Any, data: bytes) -> None:
 
 
 def test_numbers_one_by_one_or_in_one_piece() -> None:
-    """Numbers are read packed or one by one, also in long or interrupted rows, however the field is declared."""
+    """Numbers are read packed or one by one, also in long or interrupted rows, however the
+    field is declared.
+    """
     numbers = np.arange(1000, dtype="<f4")
     single = b"".join(b"\x2d" + number.tobytes() for number in numbers)
     for data in (
@@ -131,7 +135,9 @@ UNKNOWN = {  # field 222
 
 @pytest.mark.parametrize("name", list(UNKNOWN))
 def test_unknown_fields_are_written_back(name: str) -> None:
-    """A field of a fork survives, after the known ones, in the message that had it, read as a tree or typed."""
+    """A field of a fork survives, after the known ones, in the message that had it, read as a
+    tree or typed.
+    """
     field = UNKNOWN[name]
     known = b"\x0a\x01c\x12\x0bConvolution"
     block = b"\x08\x04"  # num_output: 4
@@ -149,7 +155,9 @@ def test_unknown_fields_are_written_back(name: str) -> None:
     "data", [b"\x08\x05", b"\x55abcd"], ids=["a string as a number", "an enum as 4 bytes"]
 )
 def test_a_field_of_another_wire_type_is_unknown(data: bytes) -> None:
-    """A known number with a wire type that its field cannot have is an unknown field, as in protobuf."""
+    """A known number with a wire type that its field cannot have is an unknown field,
+    as in protobuf.
+    """
     tree = wire.decode(data, LayerParameter)
     assert str(tree) == ""
     assert wire.encode(tree, LayerParameter) == data
@@ -166,7 +174,9 @@ def test_a_negative_number_of_32_or_64_bits(rest: bytes) -> None:
 
 
 def test_the_number_of_fields_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The number of fields and of packed values is limited, because a small file could take much memory."""
+    """The number of fields and of packed values is limited, because a small file could
+    take much memory.
+    """
     monkeypatch.setattr(wire, "MAX_FIELDS", 100)
     with pytest.raises(WireError, match="x: byte 200: more than 100 fields and numbers; "):
         tree_of(b"\x1a\x00" * 101)

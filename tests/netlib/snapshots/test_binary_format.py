@@ -38,7 +38,9 @@ def layers_of(data: bytes) -> NetParameter:
 
 
 def test_a_file_of_weights_is_the_net_with_its_blobs(net: netlib.Net) -> None:
-    """A file has all layers, including Split layers, and a shared parameter in each of its layers, as in Caffe."""
+    """A file has all layers, including Split layers, and a shared parameter in each of its
+    layers, as in Caffe.
+    """
     found = layers_of(image(net, "w.caffemodel"))
     assert found.name == "n"
     assert [layer.name for layer in found.layer] == ["x", "x_x_0_split", "a", "b", "loss"]
@@ -78,7 +80,9 @@ def test_what_caffe_could_not_read_back_is_refused(
 
 
 def test_weights_of_a_layer_type_that_only_a_fork_knows(net: netlib.Net, tmp_path: Path) -> None:
-    """Weights of an unknown layer type are copied by name, in the format of Caffe and in that of 2014."""
+    """Weights of an unknown layer type are copied by name, in the format of Caffe and
+    in that of 2014.
+    """
     blobs = "blobs { num: 1 channels: 1 height: 3 width: 3 data: [1, 2, 3, 4, 5, 6, 7, 8, 9] }"
     blobs += "blobs { shape { dim: 3 } data: [1, 2, 3] }"
     for text in ('layer { name: "a" type: "Own" %s }', 'layers { name: "a" type: 5 %s }'):
@@ -90,7 +94,9 @@ def test_weights_of_a_layer_type_that_only_a_fork_knows(net: netlib.Net, tmp_pat
 
 
 def test_a_state_that_lost_its_end_is_refused() -> None:
-    """A truncated state is rejected at every length; none is taken for a state of Caffe, which has no checksum."""
+    """A truncated state is rejected at every length; none is taken for a state of Caffe, which
+    has no checksum.
+    """
     state = SolverState(2, 1, "w.caffemodel", [np.ones((2, 3), np.float32)], {"checksum": 7})
     whole = binary_format.state_image(state)
     for length in range(1, len(whole)):

@@ -1,4 +1,6 @@
-"""A training that is killed before any of its renames: the newest complete snapshot resumes bit for bit."""
+"""A training that is killed before any of its renames: the newest complete snapshot
+resumes bit for bit.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Weights of NVIDIA's and Intel's BatchNorm, with a scale and a bias inside, in nets with a BatchNorm and a Scale."""
+"""Weights of NVIDIA's and Intel's BatchNorm, with a scale and a bias inside, in nets with a
+BatchNorm and a Scale.
+"""
 
 from __future__ import annotations
 
@@ -131,7 +133,9 @@ def test_statistics_that_count_as_zero_are_mentioned(
 
 
 def test_the_net_is_written_as_a_batch_norm_and_a_scale(tmp_path: Path) -> None:
-    """The Scale has the rules of the layer and the rates of scale and bias, and a name that is free."""
+    """The Scale has the rules of the layer and the rates of scale and bias, and a
+    name that is free.
+    """
     fillers = "scale_filler { value: 2 } bias_filler { value: 3 }"
     rates = "".join(f"param {{ lr_mult: {rate} }} " for rate in (0, 0, 0, 5, 6))
     text = batch_norm(

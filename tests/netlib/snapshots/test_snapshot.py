@@ -1,4 +1,6 @@
-"""Snapshots: Caffe's layout, written completely or not at all, and one-line errors for invalid files."""
+"""Snapshots: Caffe's layout, written completely or not at all, and one-line errors for
+invalid files.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +42,9 @@ def names(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[Path, Path]:
 
 @pytest.fixture
 def net(net_of: Callable[..., netlib.Net]) -> netlib.Net:
-    """A net with two layers that share a weight, one without parameters, and one with a slash in its name."""
+    """A net with two layers that share a weight, one without parameters, and one with a
+    slash in its name.
+    """
     return net_of(NET)
 
 
@@ -92,7 +96,9 @@ def test_what_is_written_is_read_whatever_its_name(
 def test_a_slash_in_a_layer_name(
     net_of: Callable[..., netlib.Net], names: tuple[Path, Path]
 ) -> None:
-    """A slash nests HDF5 groups; the weights still load if ``a`` and ``a/b`` both have parameters."""
+    """A slash nests HDF5 groups; the weights still load if ``a`` and ``a/b`` both
+    have parameters.
+    """
     text = NET.replace('param { name: "w" }', "").replace('"part/b"', '"a/b"')
     one, two = net_of(text), net_of(text, seed=2)
     one.params["a/b"][0].data[...] = 7
@@ -238,7 +244,9 @@ STATE = "this is a solver state, not weights; expected its pair, dir/w_iter_5.ca
 def test_files_of_another_kind(
     tmp_path: Path, pair: tuple[Path, Path], given: Callable[..., object], rejected: Any
 ) -> None:
-    """The error names the weights that belong to a state, and the options for resuming and for starting."""
+    """The error names the weights that belong to a state, and the options for resuming
+    and for starting.
+    """
     write_hdf5(tmp_path / "data.h5", depth=np.zeros(3))
     (tmp_path / "text").write_text("type: 'SGD'")
     (tmp_path / "empty").touch()

@@ -51,7 +51,9 @@ def test_a_size_in_words() -> None:
 
 
 def test_parameters(net_of: MakeNet, machine: Callable[[float], None]) -> None:
-    """The error is raised before allocation and is also a MemoryError; shared parameters count once."""
+    """The error is raised before allocation and is also a MemoryError; shared
+    parameters count once.
+    """
     machine(2_000_000)
     text = INPUT + "".join(
         INNER.replace("FC1", f"FC{i}").replace('"y"', f'"y{i}"') for i in range(4)
@@ -142,7 +144,9 @@ def test_a_blob_without_a_net(machine: Callable[[float], None]) -> None:
 
 
 def test_a_solver(tmp_path: Path, machine: Callable[[float], None]) -> None:
-    """Parameters, gradients and histories count, two histories for Adam; frozen parameters have none."""
+    """Parameters, gradients and histories count, two histories for Adam; frozen
+    parameters have none.
+    """
     (tmp_path / "net.prototxt").write_text(INPUT + INNER)
     solver = tmp_path / "solver.prototxt"
     solver.write_text('net: "net.prototxt" type: "Adam" base_lr: 0.1 lr_policy: "fixed"')

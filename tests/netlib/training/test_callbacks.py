@@ -10,8 +10,8 @@ from tests.netlib.conftest import ONE_WEIGHT, MakeModule, MakeSolver
 
 
 def test_the_order_of_an_iteration(solver_of: MakeSolver) -> None:
-    """The functions are called in the order in which Caffe's solver calls its callbacks; tests come first. The gradient
-    is cleared at the start, and complete when it is ready.
+    """The functions are called in the order in which Caffe's solver calls its callbacks; tests come
+    first. The gradient is cleared at the start, and complete when it is ready.
     """
     solver = solver_of(ONE_WEIGHT % "", "base_lr: 0 test_iter: 2 test_interval: 1")
     seen: list[tuple[str, int, float]] = []

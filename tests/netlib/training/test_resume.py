@@ -67,8 +67,9 @@ def distance(got: dict[str, np.ndarray], want: dict[str, np.ndarray]) -> float:
     ],
 )
 def test_a_state_of_an_earlier_version_goes_on(older: Path, name: str, crc32: list[int]) -> None:
-    """States of version 0.1.0, without a checksum, and of before the seal, with one of their content only, are read to
-    the bit, and resume with their rows, masks, momentum and losses, to rounding.
+    """States of version 0.1.0, without a checksum, and of before the seal, with one of their
+    content only, are read to the bit, and resume with their rows, masks, momentum and
+    losses, to rounding.
     """
     state = snapshot.read_state(name)
     layers = snapshot.read_weights(snapshot.weights_of(name, state))
@@ -89,7 +90,9 @@ def test_a_state_of_an_earlier_version_goes_on(older: Path, name: str, crc32: li
 @pytest.mark.skipif(not engine.has_fast(), reason="the folder fast/ is not there")
 @pytest.mark.parametrize("names", [("plain", "fast"), ("fast", "plain")], ids="-".join)
 def test_a_state_of_the_other_engine_goes_on(older: Path, names: tuple[str, str]) -> None:
-    """A state of one engine resumes on the other with the same rows and masks; results differ by rounding only."""
+    """A state of one engine resumes on the other with the same rows and masks; results differ by
+    rounding only.
+    """
     writer, reader = names
     first = netlib.get_solver("solver.prototxt", engine=writer)
     assert first.solve()
@@ -111,7 +114,9 @@ IMAGES = """
 
 @pytest.mark.parametrize("looks", ["debug_info", "a callback", "before the resume", ""])
 def test_a_resume_is_exact_whatever_was_looked_at(solver_of: MakeSolver, looks: str) -> None:
-    """A look at a blob that the fast engine does not store changes the rounding, so a state has what is stored."""
+    """A look at a blob that the fast engine does not store changes the rounding, so a state has
+    what is stored.
+    """
 
     def make() -> netlib.Solver:
         solver = solver_of(
@@ -274,7 +279,9 @@ def interrupt(solver: netlib.Solver, net: netlib.Net, happens: Callable[[], obje
 
 
 def test_a_stop_within_a_test_resumes_exactly(older: Path) -> None:
-    """A test that was stopped is repeated from the same row, so the results equal those of an uninterrupted run."""
+    """A test that was stopped is repeated from the same row, so the results equal those of an
+    uninterrupted run.
+    """
     whole = netlib.get_solver("solver.prototxt", **WITH_TESTS)
     assert whole.solve()
     broken = netlib.get_solver("solver.prototxt", **WITH_TESTS)
@@ -295,7 +302,9 @@ def copy_rows() -> None:
 
 @pytest.mark.parametrize("within", ["training", "a test"])
 def test_data_that_are_cut_on_the_way(older: Path, within: str) -> None:
-    """If a data file is truncated, training ends with an error and a snapshot, from which the resume is exact."""
+    """If a data file is truncated, training ends with an error and a snapshot, from which the
+    resume is exact.
+    """
     # changes with every batch
     norm = 'layer { name: "norm" type: "BatchNorm" bottom: "pool" top: "pool" }\n'
     net_file, relu = Path("net.prototxt"), 'layer { name: "relu"'

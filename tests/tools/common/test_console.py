@@ -1,4 +1,6 @@
-"""tools/common/console.py: exit statuses, one-line errors, and names that cannot break lines or table cells."""
+"""tools/common/console.py: exit statuses, one-line errors, and names that cannot break lines
+or table cells.
+"""
 
 from __future__ import annotations
 
@@ -94,5 +96,7 @@ def test_a_table() -> None:
     ("seconds", "said"), [(9.6, "10 s"), (75, "1 min 15 s"), (7260, "2 h 01 min"), (-9, "0 s")]
 )
 def test_durations(seconds: float, said: str) -> None:
-    """Durations are rounded to seconds, from one hour on to minutes; a clock that was set back gives 0."""
+    """Durations are rounded to seconds, from one hour on to minutes; a clock that was
+    set back gives 0.
+    """
     assert duration(seconds) == said

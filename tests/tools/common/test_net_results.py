@@ -34,7 +34,9 @@ def results_of(net_of: Callable[..., netlib.Net]) -> Callable[..., Results]:
 
 
 def test_detections_of_several_passes(results_of: Callable[..., Results]) -> None:
-    """Rows belong to the image that their item names; an image may have none, and a row of -1 is no detection."""
+    """Rows belong to the image that their item names; an image may have none, and a row of -1
+    is no detection.
+    """
     results = results_of("found")
     rows = np.array([[1, 1, 0.9, 0.1, 0.2, 0.3, 0.4], [1, 1, 0.5, 0, 0, 1, 1]], np.float32)
     first, second = results.add(rows[None, None], 2)
@@ -57,7 +59,9 @@ def test_detections_of_several_passes(results_of: Callable[..., Results]) -> Non
 def test_detections_in_the_picture(
     results_of: Callable[..., Results], image: NDArray[np.uint8]
 ) -> None:
-    """Each class has its colour, along the sides of the box and behind its name; the rest stays as it is."""
+    """Each class has its colour, along the sides of the box and behind its name; the rest
+    stays as it is.
+    """
     results = results_of("found", ["background", "hand"])
     rows = np.array([[0, 1, 0.9, 0.25, 0.5, 0.75, 0.9], [0, 0, 0.4, -1, 0, 9, 0.2]], np.float32)
     picture = results.drawn(rows, Shown(None, 0.5), STEPS, image)
@@ -107,7 +111,9 @@ def test_all_taken_for_one() -> None:
 
 
 def test_classes(results_of: Callable[..., Results]) -> None:
-    """The classes of a Softmax are printed best first; other blobs by their range, unless there are labels."""
+    """The classes of a Softmax are printed best first; other blobs by their range, unless
+    there are labels.
+    """
     scores = np.array([[0.25, 0.75]], np.float32)
     results = results_of("soft")
     assert list(results.lines(results.add(scores, 1)[0], Shown(), STEPS, (1, 1, 3))) == [

@@ -1,4 +1,6 @@
-"""tools/common/outputs.py: outputs that cannot be written or would overwrite an input are reported before the work."""
+"""tools/common/outputs.py: outputs that cannot be written or would overwrite an input are reported
+before the work.
+"""
 
 from __future__ import annotations
 

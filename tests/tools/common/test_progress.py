@@ -1,4 +1,6 @@
-"""tools/common/progress.py: a progress bar is shown on a terminal only; signals stop a run at a safe place."""
+"""tools/common/progress.py: a progress bar is shown on a terminal only; signals stop a run
+at a safe place.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ class Terminal(io.StringIO):
 
 
 def test_a_bar_on_a_terminal() -> None:
-    """The bar shows progress and notes, allows lines to be printed above it, and is closed at the end."""
+    """The bar shows progress and notes, allows lines to be printed above it, and is
+    closed at the end.
+    """
     pytest.importorskip("tqdm")
     with (
         redirect_stderr(Terminal()) as terminal,
@@ -56,7 +60,9 @@ def test_a_bar_is_closed_by_an_error() -> None:
 def test_no_bar(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], total: int
 ) -> None:
-    """Without work, a terminal or tqdm no bar is shown, and the other methods can still be called."""
+    """Without work, a terminal or tqdm no bar is shown, and the other methods can
+    still be called.
+    """
     if total:
         monkeypatch.setitem(sys.modules, "tqdm", None)
     for stream in (Terminal(), io.StringIO(), None):
@@ -71,7 +77,9 @@ def test_no_bar(
 
 
 def test_the_first_signal_is_noted_the_second_hits() -> None:
-    """The first signal is recorded for ``check``, the second interrupts at once; handlers are restored at the end."""
+    """The first signal is recorded for ``check``, the second interrupts at once; handlers are
+    restored at the end.
+    """
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         with Stopper() as stopper:

@@ -127,7 +127,9 @@ def test_what_a_first_look_shows(frames: None, capsys: pytest.CaptureFixture[str
 
 
 def test_a_hand_that_was_found_confirms_the_unit(capsys: pytest.CaptureFixture[str]) -> None:
-    """A forearm nearer than usual gives no warning about the unit if the fit has a high confidence."""
+    """A forearm nearer than usual gives no warning about the unit if the fit has a
+    high confidence.
+    """
     depth = np.full((480, 640), 82, np.float32)
     for confidence, warnings in ((0.0, 1), (0.82, 1), (float("nan"), 1), (0.99, 0)):
         print_warnings("frame.png", depth, SR305, 1.0, confidence)

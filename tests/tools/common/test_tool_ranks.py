@@ -35,7 +35,9 @@ def test_alone():
 
 @pytest.mark.parametrize(("count", "number"), ranks.LAUNCHERS)
 def test_without_mpi4py(monkeypatch, capsys, count, number):
-    """Several processes require mpi4py; the first reports it, and the others exit silently with status 0."""
+    """Several processes require mpi4py; the first reports it, and the others exit silently
+    with status 0.
+    """
     monkeypatch.setitem(sys.modules, "mpi4py", None)
     monkeypatch.setenv(count, "3")
     monkeypatch.setenv(number, "0")
@@ -55,7 +57,9 @@ def test_without_mpi4py(monkeypatch, capsys, count, number):
 
 
 def test_threads(monkeypatch):
-    """The ranks of a machine share its processors; without ranks the number of threads is not set."""
+    """The ranks of a machine share its processors; without ranks the number of
+    threads is not set.
+    """
 
     class OneOfThree(Ranks):
         count, on_machine = 3, 3

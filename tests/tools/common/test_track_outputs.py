@@ -1,4 +1,6 @@
-"""tools/common/track_outputs.py: all output formats of a track, from synthetic hands, and messages during tracking."""
+"""tools/common/track_outputs.py: all output formats of a track, from synthetic hands, and messages
+during tracking.
+"""
 
 from __future__ import annotations
 
@@ -71,7 +73,8 @@ def test_what_shows_surface(argv: list[str], drawn: bool) -> None:
 
 @pytest.mark.parametrize("stopped", [False, True])
 def test_one_that_fails_at_the_end(stopped: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    """All outputs are complete files, also if one fails at the end, and marked as cut after an interruption.
+    """All outputs are complete files, also if one fails at the end, and marked as cut after
+    an interruption.
 
     The first of several errors is raised.
     """
@@ -145,7 +148,7 @@ def test_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
     assert list(Path().iterdir()) == []
 
 
-# ------------------------------------------------------------------------------------------------ live output
+# -------------------------------------------------------------------------------------- live output
 
 HAND = tracked()
 DEPTH = seen([HAND])
@@ -171,7 +174,9 @@ def test_a_port_alone_is_on_the_local_machine() -> None:
 
 
 def test_a_recording_is_no_faster_than_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A recording's frames are sent at their times, a camera's immediately; a stop request ends the wait."""
+    """A recording's frames are sent at their times, a camera's immediately; a stop request
+    ends the wait.
+    """
     pytest.importorskip("websockets")
     monkeypatch.setattr(track_outputs.LiveServer, "wait_for_client", lambda self, seconds: True)
     clock = [100.0]
@@ -219,7 +224,9 @@ def test_what_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_the_addresses_in_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Programs read the addresses from a file that only the user can read; it is removed at the end."""
+    """Programs read the addresses from a file that only the user can read; it is
+    removed at the end.
+    """
     pytest.importorskip("websockets")
     monkeypatch.setenv(track_outputs.TOKEN, "0123456789abcdefABCDEF-_")
     path = tmp_path / "live.json"
@@ -232,12 +239,14 @@ def test_the_addresses_in_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     )
 
 
-# ------------------------------------------------------------------------------------------------ the whole command
+# -------------------------------------------------------------------------------- the whole command
 
 
 @pytest.fixture
 def running(recorded: Path, tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
-    """``running("take.npz", "--serve", ...)`` starts the tracker as a process, which is killed after the test."""
+    """``running("take.npz", "--serve", ...)`` starts the tracker as a process, which is killed
+    after the test.
+    """
     begun: list[subprocess.Popen[str]] = []
 
     def start(name: str, *options: str) -> subprocess.Popen[str]:
@@ -254,7 +263,9 @@ def running(recorded: Path, tmp_path: Path) -> Iterator[Callable[..., subprocess
 
 
 def address_of(process: subprocess.Popen[str]) -> str:
-    """The address that a process prints; one that prints none in time is killed, which ends the reading."""
+    """The address that a process prints; one that prints none in time is killed, which
+    ends the reading.
+    """
     assert process.stdout is not None
     limit = threading.Timer(LONGEST_S, process.kill)
     limit.start()
@@ -275,7 +286,9 @@ def client_of(process: subprocess.Popen[str]) -> contextlib.AbstractContextManag
 def test_a_program_gets_all_frames_of_a_recording(
     running: Callable[..., subprocess.Popen[str]],
 ) -> None:
-    """Tracking starts when a client connects; it receives the lines of --json up to the end of the recording."""
+    """Tracking starts when a client connects; it receives the lines of --json up to the end of
+    the recording.
+    """
     process = running("take.npz", "--serve", "--json", "a.jsonl", "--joints", "mano")
     with client_of(process) as client:
         header, *frames = (json.loads(line) for line in client)
@@ -289,7 +302,9 @@ def test_a_program_gets_all_frames_of_a_recording(
 
 
 def test_a_signal_ends_it(running: Callable[..., subprocess.Popen[str]]) -> None:
-    """A signal ends the tracker while it waits for a client and while it tracks, with a reason sent to clients."""
+    """A signal ends the tracker while it waits for a client and while it tracks, with a reason
+    sent to clients.
+    """
     waiting = running("slow.npz", "--serve")
     address_of(waiting)
     waiting.send_signal(signal.SIGINT)

@@ -1,6 +1,7 @@
 """The page of a live track: one HTML file, which receives its frames from its server.
 
-Its JavaScript, HTML and CSS are in this folder; it also uses those of the hand page (``handpose.output.hand_page``).
+Its JavaScript, HTML and CSS are in this folder; it also uses those of the hand page
+(``handpose.output.hand_page``).
 """
 
 from __future__ import annotations
@@ -17,7 +18,10 @@ FOLDER = Path(__file__).parent
 
 
 def page(header: TrackHeader) -> str:
-    """The page as HTML. Its title is the name of the source without its folder, because others may see the page."""
+    """The page as HTML.
+
+    Its title is the name of the source without its folder, because others may see the page.
+    """
     data = {
         "stream": VIEWS.removeprefix("/"),
         "camera": vars(header.camera),
@@ -31,6 +35,8 @@ def page(header: TrackHeader) -> str:
 
 @functools.cache
 def page_without_token() -> str:
-    """The answer to a request without a token: a tab that had one continues with it, any other shows the error."""
+    """The answer to a request without a token: a tab that had one continues with it, any other
+    shows the error.
+    """
     words = "<p>Wrong token. Open the address that the tracker has printed.</p>\n"
     return assembled("Wrong token", {}, words, "", script_of("without_token", FOLDER))

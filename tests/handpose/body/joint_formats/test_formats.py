@@ -82,7 +82,9 @@ def test_landmarks_in_the_image() -> None:
 
 
 def test_landmarks_without_an_image() -> None:
-    """In a crop landmarks are fractions of the cube; without a cube or an image size there are none."""
+    """In a crop landmarks are fractions of the cube; without a cube or an image size
+    there are none.
+    """
     joints = right_hand(any_pose(np.random.default_rng(3))) - [0, 0, 500]
     found = formatted("mediapipe", PEOPLE, "right", joints, cube_mm=300.0).landmarks
     assert found is not None
@@ -121,7 +123,9 @@ def with_dof(name: str, value: float) -> Array:
 
 @pytest.mark.parametrize("seed", range(5))
 def test_hinges_are_the_models(seed: int) -> None:
-    """PIP, DIP and the thumb's hinges equal the model's angles in any pose and place, in degrees, up to the sign."""
+    """PIP, DIP and the thumb's hinges equal the model's angles in any pose and place, in degrees,
+    up to the sign.
+    """
     inputs = any_pose(np.random.default_rng(seed))
     theta = dict(zip(PEOPLE.dof_names, np.degrees(PEOPLE.theta(inputs[None])[0])))
     found = angles(inputs)
@@ -139,7 +143,9 @@ def test_hinges_are_the_models(seed: int) -> None:
 @pytest.mark.parametrize("finger", FINGERS)
 @pytest.mark.parametrize("spread", ["lower", "upper"])
 def test_a_closed_finger(finger: str, spread: str) -> None:
-    """At the limits a finger is bent by 90, 110 and 80 degrees, also if its first phalanx points backwards."""
+    """At the limits a finger is bent by 90, 110 and 80 degrees, also if its first phalanx
+    points backwards.
+    """
     inputs = np.zeros(len(PEOPLE.initial))
     for joint in ("base", "pip", "dip"):
         d = PEOPLE.dof_names.index(f"{finger}_{joint}_rot_x")
@@ -154,7 +160,9 @@ def test_a_closed_finger(finger: str, spread: str) -> None:
 
 @pytest.mark.parametrize("finger", FINGERS)
 def test_noise_near_a_right_angle(finger: str) -> None:
-    """Where the knuckle's bend does not determine the spread, noise of 0.1 mm changes the other bends little."""
+    """Where the knuckle's bend does not determine the spread, noise of 0.1 mm changes the
+    other bends little.
+    """
     rng = np.random.default_rng(0)
     for bend in np.radians([-88, -90, -92]):
         inputs = np.zeros(len(PEOPLE.initial))
@@ -183,7 +191,9 @@ def test_place_turn_size_and_side_do_not_matter(seed: int) -> None:
 
 @pytest.mark.parametrize("finger", FINGERS)
 def test_signs(finger: str) -> None:
-    """Bending a knuckle raises its flexion; a turn to the thumb lowers the abduction of ring and little finger only."""
+    """Bending a knuckle raises its flexion; a turn to the thumb lowers the abduction of ring and
+    little finger only.
+    """
     rest = angles(with_dof("palm_x", 0.0))
     low = PEOPLE.lower[PEOPLE.dof_names.index(f"{finger}_base_rot_x")]
     bent = angles(with_dof(f"{finger}_base_rot_x", low))
@@ -195,7 +205,9 @@ def test_signs(finger: str) -> None:
 
 
 def test_the_thumb_spreads() -> None:
-    """Radial abduction changes with the rotation about z, palmar abduction with the rotation about y."""
+    """Radial abduction changes with the rotation about z, palmar abduction with the
+    rotation about y.
+    """
     rest = angles(with_dof("palm_x", 0.0))
     across = angles(with_dof("thumb_pip_rot_z", 0.5))
     before = angles(with_dof("thumb_pip_rot_y", -0.4))

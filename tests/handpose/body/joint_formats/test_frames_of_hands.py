@@ -25,7 +25,9 @@ PARTS = ("pip_a", "pip_b", "dip", "tip")  # of a finger beyond its base
 
 @pytest.mark.parametrize("skeleton", [PEOPLE, load()], ids=["people", "nyu"])
 def test_weights_sum_to_one(skeleton: Skeleton) -> None:
-    """The weights of every point sum to 1, so that points move, rotate, scale and mirror with the hand."""
+    """The weights of every point sum to 1, so that points move, rotate, scale and mirror
+    with the hand.
+    """
     weights = weights_of(list(POINTS.values()), skeleton)
     assert np.allclose(weights.sum(axis=1), 1)
 
@@ -36,7 +38,9 @@ def test_weights_sum_to_one(skeleton: Skeleton) -> None:
     ids=["people", "nyu"],
 )
 def test_a_finger_bends_at_three_joints(skeleton: Skeleton, bends_at: tuple[str, ...]) -> None:
-    """The hinges are the joints about which a finger's angles turn; the packaged hand's are the anatomical joints."""
+    """The hinges are the joints about which a finger's angles turn; the packaged hand's are the
+    anatomical joints.
+    """
     hinges = hinges_of(skeleton)
     for finger in FINGERS:
         assert [skeleton.joint_names[joint] for joint in hinges[finger]] == [
@@ -62,7 +66,9 @@ def test_a_joint_that_cannot_bend(tmp_path: Path, angle: str, now: str) -> None:
 
 
 def test_phalanges_of_people() -> None:
-    """Phalanges have the proportions measured by Buryanov and Kotiuk, 2010; the last one without 3.8 mm."""
+    """Phalanges have the proportions measured by Buryanov and Kotiuk, 2010; the last one
+    without 3.8 mm.
+    """
     measured = {
         "index": (39.8, 22.4, 15.8),
         "middle": (44.6, 26.3, 17.4),
@@ -100,7 +106,9 @@ def test_another_body_has_none() -> None:
 
 
 def test_the_palm_of_a_mirror_image() -> None:
-    """The best rotation is a rotation, with determinant 1, also for a left hand, which no rotation moves there."""
+    """The best rotation is a rotation, with determinant 1, also for a left hand, which no
+    rotation moves there.
+    """
     for mirror in (np.ones(3), MIRROR):
         R = palm_frame(right_hand(any_pose(np.random.default_rng(0))) * mirror, PEOPLE)
         np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-12)

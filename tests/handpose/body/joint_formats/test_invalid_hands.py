@@ -1,4 +1,6 @@
-"""handpose/body/joint_formats and handpose/body/gestures: joints that are no hand raise DataError, never give NaN."""
+"""handpose/body/joint_formats and handpose/body/gestures: joints that are no hand raise DataError,
+never give NaN.
+"""
 
 from __future__ import annotations
 

@@ -89,14 +89,19 @@ def test_angle_errors_are_the_short_way_round():
 
 
 def test_no_flip_where_a_bone_would_feel_it():
-    """A bone across the flip's axis, a fixed rotation below it, or a DoF of two joints rules the flip out."""
+    """A bone across the flip's axis, a fixed rotation below it, or a DoF of two joints
+    rules the flip out.
+    """
 
     def skeleton(second, extra=""):
         dofs = (
             "".join(f'dof {{ name: "{d}" }} ' for d in "abcd")
             + 'dof { name: "f" initial: 0.5 fixed: true } '
         )
-        first = 'joint { name: "r" rotate { axis: Z dof: "a" } rotate { axis: X dof: "b" } bone { axis: Y length: 1 } } '
+        first = (
+            'joint { name: "r" rotate { axis: Z dof: "a" } rotate { axis: X dof: "b" } bone { '
+            "axis: Y length: 1 } } "
+        )
         text = dofs + first + f'joint {{ name: "t" parent: "r" {second} }} {extra}'
         return skeleton_of(text)
 

@@ -23,7 +23,9 @@ SEEN_MM = 130.5  # half a cube
 
 @pytest.fixture
 def source(tmp_path):
-    """data/part.h5 with frames of hands; the first hand is partly outside its cube, where joints are clipped."""
+    """data/part.h5 with frames of hands; the first hand is partly outside its cube, where
+    joints are clipped.
+    """
     inputs = BodySampler(PACKAGED_BONES).draw(np.random.default_rng(3), FRAMES).inputs
     inputs[0, NYU_HAND.dof_names.index("palm_y")] += 0.6
     write(
@@ -91,7 +93,9 @@ def test_options_reach_the_fit(source):
 
 
 def test_a_list_of_companions_reads_like_the_list_of_the_data(source, tmp_path, net_of):
-    """The companion gives the same depth and joints, and its own angles, also where both folders were moved."""
+    """The companion gives the same depth and joints, and its own angles, also where both
+    folders were moved.
+    """
     with h5py.File(source, "a") as file:
         file["dof"] = np.full((FRAMES, 47), 9.0)  # as in synthetic data
     first = net_on([source], net_of, "depth", "joint").forward()
@@ -137,7 +141,9 @@ LONGER = [
     ],
 )
 def test_what_has_changed_is_made_again(source, change, request):
-    """A companion made in the same way from the same file is reused; all frames count as progress."""
+    """A companion made in the same way from the same file is reused; all frames
+    count as progress.
+    """
     target, _ = fitted(source)
     options, reported = change(source, target), []
     os.utime(target, ns=(1, 1))

@@ -31,7 +31,9 @@ def inputs():
 
 @pytest.mark.parametrize("limits", [True, False])
 def test_all_joints_give_the_pose_back(inputs, limits):
-    """31 joints are fitted to 1e-5 half-cubes, and the median error of canonical angles is below 0.01 degrees."""
+    """31 joints are fitted to 1e-5 half-cubes, and the median error of canonical angles is
+    below 0.01 degrees.
+    """
     found = fit_joints(NYU_HAND, joints_of(NYU_HAND, inputs), limits=limits, starts=32)
     assert found.residuals.max() < 1e-5
     errors = angles.angle_errors(NYU_HAND, found.inputs, inputs)
@@ -50,7 +52,9 @@ def test_a_body_whose_root_does_not_turn():
 
 @pytest.mark.parametrize("limits", [True, False])
 def test_a_root_that_turns_about_two_axes(rng, limits):
-    """Half a turn of the root affects joints below it; both forms of the pose are valid, with and without limits."""
+    """Half a turn of the root affects joints below it; both forms of the pose are valid, with and
+    without limits.
+    """
     text = """dof { name: "a" lower: -3 upper: 3 } dof { name: "b" lower: -3 upper: 3 }
         dof { name: "c" lower: -2 upper: 1 }
         joint { name: "root" rotate { axis: Z dof: "a" } rotate { axis: X dof: "b" } bone { axis: Y length: 1 } }
@@ -65,7 +69,9 @@ def test_a_root_that_turns_about_two_axes(rng, limits):
 
 
 def test_joints_that_are_not_known(inputs):
-    """Frames with missing joints are fitted to the others, and the positions of nearby joints are recovered."""
+    """Frames with missing joints are fitted to the others, and the positions of nearby joints
+    are recovered.
+    """
     targets = joints_of(NYU_HAND, inputs)
     hidden = targets.copy()
     hidden[::2, [0, 5, 28]] = np.nan  # tips and a joint of the thumb
@@ -80,7 +86,9 @@ def test_joints_that_are_not_known(inputs):
 
 
 def test_joints_at_absolute_positions(inputs):
-    """Each hand is fitted in its own unit, about its own centre, to within 0.01 mm; residuals are in mm."""
+    """Each hand is fitted in its own unit, about its own centre, to within 0.01 mm;
+    residuals are in mm.
+    """
     half = np.array([150.0, 130.5, 150.0])
     xyz = joints_of(NYU_HAND, inputs[:3]) * half[:, None, None] + (20, -30, 800)
     for off in (0, 10):
@@ -119,7 +127,9 @@ def test_ridge_pulls_to_the_initial_pose(inputs, rng):
 
 
 def test_the_result_is_a_minimum(inputs, rng):
-    """No small step of an angle lowers the cost, as computed from the joints, without the fit's own derivative."""
+    """No small step of an angle lowers the cost, as computed from the joints, without the fit's
+    own derivative.
+    """
     targets = joints_of(NYU_HAND, inputs)[:5, EVALUATION_JOINTS] + rng.normal(0, 0.02, (5, 14, 3))
     found = fit_joints(NYU_HAND, targets, EVALUATION_JOINTS, limits=False)
 
@@ -148,7 +158,9 @@ def test_threads_change_nothing(inputs, rng, monkeypatch):
 
 
 def test_published_predictions_lie_on_the_model(nyu_data):
-    """Every 160th published prediction is fitted to 0.001 mm, because the predictions come from this hand model."""
+    """Every 160th published prediction is fitted to 0.001 mm, because the predictions come from
+    this hand model.
+    """
     with open(nyu_data / "predictions" / "IJCAI16_NYU_DeepModel.txt", encoding="utf-8") as lines:
         uvd = np.loadtxt(itertools.islice(lines, 0, None, 160)).reshape(-1, 14, 3)
     half = cube_of_test_frame(np.arange(0, 8252, 160))[:, None, None] / 2

@@ -16,7 +16,9 @@ NYU_HAND = skeletons.load()  # the labels that are fitted are of NYU's joints
 
 
 def test_swarm_comes_near_but_fit_comes_nearer():
-    """For three hands the swarm's error is below 0.15 half-cubes, and never below that of ``fit_joints``."""
+    """For three hands the swarm's error is below 0.15 half-cubes, and never below that of
+    ``fit_joints``.
+    """
     inputs = BodySampler().draw(np.random.default_rng(7), 40).inputs[:3]
     targets = kinematics_of(NYU_HAND).joints(inputs)[:, EVALUATION_JOINTS]
     swarm = fit_joints_by_swarm(NYU_HAND, targets, EVALUATION_JOINTS, particles=64, generations=150)
@@ -28,7 +30,9 @@ def test_swarm_comes_near_but_fit_comes_nearer():
 
 
 def test_a_swarm_on_a_body_without_limits():
-    """Rotations without limits are searched within one turn; translations without limits raise an error."""
+    """Rotations without limits are searched within one turn; translations without limits
+    raise an error.
+    """
     text = """dof { name: "turn" } dof { name: "slide" %s }
         joint { name: "root" rotate { axis: Z dof: "turn" } bone { axis: X length: 1 } }
         joint { name: "tip" parent: "root" translate { axis: X dof: "slide" } }"""

@@ -1,4 +1,6 @@
-"""handpose/frames/formats/folder.py: frames of a folder, and their order and times by their names"""
+"""handpose/frames/formats/folder.py: frames of a folder, and their order and times
+by their names
+"""
 
 from __future__ import annotations
 
@@ -42,7 +44,9 @@ def test_frames_by_number(folder: Path) -> None:
 
 
 def test_a_given_unit_of_the_times(tmp_path: Path) -> None:
-    """Times that show no unit are numbers of frames, unless their unit is given, here or in camera.json."""
+    """Times that show no unit are numbers of frames, unless their unit is given, here or
+    in camera.json.
+    """
     for stamp in (5000, 5100, 5200):
         put(tmp_path / f"{stamp}.png", hand_sized())
     given = replace(GIVEN, rate=None)
@@ -159,7 +163,7 @@ def test_the_packing_of_nyu(tmp_path: Path) -> None:
     assert [float(frame.depth.mean()) for frame in recording] == [700]
 
 
-# ---------------------------------------------------------------------------------------------- arrays
+# ------------------------------------------------------------------------------------------- arrays
 
 
 def put_array(path: Path, values: np.ndarray, **others: Any) -> None:
@@ -238,7 +242,9 @@ def test_infrared_is_not_joined_into_depth(tmp_path: Path, kind: str) -> None:
 
 @pytest.mark.parametrize("depth", ["depth_{}.npy", "{}.png", "{}.npz"])
 def test_arrays_that_are_not_depth_may_lie_beside(tmp_path: Path, depth: str) -> None:
-    """Colours, 8-bit infrared, a matrix, joints and a whole take; also if the first frame is damaged."""
+    """Colours, 8-bit infrared, a matrix, joints and a whole take; also if the first
+    frame is damaged.
+    """
     for number in range(3):
         path = tmp_path / depth.format(number)
         values = hand_sized(distance=1000 + number)
@@ -408,7 +414,7 @@ def test_raw_values_of_unknown_size(tmp_path: Path) -> None:
         FolderRecording(tmp_path, CameraInfo(replace(CAMERA, width=0, height=0)))
 
 
-# ---------------------------------------------------------------------------------------------- errors
+# ------------------------------------------------------------------------------------------- errors
 
 
 def tiff(path: Path, count: int) -> None:

@@ -1,4 +1,6 @@
-"""A live RealSense: with a fake of pyrealsense2, and with the software device of the real module."""
+"""A live RealSense: with a fake of pyrealsense2, and with the software device of
+the real module.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ SENT = [(10 + i, 5000 + i * 33.0) for i in range(4)]  # frame numbers, and times
 
 
 class FakeModule:
-    """The used part of pyrealsense2, with a camera that sends the frames SENT and is then unplugged."""
+    """The used part of pyrealsense2, with a camera that sends the frames SENT and is
+    then unplugged.
+    """
 
     def __init__(self) -> None:
         self.stopped = 0
@@ -100,7 +104,9 @@ def fake(monkeypatch: pytest.MonkeyPatch) -> FakeModule:
 
 
 def test_frames_as_they_come(fake: FakeModule) -> None:
-    """Depth is in the camera's unit, with its numbers and times; unplugging the camera ends the recording."""
+    """Depth is in the camera's unit, with its numbers and times; unplugging the camera ends
+    the recording.
+    """
     with open_live("0123", UNKNOWN) as recording:
         assert recording.camera == Camera("Fake D400 0123", 60.5, 61.5, 31.25, 23.75, 64, 48)
         assert (recording.unit_mm, recording.rate, recording.live, recording.count) == (
@@ -124,7 +130,10 @@ def test_frames_as_they_come(fake: FakeModule) -> None:
     {
         "another serial number": (
             ("999", 60.5, UNKNOWN),
-            "realsense: camera 999 cannot be started: No device connected; connected: 0123 (no other program may use it)",
+            (
+                "realsense: camera 999 cannot be started: No device connected; connected: 0123 "
+                "(no other program may use it)"
+            ),
         ),
         "no focal length": (
             (None, 0.0, UNKNOWN),

@@ -164,7 +164,9 @@ REGION = {"sensor": (100, 200)}  # images of a region of the sensor, or of binne
 def test_cameras(
     tmp_path: Path, options: dict[str, Any], given: CameraInfo, camera: tuple[float, ...]
 ) -> None:
-    """Of rectified images; a given one in place of one that does not fit; of images whose size is not said."""
+    """Of rectified images; a given one in place of one that does not fit; of images whose
+    size is not said.
+    """
     path = bags.write_ros1(
         tmp_path / "a.bag", DEPTH, make=functools.partial(bags.driver, **options)
     )
@@ -354,7 +356,9 @@ COLOUR = "/camera/color/image_raw"
     },
 )
 def test_bags_that_are_refused(tmp_path: Path, given: Any, rejected: Any) -> None:
-    """Other lenses and topics, compression that does not preserve depth, and damage raise an error."""
+    """Other lenses and topics, compression that does not preserve depth, and damage
+    raise an error.
+    """
     with rejected:
         read(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=given))
 

@@ -1,4 +1,6 @@
-"""handpose/frames/formats/stack.py: frames of .npy and .npz files, and the times and cameras stored beside them"""
+"""handpose/frames/formats/stack.py: frames of .npy and .npz files, and the times and cameras
+stored beside them
+"""
 
 from __future__ import annotations
 
@@ -250,7 +252,9 @@ def test_names_and_units_of_times(tmp_path: Path, name: str, times: Any, how: st
 
 
 def test_times_of_no_known_unit(tmp_path: Path) -> None:
-    """A step of 1 may be a second or a frame: refused under any name but the documented one, until it is given."""
+    """A step of 1 may be a second or a frame: refused under any name but the documented one,
+    until it is given.
+    """
     for numbers, step in ((np.arange(4), "1"), ([0.0, 33.0, 66.0, 99.0], "33")):
         with pytest.raises(
             DataError, match=rf"npz: times has times of an unknown unit, .* of {step}; .* times_ms"
@@ -268,7 +272,9 @@ def test_times_of_no_known_unit(tmp_path: Path) -> None:
 
 
 def test_precedence_of_units_of_times(tmp_path: Path) -> None:
-    """The command line, the file, camera.json, the values; in the file the name of the array before a key."""
+    """The command line, the file, camera.json, the values; in the file the name of the
+    array before a key.
+    """
     camera_file.write(tmp_path / "camera.json", CameraInfo(time_unit="us"))
     arrays: dict[str, Any] = {"times": 1000 * SECONDS}
     assert times_of(opened(tmp_path, **arrays)) == pytest.approx(SECONDS / 1000)
@@ -316,7 +322,9 @@ def test_distortion(tmp_path: Path, name: str) -> None:
 
 
 def test_precedence(tmp_path: Path) -> None:
-    """The command line, the file, camera.json; nothing is said to be taken from the file that is not."""
+    """The command line, the file, camera.json; nothing is said to be taken from the
+    file that is not.
+    """
     other = Camera("other", 50.0, 50.0, 30.0, 20.0, 64, 48)
     camera_file.write(tmp_path / "camera.json", CameraInfo(other, unit_mm=4.0, rate=40.0))
     mine: dict[str, Any] = {"K": MATRIX, "depth_scale": 0.002, "fps": 20.0}

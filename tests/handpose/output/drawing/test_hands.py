@@ -25,7 +25,9 @@ def colours_in(picture: Image) -> set[tuple[int, ...]]:
 
 
 def test_overlay_shows_joints_where_they_are_seen() -> None:
-    """With a known centre, a joint's dot is at its pixel in the crop, in its finger's colour; otherwise near it."""
+    """With a known centre, a joint's dot is at its pixel in the crop, in its finger's colour;
+    otherwise near it.
+    """
     picture = hands.overlay(EMPTY, JOINTS, SKELETON, center_uvd=CENTER)
     assert picture.shape == (512, 512, 3) and picture.dtype == np.uint8
     assert tuple(picture[V, U]) == hands.COLOURS["thumb"]

@@ -23,7 +23,9 @@ def picture(value: int = 0) -> Image:
 
 @given(frames=st.integers(1, 2000))
 def test_moments_evenly_apart(frames: int) -> None:
-    """Moments span the whole sequence for any number of frames; few pictures are kept, and few are drawn."""
+    """Moments span the whole sequence for any number of frames; few pictures are kept, and
+    few are drawn.
+    """
     sheet, drawn = ContactSheet(), []
     for n in range(frames):
         sheet.add(n, lambda n=n: drawn.append(n) or picture(n))
@@ -53,7 +55,8 @@ def test_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_two_views() -> None:
-    """Each frame has two cells with a title each, the view on the crop and the view in space, below a legend.
+    """Each frame has two cells with a title each, the view on the crop and the view in space,
+    below a legend.
 
     An annotation of other joints, such as ICVL's 16, is not drawn.
     """

@@ -14,7 +14,9 @@ from tests.support.packaged_hand import SKELETON
 
 
 def test_surface_over_its_own_picture() -> None:
-    """The surface is skin-coloured over the crop, reddish where nothing was seen; the rest of the crop is unchanged."""
+    """The surface is skin-coloured over the crop, reddish where nothing was seen; the rest of the
+    crop is unchanged.
+    """
     model, uvd = CapsuleModel(SKELETON, 150.0), np.array([[320.0, 240, 700]])
     x = np.zeros((1, model.variables))
     depth = render_crop(model.capsules(x, NYU.unproject(uvd)), uvd, 300.0)
@@ -41,7 +43,9 @@ BALL = Capsules(
 
 @pytest.mark.parametrize("size", [100, 1000], ids=["every pixel", "one of many"])
 def test_surface_is_painted_where_a_camera_sees_it(size: int) -> None:
-    """A ball is drawn as a disc about its middle, lit from the upper left; the rest of the picture is unchanged."""
+    """A ball is drawn as a disc about its middle, lit from the upper left; the rest of the
+    picture is unchanged.
+    """
     camera = Camera("any", size, size, size / 2, size / 2, size, size)
     canvas = np.full((size, size, 3), 90, np.uint8)
     paint(canvas, BALL, camera, opacity=1.0)

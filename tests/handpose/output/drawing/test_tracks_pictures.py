@@ -39,7 +39,9 @@ def where(one: Image, other: Image) -> tuple[slice, slice]:
 
 
 def test_joints_are_where_the_camera_sees_them() -> None:
-    """A fingertip has its finger's colour, or is hollow where the finger is a guess; a rectangle shows the crop."""
+    """A fingertip has its finger's colour, or is hollow where the finger is a guess; a rectangle
+    shows the crop.
+    """
     guess = replace(RIGHT, finger_error_mm=np.array([10.0, 45, 12, 29, 8]))
     picture = annotated(DEPTH, of(guess, LEFT))[HEAD:]
     for hand, (finger, colour) in itertools.product((guess, LEFT), hands.COLOURS.items()):
@@ -96,7 +98,9 @@ def test_each_hand_has_its_label_in_its_colour() -> None:
 
 
 def test_a_lost_hand_is_said_to_be_lost_and_why() -> None:
-    """The reason is written in the hand's colour in the lower left corner, and the hand is not drawn."""
+    """The reason is written in the hand's colour in the lower left corner, and the
+    hand is not drawn.
+    """
     lost = LostHand(2, "left", 0.6, "left the image")
     picture = annotated(DEPTH, of(RIGHT, lost=(lost,)))[HEAD:]
     corner = picture[-22:, :200]
@@ -108,7 +112,9 @@ def test_a_lost_hand_is_said_to_be_lost_and_why() -> None:
 
 
 def test_a_hand_without_joints_is_outlined_or_marked() -> None:
-    """Its pixels are outlined in its colour; if they are unknown there is a circle about its middle."""
+    """Its pixels are outlined in its colour; if they are unknown there is a circle
+    about its middle.
+    """
     mask = np.zeros((120, 160), bool)
     mask[40:80, 30:70] = True
     hand = PresentHand(

@@ -39,7 +39,8 @@ def read(path: Path) -> list[tuple[float, int]]:
 
 
 def test_every_picture_at_its_time_as_browsers_play_it(tmp_path: Path) -> None:
-    """The first time is 0, gaps are kept, and no picture is omitted or changed; the last one lasts one period.
+    """The first time is 0, gaps are kept, and no picture is omitted or changed; the last one
+    lasts one period.
 
     The file is H.264 in yuv420p, with the index first.
     """
@@ -60,7 +61,9 @@ def test_every_picture_at_its_time_as_browsers_play_it(tmp_path: Path) -> None:
 
 
 def test_odd_sizes_and_rates_that_no_player_knows(tmp_path: Path) -> None:
-    """The picture gets a row and a column; the rate is clipped, because it affects only the last picture's duration."""
+    """The picture gets a row and a column; the rate is clipped, because it affects only the last
+    picture's duration.
+    """
     for rate in (1e-300, 1e300):
         with VideoFile(tmp_path / "a.mp4", rate) as video:
             video.write(picture(3, 63, 95), 0.0)
@@ -74,7 +77,9 @@ def test_odd_sizes_and_rates_that_no_player_knows(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("stop", [KeyboardInterrupt, ValueError])
 def test_what_was_written_before_a_stop_is_kept(tmp_path: Path, stop: type[BaseException]) -> None:
-    """After Ctrl-C or an error the file has all pictures so far, replaces an older file, and is the only one left."""
+    """After Ctrl-C or an error the file has all pictures so far, replaces an older file, and is the
+    only one left.
+    """
     path = tmp_path / "a.mp4"
     path.write_bytes(b"old")
     with pytest.raises(stop), VideoFile(path) as video:
@@ -98,7 +103,9 @@ def test_without_a_picture_there_is_no_file(tmp_path: Path) -> None:
 def test_what_cannot_be_written_is_one_error_about_the_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A full disk, a missing folder and a folder of that name raise an error with the file name; no file is left."""
+    """A full disk, a missing folder and a folder of that name raise an error with the file name;
+    no file is left.
+    """
 
     def full(video: VideoFile, frame: object) -> None:
         raise av.error.FFmpegError(28, "No space left on device", "something.tmp")

@@ -35,7 +35,9 @@ WHOLE = View(0.0, 0.0, CAMERA.width, CAMERA.height)
 
 
 def test_the_crop_is_in_the_middle() -> None:
-    """The part has the frame's aspect ratio and shows the crop with a margin, at once for the first frame."""
+    """The part has the frame's aspect ratio and shows the crop with a margin, at once for
+    the first frame.
+    """
     view, (left, top, right, bottom) = Window(CAMERA).see(5.0, [NEAR]), box_of(NEAR, CAMERA)
     assert view.width / view.height == pytest.approx(CAMERA.width / CAMERA.height)
     assert view.height == pytest.approx(MARGIN * (bottom - top))
@@ -57,7 +59,9 @@ def test_a_part_lies_within_the_frame(hands: list, time: float) -> None:
 
 
 def test_it_moves_slowly() -> None:
-    """Without hands the whole frame is shown, at once in the first frame and later after some seconds."""
+    """Without hands the whole frame is shown, at once in the first frame and later
+    after some seconds.
+    """
     assert Window(CAMERA).see(0.0, []) == WHOLE
     window = Window(CAMERA)
     before = window.see(0.0, [NEAR])
@@ -71,7 +75,9 @@ DEPTH = np.array([[0, 400, 600, 620, 1000, 3000, 70000]], np.float32)
 
 @given(st.lists(st.floats(100, 5000), max_size=5))
 def test_nearer_is_lighter(hands: list[float]) -> None:
-    """Nearer pixels are lighter for hands at any depth; pixels without a reading, and only they, are black."""
+    """Nearer pixels are lighter for hands at any depth; pixels without a reading, and only
+    they, are black.
+    """
     contrast = Contrast()
     contrast.see(0.0, DEPTH, np.array(hands))
     grey = contrast.grey(DEPTH)[0].astype(int)
@@ -100,7 +106,9 @@ def test_it_does_not_flicker() -> None:
 
 
 def test_without_hands_the_nearer_half_of_the_scene_counts() -> None:
-    """The nearer half of the readings has most of the greys; an image without readings raises no error."""
+    """The nearer half of the readings has most of the greys; an image without readings
+    raises no error.
+    """
     scene = Contrast()
     scene.see(0.0, np.linspace(500, 1500, 6400, dtype=np.float32).reshape(80, 80), np.array([]))
     near, half, far = scene.grey(np.array([[510, 1000, 1500]], np.float32))[0].astype(int)
@@ -123,7 +131,9 @@ def test_colours() -> None:
 
 
 def test_words() -> None:
-    """The confidence or presence is in whole per cent, omitted if unknown; a lost hand has the time and the reason."""
+    """The confidence or presence is in whole per cent, omitted if unknown; a lost hand has the time
+    and the reason.
+    """
     assert spoken(tracked("right", confidence=0.934)) == "right 93%"
     assert spoken(tracked("left", confidence=float("nan"))) == "left"
     assert spoken(replace(tracked("left", confidence=0.49), side_confidence=0.7)) == "left? 49%"
@@ -162,7 +172,9 @@ def test_all_are_within_the_picture_and_none_covers_another(
 
 
 def test_a_side_that_is_assumed_has_another_tag() -> None:
-    """The text is coloured on white; the tag has the same size, and its corner at the given point."""
+    """The text is coloured on white; the tag has the same size, and its corner at
+    the given point.
+    """
     pair = np.zeros((2, 100, 300, 3), np.uint8)
     for canvas, sure in zip(pair, (True, False)):
         Tags(canvas).add("left? 49%", 40, 60, (0, 0, 200), sure=sure)

@@ -17,7 +17,8 @@ from layers.hand.skeleton_file import text_of
 from tests.support.chromium_tabs import visits
 from tests.support.made_tracks import any_skeleton, skeleton_of
 
-# Two bones in a plane, without a surface; one DoF drives two joints, the second with the opposite sign.
+# Two bones in a plane, without a surface; one DoF drives two joints, the second with the
+# opposite sign.
 ARM = """name: "arm"
 dof { name: "x" } dof { name: "shoulder" initial: 0.25 lower: -1 upper: 1 } dof { name: "elbow" lower: 0 upper: 2.5 }
 joint { name: "hand" parent: "elbow" rotate { axis: Z dof: "elbow" } bone { axis: X length: 0.5 } }
@@ -44,7 +45,9 @@ def any_body(seed: int) -> Skeleton:
 
 
 def ask(tab: Any, function: str, question: object) -> Any:
-    """The result of a JavaScript function; arguments and result are passed as JSON, which is fast."""
+    """The result of a JavaScript function; arguments and result are passed as JSON,
+    which is fast.
+    """
     return json.loads(
         tab.evaluate(
             f"(text) => JSON.stringify(({function})(JSON.parse(text)))", json.dumps(question)

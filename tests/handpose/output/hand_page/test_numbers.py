@@ -94,7 +94,9 @@ def rendered(
 
 
 def check_depth(found: np.ndarray, expected: np.ndarray) -> None:
-    """To 0.2 mm, except for a few pixels on outlines, where rounding to 32 bits decides which surface is in front."""
+    """To 0.2 mm, except for a few pixels on outlines, where rounding to 32 bits decides which
+    surface is in front.
+    """
     off = np.abs(found - expected)
     assert (off > 0.2).mean() < 0.0006
     assert (off > 0.05).mean() < 0.01
@@ -130,7 +132,9 @@ def test_the_depth_of_any_body(tab: Any, seed: int) -> None:
 def test_points_are_where_the_camera_saw_them(
     tab: Any, camera: Camera, place: tuple[float, float]
 ) -> None:
-    """Every pixel of the frame within the cube yields one point, as unprojected by the camera; no others do."""
+    """Every pixel of the frame within the cube yields one point, as unprojected by the
+    camera; no others do.
+    """
     rng, uvd = (
         np.random.default_rng(0),
         np.array([camera.u0 + place[0], camera.v0 + place[1], 800.0]),

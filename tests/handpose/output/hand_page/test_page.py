@@ -1,4 +1,6 @@
-"""The hand page in use: sliders, buttons, the mouse, the keyboard; predicted hands, untrusted names, small screens."""
+"""The hand page in use: sliders, buttons, the mouse, the keyboard; predicted hands, untrusted
+names, small screens.
+"""
 
 from __future__ import annotations
 
@@ -80,11 +82,13 @@ def enter(field: Any, value: str) -> None:
     field.press("Enter")
 
 
-# ---------------------------------------------------------------------------------------------- poses
+# -------------------------------------------------------------------------------------------- poses
 
 
 def test_there_is_a_labelled_slider_for_every_free_dof(visit: Visit, bare: Path) -> None:
-    """28 sliders, two of them for the forearm, which belongs to the surface; fixed DoFs are shown on request."""
+    """28 sliders, two of them for the forearm, which belongs to the surface; fixed DoFs are
+    shown on request.
+    """
     tab = visit(bare)
     free = [d.name for d in HAND.with_surface().param.dof if not d.fixed]
     names = tab.locator("input[type=range]").evaluate_all(
@@ -100,7 +104,9 @@ def test_there_is_a_labelled_slider_for_every_free_dof(visit: Visit, bare: Path)
 
 
 def test_sliders_and_numbers_move_the_hand(visit: Visit, bare: Path) -> None:
-    """Values are in degrees and mm; the table shows the joints of the kinematics, and the text the inputs."""
+    """Values are in degrees and mm; the table shows the joints of the kinematics, and the
+    text the inputs.
+    """
     tab = visit(bare)
     np.testing.assert_allclose(joints_in(tab)[:, 3:], joints_of({}), atol=6e-5)
     slider(tab, "index_pip_rot_x").fill("-45")
@@ -114,7 +120,9 @@ def test_sliders_and_numbers_move_the_hand(visit: Visit, bare: Path) -> None:
 
 
 def test_beyond_a_limit(visit: Visit, bare: Path) -> None:
-    """The row is marked and the loss equals that of PhysLimit; back within the limits, both are reset."""
+    """The row is marked and the loss equals that of PhysLimit; back within the limits,
+    both are reset.
+    """
     tab = visit(bare)
     thumb = row(tab, "thumb_tip_rot_z")
     assert "beyond" not in thumb.get_attribute("class")
@@ -173,7 +181,7 @@ def test_a_pose_that_is_refused(tab: Any, text: str, line: str) -> None:
     assert tab.evaluate("hand.body.inputs.every((value) => value === 0)")
 
 
-# ---------------------------------------------------------------------------------------------- the picture
+# -------------------------------------------------------------------------------------- the picture
 
 
 def test_the_mouse_and_the_keyboard_rotate_the_picture(visit: Visit, bare: Path) -> None:
@@ -202,7 +210,9 @@ def test_the_mouse_and_the_keyboard_rotate_the_picture(visit: Visit, bare: Path)
 
 
 def test_the_surface_is_drawn_where_it_is(visit: Visit, bare: Path) -> None:
-    """The surface is drawn, and without it only lines; the name of the joint under the mouse is shown."""
+    """The surface is drawn, and without it only lines; the name of the joint under the
+    mouse is shown.
+    """
     tab = visit(bare)
     assert 0.05 < (colours(tab)[:, 3] == 255).mean() < 0.5
     tab.get_by_label("surface", exact=True).uncheck()
@@ -221,7 +231,9 @@ def test_the_surface_is_drawn_where_it_is(visit: Visit, bare: Path) -> None:
 
 
 def test_an_address_sets_body_pose_and_force(visit: Visit, packaged: Path) -> None:
-    """An address as in chapters 8 and 9 sets their arm, its wrist at (3, 6), and torques of 0 and -300 N mm."""
+    """An address as in chapters 8 and 9 sets their arm, its wrist at (3, 6), and torques of 0
+    and -300 N mm.
+    """
     tab = visit(
         packaged,
         fragment="body=arm&shoulder=53.13&elbow=36.87&force=wrist,1,2,0&nose=1&force=wrist,2",
@@ -232,7 +244,9 @@ def test_an_address_sets_body_pose_and_force(visit: Visit, packaged: Path) -> No
 
 
 def test_a_force_is_dragged_at_a_fingertip(visit: Visit, bare: Path) -> None:
-    """A force is dragged in the picture's plane, in proportion; the bars show torques; other joints must be enabled."""
+    """A force is dragged in the picture's plane, in proportion; the bars show torques; other joints
+    must be enabled.
+    """
     tab, j = visit(bare), HAND.joint_names.index("ring_tip")
     x, y = position(tab, j)
     tab.mouse.move(x, y)
@@ -268,14 +282,16 @@ def test_a_force_is_dragged_at_a_fingertip(visit: Visit, bare: Path) -> None:
         assert np.any(tab.evaluate(f"hand.body.forces[{palm}]")) == anywhere
 
 
-# ---------------------------------------------------------------------------------------------- predicted hands
+# ---------------------------------------------------------------------------------- predicted hands
 
 UVD, CUBE = np.array([230.0, 190, 640]), 260.0
 
 
 @pytest.fixture(scope="module")
 def predicted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarray]:
-    """A page with a right and a left hand, as seen by a camera, and the left one's joints (K, 3) in mm."""
+    """A page with a right and a left hand, as seen by a camera, and the left one's
+    joints (K, 3) in mm.
+    """
     model, center = CapsuleModel(HAND, CUBE / 2), KINECT2.unproject(UVD)
     x = model.variables_of(np.random.default_rng(5).uniform(-0.2, 0.2, (1, 47)))
     x[0, -2:] = 0.08, -0.05
@@ -330,11 +346,13 @@ def test_predicted_hands(visit: Visit, predicted: tuple[Path, np.ndarray]) -> No
     np.testing.assert_allclose(joints_in(tab)[:, :3], joints, atol=0.06)
 
 
-# ---------------------------------------------------------------------------------------------- names, screens
+# ----------------------------------------------------------------------------------- names, screens
 
 
 def test_names_are_text_and_no_markup(visit: Visit, tmp_path: Path) -> None:
-    """Names in an untrusted skeleton are shown as text; names of properties of every object are drawn like others."""
+    """Names in an untrusted skeleton are shown as text; names of properties of every object are
+    drawn like others.
+    """
     evil = '<img src=\\"x\\" onerror=\\"document.title=1\\">'
     text = (
         ARM.replace('"hand"', f'"{evil}"')

@@ -52,7 +52,9 @@ def shown(server: LiveServer, visit: Visit) -> Shown:
 
 
 def test_both_hands_of_a_frame(shown: Shown) -> None:
-    """Joints, surfaces, depth and its contrast equal the tracked ones, and the list has each hand's confidence."""
+    """Joints, surfaces, depth and its contrast equal the tracked ones, and the list has each
+    hand's confidence.
+    """
     shown.state("connected; no frame yet")
     shown.show(BOTH)
     joints = np.array(shown.tab.evaluate("live.scene.joints"))
@@ -183,7 +185,9 @@ def test_the_end(serve: Callable[..., LiveServer], visit: Visit) -> None:
 
 
 def test_the_token_leaves_the_address(server: LiveServer, browser: Any) -> None:
-    """The address bar has no token; a reloaded page continues with it, and another tab shows the error."""
+    """The address bar has no token; a reloaded page continues with it, and another tab
+    shows the error.
+    """
     address = server.page_url.partition("?")[0]
     context = browser.new_context()
     with contextlib.closing(context):
@@ -212,7 +216,9 @@ def test_one_file_for_one_server() -> None:
 
 
 def test_a_phone(visit: Visit) -> None:
-    """The title is the name of the source; a long one does not make the page wider than the screen."""
+    """The title is the name of the source; a long one does not make the page wider
+    than the screen.
+    """
     long = replace(HEADER, source="/home/me/private/takes/" + "recording_" * 10)
     with LiveServer("127.0.0.1", 0, Messages(long).header, page(long)) as server:
         shown = Shown(server, visit)

@@ -1,4 +1,6 @@
-"""handpose/output/live/server.py, with programs as clients; test_live_page.py tests the browser page."""
+"""handpose/output/live/server.py, with programs as clients; test_live_page.py tests
+the browser page.
+"""
 
 from __future__ import annotations
 
@@ -47,11 +49,13 @@ def connect() -> Iterator[Connect]:
         yield connected
 
 
-# ------------------------------------------------------------------------------------------------ frames
+# ------------------------------------------------------------------------------------------- frames
 
 
 def test_lines(connect: Connect, serve: Serve) -> None:
-    """A client receives the header, every later frame if it keeps up, and the recording's end as that of the stream."""
+    """A client receives the header, every later frame if it keeps up, and the recording's end as
+    that of the stream.
+    """
     with serve() as server:
         server.put(LINES, "before")
         assert not server.wait_for_client(0) and not server.has_clients(LINES)
@@ -92,7 +96,9 @@ def test_a_viewer_gets_the_newest_frame_when_it_asks(connect: Connect, server: L
 
 
 def test_a_slow_program_misses_frames(connect: Connect, server: LiveServer) -> None:
-    """A slow client receives some frames in order, and the last one; sending does not wait for it."""
+    """A slow client receives some frames in order, and the last one; sending does
+    not wait for it.
+    """
     count, size = 300, 1 << 18
     client, found = connect(server), [-1]
     for number in range(count):
@@ -113,7 +119,7 @@ def test_a_client_that_leaves_in_the_middle_of_a_frame(connect: Connect, serve: 
     assert list(other)[-1] == "after"
 
 
-# ------------------------------------------------------------------------------------------------ the end
+# ------------------------------------------------------------------------------------------ the end
 
 
 def test_a_run_that_is_stopped(connect: Connect, serve: Serve) -> None:
@@ -130,7 +136,9 @@ def test_a_run_that_is_stopped(connect: Connect, serve: Serve) -> None:
 def test_a_client_that_does_not_answer_does_not_hold_up_the_end(
     connect: Connect, serve: Serve, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The server ends despite a viewer that requests no next frame, and a client that reads nothing."""
+    """The server ends despite a viewer that requests no next frame, and a client that
+    reads nothing.
+    """
     monkeypatch.setattr(module, "GRACE_S", 0.05)
     with contextlib.ExitStack() as stack, serve() as server:
         viewer = connect(server, VIEWS)
@@ -141,7 +149,7 @@ def test_a_client_that_does_not_answer_does_not_hold_up_the_end(
     assert not any(thread.name == "live" for thread in threading.enumerate())
 
 
-# ------------------------------------------------------------------------------------------------ access control
+# ----------------------------------------------------------------------------------- access control
 
 UPGRADE = (
     "Upgrade: websocket",
@@ -179,7 +187,9 @@ def reader(server: LiveServer) -> socket.socket:
 
 
 def exchange(server: LiveServer, sent: bytes) -> bytes:
-    """What the server sends for a request: 13 bytes if it opens a WebSocket, otherwise everything until it closes."""
+    """What the server sends for a request: 13 bytes if it opens a WebSocket, otherwise everything
+    until it closes.
+    """
     with asked(server, sent) as connection:
         received = b""
         with contextlib.suppress(ConnectionError):
@@ -228,8 +238,8 @@ def readers_that_never_read(server: LiveServer, connect: Connect) -> None:
             pass
 
 
-# Requests with the statuses of their answers, and clients. A status of 0 is none: what websockets takes for no HTTP
-# request is not answered, and versions before 17 answer less.
+# Requests with the statuses of their answers, and clients. A status of 0 is none: what websockets
+# takes for no HTTP request is not answered, and versions before 17 answer less.
 DEMANDS: dict[str, Any] = {
     "the page": (request("/?token=TOKEN"), 200),
     "no token": (request("/"), 403),
@@ -283,7 +293,9 @@ def test_what_the_gate_must_hold(
     capfd: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Each demand on requests and clients; after any of them the page is served, and no log has the token."""
+    """Each demand on requests and clients; after any of them the page is served, and no log
+    has the token.
+    """
     monkeypatch.setattr(module, "GRACE_S", 0.5)
     caplog.set_level(logging.DEBUG)
     with serve() as server:
@@ -334,7 +346,9 @@ def test_the_page(server: LiveServer) -> None:
     ],
 )
 def test_hosts(host: str, listening: str, named: bool) -> None:
-    """A request must name this server: its own address, or any IP address if it listens on all of them."""
+    """A request must name this server: its own address, or any IP address if it listens
+    on all of them.
+    """
     assert is_named(host, listening) == named
 
 
@@ -345,11 +359,13 @@ def test_a_token_of_the_user(serve: Serve) -> None:
         LiveServer("127.0.0.1", 0, "", "", "guess")
 
 
-# ------------------------------------------------------------------------------------------------ addresses
+# ---------------------------------------------------------------------------------------- addresses
 
 
 def test_other_machines(serve: Serve) -> None:
-    """Other machines can connect only if requested; then the addresses contain this machine's name."""
+    """Other machines can connect only if requested; then the addresses contain this
+    machine's name.
+    """
     with serve() as server:
         assert not server.is_public and server.page_url.startswith(
             f"http://127.0.0.1:{server.port}/?token="
@@ -393,7 +409,9 @@ def test_without_websockets(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_example_for_programs(tmp_path: Path, serve: Serve) -> None:
-    """docs/live.md: the example prints each hand's index fingertip in each frame, and ends with the recording."""
+    """docs/live.md: the example prints each hand's index fingertip in each frame, and ends with
+    the recording.
+    """
     text = (ROOT / "docs" / "live.md").read_text(encoding="utf-8")
     (program,) = re.findall(r"<!-- file: watch.py -->\n```python\n(.*?)```", text, re.DOTALL)
     assert len(program.splitlines()) <= 10

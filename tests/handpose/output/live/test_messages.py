@@ -21,7 +21,9 @@ from tests.support.tracked_hands import CAMERA, HEADER, tracked
 
 
 def test_records_are_those_of_a_track_with_the_bones_in_each() -> None:
-    """Every record has the bones, because a receiver may have missed some; joints before smoothing are for files."""
+    """Every record has the bones, because a receiver may have missed some; joints before smoothing
+    are for files.
+    """
     raw = dataclasses.replace(ONE.hands[0], raw_xyz=ONE.hands[0].xyz)
     messages, values = Messages(HEADER), FrameValues(HEADER)
     assert json.loads(messages.header) == json.loads(json.dumps(header_values(HEADER)))
@@ -45,7 +47,9 @@ def test_joints_and_gestures() -> None:
 
 
 def test_large_frames_are_sampled() -> None:
-    """Images of 640 x 480 pixels are subsampled by 2; the message is padded to 4 bytes; far depths are clipped."""
+    """Images of 640 x 480 pixels are subsampled by 2; the message is padded to 4 bytes; far
+    depths are clipped.
+    """
     for camera in CAMERAS.values():
         grid = grid_of(camera, Window(camera).see(0.0, ()), ())
         assert (
@@ -79,7 +83,9 @@ def test_the_part_around_a_hand_is_sent_with_all_its_pixels() -> None:
 
 
 def test_the_documented_size_of_a_frame_for_the_page() -> None:
-    """Of two hands in 640 x 480 pixels, with joints and gestures, while the whole frame is shown."""
+    """Of two hands in 640 x 480 pixels, with joints and gestures, while the whole
+    frame is shown.
+    """
     (most,) = re.findall(
         r"A frame has at most (\d+) kB for the page", (ROOT / "docs" / "live.md").read_text()
     )

@@ -34,7 +34,9 @@ def written(path: Path, joints: FormatName | None) -> Path:
 @pytest.mark.parametrize("ending", ["json", "jsonl"])
 @pytest.mark.parametrize("name", FORMATS)
 def test_json(tmp_path: Path, name: FormatName, ending: str) -> None:
-    """Every hand has the format in addition to the joints, the header describes it, and the track is read as before."""
+    """Every hand has the format in addition to the joints, the header describes it, and the track
+    is read as before.
+    """
     path = written(tmp_path / f"a.{ending}", name)
     found = (
         json.loads(path.read_text())
@@ -89,7 +91,9 @@ def test_csv(tmp_path: Path, name: FormatName) -> None:
 
 
 def test_gestures(tmp_path: Path) -> None:
-    """Each hand's gesture is written to JSON and, in the last columns, to CSV, with equal values."""
+    """Each hand's gesture is written to JSON and, in the last columns, to CSV,
+    with equal values.
+    """
     for name in ("a.json", "a.csv"):
         with open_writer(tmp_path / name, HEADER, gestures=True) as writer:
             for frame in FRAMES:

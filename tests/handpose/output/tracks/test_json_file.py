@@ -1,4 +1,6 @@
-"""handpose/output/tracks/json_file.py: tracks are read as written, and interrupted files are complete"""
+"""handpose/output/tracks/json_file.py: tracks are read as written, and interrupted
+files are complete
+"""
 
 from __future__ import annotations
 
@@ -36,7 +38,9 @@ def written(path: Path, header: TrackHeader, frames: list[TrackedFrame]) -> Trac
 
 
 def check_same(track: Track, header: TrackHeader, frames: list[TrackedFrame]) -> None:
-    """Assert equality to the digits of the file, also for the joints computed from angles and bones."""
+    """Assert equality to the digits of the file, also for the joints computed from
+    angles and bones.
+    """
     assert replace(track.header, skeleton=header.skeleton) == header
     assert track.header.skeleton.param == header.skeleton.param
     assert [frame.number for frame in track.frames] == [frame.number for frame in frames]
@@ -125,7 +129,9 @@ def test_keys_and_units(tmp_path: Path) -> None:
 
 
 def test_values_that_a_hand_may_lack(tmp_path: Path) -> None:
-    """Joints before smoothing are of smoothed hands only; errors of fingers may be null, or absent in older tracks."""
+    """Joints before smoothing are of smoothed hands only; errors of fingers may be null, or absent
+    in older tracks.
+    """
     hand = any_hand(HAND, np.random.default_rng(0))
     full = replace(hand, raw_xyz=hand.xyz + 7.125, finger_error_mm=np.array([7, np.nan, 8, 9, 10]))
     written(
@@ -155,7 +161,9 @@ def test_values_that_a_hand_may_lack(tmp_path: Path) -> None:
 def test_a_track_that_was_read_is_written_as_before(
     tmp_path_factory: pytest.TempPathFactory, layout: str, seed: int, smoothed: bool
 ) -> None:
-    """The whole header, and every value of hands with and without joints, of an undecided side, and lost."""
+    """The whole header, and every value of hands with and without joints, of an undecided
+    side, and lost.
+    """
     folder, rng = tmp_path_factory.mktemp("track"), np.random.default_rng(seed)
     camera = Camera("own", *rng.uniform(100, 900, 4), 640, 480, min_range_mm=rng.uniform(0, 300))
     header = replace(header_of(any_skeleton(seed), 100.0), camera=camera, smoothed=smoothed)
@@ -220,7 +228,9 @@ def test_numbers_that_are_not_known_are_null() -> None:
 
 
 def test_lines_that_are_cut(tmp_path: Path) -> None:
-    """Complete lines are read and a truncated one is reported; a missing final line end does not matter."""
+    """Complete lines are read and a truncated one is reported; a missing final line end
+    does not matter.
+    """
     frames = any_track(HAND, 1, 3)
     written(tmp_path / "a.jsonl", HAND, frames)
     text = (tmp_path / "a.jsonl").read_text()
@@ -331,7 +341,9 @@ def test_what_is_no_track(tmp_path: Path, given: tuple[str, str], rejected: Any)
 
 @both
 def test_an_undecided_side(tmp_path: Path, layout: str) -> None:
-    """The side is null until it is decided, and the assumed one, of which the angles are, returns from the file."""
+    """The side is null until it is decided, and the assumed one, of which the angles are, returns
+    from the file.
+    """
     hand = replace(any_hand(HAND, np.random.default_rng(0)), hand="left", side_confidence=0.75)
     present = PresentHand(5, None, 0.4, 0.1, (1.0, 2.0, 700.0), "a cup")
     frame = TrackedFrame(0, 0.0, (hand,), (LostHand(4, None, 0.0, "hidden"),), (present,))

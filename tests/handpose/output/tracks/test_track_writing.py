@@ -48,7 +48,9 @@ def pieces(path: Path, **options: Any) -> Any:
 
 @pytest.mark.parametrize(("end", "content"), [(None, b"<a,b>"), (b"!", b"<a,b!")])
 def test_frames_one_after_the_other(tmp_path: Path, end: bytes | None, content: bytes) -> None:
-    """The file appears under its name only at the end, which may be another than after an interruption."""
+    """The file appears under its name only at the end, which may be another than after
+    an interruption.
+    """
     path = tmp_path / "a.txt"
     with pieces(path, between=b",", tail=b">", end=end) as file:
         for piece in (b"a", b"b"):
@@ -80,7 +82,9 @@ class Stream:
 def test_a_frame_that_was_not_written_whole(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException, count: int, shown: bool
 ) -> None:
-    """It is removed, from a file that is shown at once; without a whole one the old file stays; the error names it."""
+    """It is removed, from a file that is shown at once; without a whole one the old file stays; the
+    error names it.
+    """
     path, content = tmp_path / "a.txt", b"<a>" if count else b"old"
     path.write_bytes(b"old")
     with pytest.raises(type(error)) as caught, pieces(path, tail=b">", shown=shown) as file:
@@ -98,7 +102,9 @@ def test_a_frame_that_was_not_written_whole(
 
 
 def test_a_file_that_is_shown(tmp_path: Path) -> None:
-    """It replaces an old file, or a link but not its target, with its first frame, and grows from then on."""
+    """It replaces an old file, or a link but not its target, with its first frame, and
+    grows from then on.
+    """
     path, target = tmp_path / "a.txt", tmp_path / "target.txt"
     target.write_text("old")
     path.symlink_to(target)
