@@ -1,7 +1,7 @@
 """Fit the weights of the confidence of poses to recordings with labelled joints, and write them.
 
-    python -m experiments confidence --recording P1 P1_joints.npy --recording P4 P4_joints.npy --seed 1 \\
-        --apart P3 P3_joints.npy --out models/synthetic_hand/confidence.prototxt
+    python -m experiments confidence --recording P1 P1_joints.npy --recording P4 P4_joints.npy \\
+        --seed 1 --apart P3 P3_joints.npy --out models/synthetic_hand/confidence.prototxt
     python -m experiments confidence --synthetic gestures moving --cameras kinect2 --seconds 10
 
 Labels are those of ``python -m experiments constants``, of the only hand in view; the joints of

@@ -5,8 +5,8 @@ The net inserts this layer automatically (netlib/proto/net_parameter.py).
 bottom[0]  x    any shape
 top[i]     y_i  same shape
 
-y_i = x                    as copies; the fast engine shares the memory of x where no layer overwrites it, as Caffe does
-dx  = sum of dy_i          the gradients of all readers add up
+y_i = x             copies; where no layer overwrites it, the fast engine shares x, as Caffe does
+dx  = sum of dy_i   the gradients of all readers add up
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """BatchNorm with a scale and a bias of its own, as in NVIDIA's and Intel's Caffe, as a
 BatchNorm and a Scale.
 
-    layer { name: "bn" type: "BatchNorm" bottom: "x" top: "y" batch_norm_param { scale_bias: true } }
+    layer { name: "bn" type: "BatchNorm" bottom: "x" top: "y"
+            batch_norm_param { scale_bias: true } }
 
 NVIDIA's option is ``scale_bias``, which a filler of either also sets; Intel's is
 ``use_weight_bias``.

@@ -88,8 +88,8 @@ AGE = (
             "<text>:1:16: error: 'type' expects a name without quotes, found ... (did you mean "
             "'INNER_PRODUCT'?)"
         ),
-        "layers { type: PRELU }": "<text>:1:16: error: unknown value PRELU of 'type' (the layer PReLU needs the current "
-        'format: layer { type: "PReLU" ... })',
+        "layers { type: PRELU }": "<text>:1:16: error: unknown value PRELU of 'type' (the layer PReLU "
+        'needs the current format: layer { type: "PReLU" ... })',
         "layers { type: CROP }": "<text>:1:16: error: unknown value CROP of 'type' (the layer Crop needs the current "
         'format: layer { type: "Crop" ... })',
         "layers { blob_lr: 1 }": "<text>:1:10: error: unknown field 'blob_lr' (did you mean 'blobs_lr'?)",
