@@ -36,27 +36,27 @@ class Size(NamedTuple):
 
 ROOMS = {
     "docs": Size(12_791, 928, 64, 8_864),
-    "exercises": Size(8_631, 613, 42, 31_486),
-    "experiments": Size(13_098, 1_019, 54, 9_572),
-    "export": Size(8_162, 618, 23, 3_833),
-    "fast": Size(29_331, 2_320, 122, 3_183),
-    "handpose": Size(90_557, 7_226, 373, 32_350),
-    "handpose/synthetic": Size(14_006, 996, 94, 1_873),
-    "layers": Size(36_493, 2_959, 126, 18_415),
-    "netlib": Size(41_379, 4_022, 61, 31_326),
+    "exercises": Size(8_699, 636, 42, 32_918),
+    "experiments": Size(14_839, 1_178, 55, 10_767),
+    "export": Size(8_268, 627, 22, 3_938),
+    "fast": Size(29_849, 2_367, 121, 3_196),
+    "handpose": Size(93_288, 7_503, 371, 34_505),
+    "handpose/synthetic": Size(14_001, 996, 94, 1_873),
+    "layers": Size(36_506, 2_963, 126, 18_415),
+    "netlib": Size(44_004, 4_256, 64, 65_629),
     "setup.py": Size(180, 10, 1, 284),
-    "tests": Size(243_035, 15_726, 693, 335_316),
-    "tools": Size(24_283, 2_196, 52, 26_387),
+    "tests": Size(261_002, 17_016, 733, 364_513),
+    "tools": Size(29_772, 2_705, 54, 30_127),
 }
 LINES = {  # of files that are not Python, by their patterns
-    "prototxt/*.prototxt models/*.prototxt": 3_892,
-    "*.json": 399,
+    "prototxt/*.prototxt models/*.prototxt": 3_915,
+    "*.json": 400,
     "*.js *.css *.html": 2_830,
 }
 WORDS = {  # of documents, by their pattern
-    ":(glob)docs/*.md": 26_849,
-    "README.md": 895,
-    "*.md": 66_268,
+    ":(glob)docs/*.md": 26_415,
+    "README.md": 898,
+    "*.md": 66_703,
 }
 OTHERS = LINES | WORDS
 LIMITS = {  # that no recorded total may exceed: syntax nodes of rooms, lines, words
@@ -76,7 +76,7 @@ LIMITS = {  # that no recorded total may exceed: syntax nodes of rooms, lines, w
     "README.md": 900,
     "*.md": 65_000,
 }
-ABOVE = ["handpose", "tests", ":(glob)docs/*.md", "*.md"]  # these do, and are to shrink
+ABOVE = ["experiments", "fast", "handpose", "netlib", "tests", "tools", "*.md"]  # these do, and are to shrink
 
 
 def tracked(*patterns: str) -> list[Path]:
