@@ -15,7 +15,9 @@ prototxt may give a layer type; a layer of your own needs none of them.
 from __future__ import annotations
 
 import difflib
+import inspect
 import logging
+import sys
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
@@ -41,13 +43,16 @@ class Layer:
 
     name, type, phase   as in the prototxt; phase is netlib.TRAIN or netlib.TEST
     source              the prototxt file that contains this layer
-    param               the options, an instance of ``param_type``
+    param               the options; a class declares their type, ``param: ReLUParameter``
     param_str           the string of a Python layer's ``python_param``
     blobs               the parameters, in the order in which new_param created them
     rng                 the random generator of this layer
     """
 
-    param_type: ClassVar[type] = NoParameter  # dataclass of the options
+    param: Any
+    param_type: ClassVar[type] = (
+        NoParameter  # dataclass of the options, the declared type of ``param``
+    )
     # name of their block; by default the type in snake case, ``inner_product_param``
     param_name: ClassVar[str] = ""
     # blocks that several types read, ``loss_param``
@@ -69,6 +74,15 @@ class Layer:
     has_gradient: ClassVar[bool] = True
     moving: ClassVar[bool] = False  # forward updates the parameters, which are moving averages
 
+    def __init_subclass__(cls, **options: Any) -> None:
+        """Read the type of the options from the declaration of ``param``."""
+        super().__init_subclass__(**options)
+        declared = inspect.get_annotations(cls).get("param")
+        if isinstance(declared, str):
+            declared = vars(sys.modules[cls.__module__])[declared]
+        if declared is not None:
+            cls.param_type = declared
+
     def __init__(
         self,
         spec: LayerParameter,
@@ -83,10 +97,11 @@ class Layer:
             return
         self.spec, self.source = spec, schema.position_of(spec).source
         self.name, self.type, self.phase = spec.name, spec.type, PHASES[phase]
-        self.rng, self.dtype = rng, np.dtype(dtype)
+        self.rng = rng
+        self.dtype: np.dtype[Any] = np.dtype(dtype)
         self.blobs: Blobs = BlobVec(dtype=self.dtype)
         options = PythonParameter if spec.type == "Python" else self.param_type
-        self.param: Any = self.read_block(block_name(type(self), spec.type), options)
+        self.param = self.read_block(block_name(type(self), spec.type), options)
         self.param_str: str = self.param.param_str if spec.type == "Python" else ""
         self.param_str_ = self.param_str  # its name in Caffe until 2015, as in layers of Fast R-CNN
 

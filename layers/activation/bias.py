@@ -72,7 +72,7 @@ class Broadcast(Layer):
 class Bias(Broadcast):
     """Learned bias."""
 
-    param_type = BiasParameter
+    param: BiasParameter
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         self.learned = len(bottom) == 1

@@ -27,7 +27,7 @@ class ClipParameter:
 class Clip(Elementwise):
     """Limits values to a range."""
 
-    param_type = ClipParameter
+    param: ClipParameter
 
     def _write(self, x: Array, y: Array) -> None:
         x.clip(self.param.min, max(self.param.min, self.param.max), out=y)

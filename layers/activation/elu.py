@@ -28,7 +28,7 @@ class ELUParameter:
 class ELU(Elementwise):
     """Exponential linear unit."""
 
-    param_type = ELUParameter
+    param: ELUParameter
 
     def _write(self, x: Array, y: Array) -> None:
         np.add(positive(x), self.param.alpha * np.expm1(negative(x)), out=y)

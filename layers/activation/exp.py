@@ -30,7 +30,7 @@ class ExpParameter:
 class Exp(Elementwise):
     """Exponential function of a linear function."""
 
-    param_type = ExpParameter
+    param: ExpParameter
     reads_top = from_y = True
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:

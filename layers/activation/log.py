@@ -32,7 +32,7 @@ class LogParameter:
 class Log(Elementwise):
     """Logarithm of a linear function."""
 
-    param_type = LogParameter
+    param: LogParameter
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         base = self.param.base

@@ -30,7 +30,7 @@ class PowerParameter:
 class Power(Elementwise):
     """Power function of a linear function."""
 
-    param_type = PowerParameter
+    param: PowerParameter
 
     def _write(self, x: Array, y: Array) -> None:
         p = self.param

@@ -36,7 +36,7 @@ class PReLUParameter:
 class PReLU(Layer):
     """Rectified linear unit with learned slopes."""
 
-    param_type = PReLUParameter
+    param: PReLUParameter
     param_name = "prelu_param"
     bottoms = tops = (1, 1)
 

@@ -32,7 +32,7 @@ class ReLUParameter:
 class ReLU(Layer):
     """Rectified linear unit."""
 
-    param_type = ReLUParameter
+    param: ReLUParameter
     param_name = "relu_param"
     bottoms = tops = (1, 1)
     keeps_signs = True

@@ -30,7 +30,7 @@ class ReLU6Parameter:
 class ReLU6(Elementwise):
     """Rectified linear unit, limited to 6."""
 
-    param_type = ReLU6Parameter
+    param: ReLU6Parameter
     param_name = "relu6_param"
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:

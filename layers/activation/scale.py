@@ -42,7 +42,7 @@ class ScaleParameter:
 class Scale(Broadcast):
     """Learned gain and bias."""
 
-    param_type = ScaleParameter
+    param: ScaleParameter
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         self.learned = len(bottom) == 1

@@ -26,7 +26,7 @@ class SigmoidParameter:
 class Sigmoid(Elementwise):
     """Logistic function."""
 
-    param_type = SigmoidParameter
+    param: SigmoidParameter
     reads_top = from_y = True
 
     def _write(self, x: Array, y: Array) -> None:

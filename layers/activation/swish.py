@@ -28,7 +28,7 @@ class SwishParameter:
 class Swish(Elementwise):
     """Sigmoid-weighted linear unit."""
 
-    param_type = SwishParameter
+    param: SwishParameter
 
     def _write(self, x: Array, y: Array) -> None:
         np.multiply(x, sigmoid(x, self.param.beta), out=y)

@@ -28,7 +28,7 @@ class TanHParameter:
 class TanH(Elementwise):
     """Hyperbolic tangent."""
 
-    param_type = TanHParameter
+    param: TanHParameter
     param_name = "tanh_param"
     reads_top = from_y = True
 

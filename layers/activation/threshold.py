@@ -25,7 +25,7 @@ class ThresholdParameter:
 class Threshold(Layer):
     """Binary threshold."""
 
-    param_type = ThresholdParameter
+    param: ThresholdParameter
     bottoms = tops = (1, 1)
     has_gradient = False
 

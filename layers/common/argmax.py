@@ -35,7 +35,7 @@ class ArgMaxParameter:
 class ArgMax(Layer):
     """Indices of the largest values."""
 
-    param_type = ArgMaxParameter
+    param: ArgMaxParameter
     param_name = "argmax_param"
     bottoms = tops = (1, 1)
     in_place = False

@@ -29,7 +29,7 @@ class ConcatParameter:
 class Concat(Layer):
     """Concatenates blobs."""
 
-    param_type = ConcatParameter
+    param: ConcatParameter
     bottoms = (1, None)
     tops = (1, 1)
     in_place = False

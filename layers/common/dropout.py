@@ -34,7 +34,7 @@ class DropoutParameter:
 class Dropout(Layer):
     """Dropout."""
 
-    param_type = DropoutParameter
+    param: DropoutParameter
     bottoms = tops = (1, 1)
     keeps_signs = True
 

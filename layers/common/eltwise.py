@@ -38,7 +38,7 @@ class EltwiseParameter:
 class Eltwise(Layer):
     """Product, weighted sum or maximum of blobs."""
 
-    param_type = EltwiseParameter
+    param: EltwiseParameter
     bottoms = (2, None)
     tops = (1, 1)
     in_place = False

@@ -37,7 +37,7 @@ class EmbedParameter:
 class Embed(Layer):
     """Table of learned vectors."""
 
-    param_type = EmbedParameter
+    param: EmbedParameter
     bottoms = tops = (1, 1)
     in_place = False
 

@@ -28,7 +28,7 @@ class FlattenParameter:
 class Flatten(Layer):
     """Joins axes."""
 
-    param_type = FlattenParameter
+    param: FlattenParameter
     bottoms = tops = (1, 1)
     in_place = False
 

@@ -39,7 +39,7 @@ class InnerProductParameter:
 class InnerProduct(Layer):
     """Fully connected layer."""
 
-    param_type = InnerProductParameter
+    param: InnerProductParameter
     bottoms = tops = (1, 1)
     in_place = False
 

@@ -28,7 +28,7 @@ class ParameterParameter:
 class Parameter(Layer):
     """A parameter without a computation."""
 
-    param_type = ParameterParameter
+    param: ParameterParameter
     bottoms = (0, 0)
     tops = (1, 1)
 

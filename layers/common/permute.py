@@ -31,7 +31,7 @@ class PermuteParameter:
 class Permute(Layer):
     """Reorders the axes."""
 
-    param_type = PermuteParameter
+    param: PermuteParameter
     bottoms = tops = (1, 1)
     in_place = False
 

@@ -36,7 +36,7 @@ class ReductionParameter:
 class Reduction(Layer):
     """Sum, sum of absolute values or of squares, mean."""
 
-    param_type = ReductionParameter
+    param: ReductionParameter
     bottoms = tops = (1, 1)
     in_place = False
 

@@ -30,7 +30,7 @@ class ReshapeParameter:
 class Reshape(Layer):
     """Changes the shape."""
 
-    param_type = ReshapeParameter
+    param: ReshapeParameter
     bottoms = tops = (1, 1)
     in_place = False
 

@@ -30,7 +30,7 @@ class ShuffleChannelParameter:
 class ShuffleChannel(Layer):
     """Exchanges channels between groups."""
 
-    param_type = ShuffleChannelParameter
+    param: ShuffleChannelParameter
     bottoms = tops = (1, 1)
     in_place = False
 

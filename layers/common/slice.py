@@ -31,7 +31,7 @@ class SliceParameter:
 class Slice(Layer):
     """Splits a blob into several."""
 
-    param_type = SliceParameter
+    param: SliceParameter
     bottoms = (1, 1)
     tops = (1, None)
     in_place = False

@@ -34,7 +34,7 @@ class SoftmaxParameter:
 class Softmax(Layer):
     """Softmax function."""
 
-    param_type = SoftmaxParameter
+    param: SoftmaxParameter
     bottoms = tops = (1, 1)
     reads_top = True
 

@@ -28,7 +28,7 @@ class TileParameter:
 class Tile(Layer):
     """Repeats a blob."""
 
-    param_type = TileParameter
+    param: TileParameter
     bottoms = tops = (1, 1)
     in_place = False
 

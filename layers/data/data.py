@@ -52,7 +52,7 @@ class Data(Reader):
     notes    lines for the log
     """
 
-    param_type = DataParameter
+    param: DataParameter
     other_blocks: ClassVar[dict[str, type]] = {"transform_param": TransformationParameter}
     bottoms = (0, 0)
     tops = (1, 2)

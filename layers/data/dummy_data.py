@@ -31,7 +31,7 @@ class DummyDataParameter:
 class DummyData(Layer):
     """Generated data."""
 
-    param_type = DummyDataParameter
+    param: DummyDataParameter
     bottoms = (0, 0)
     tops = (1, None)
 

@@ -48,7 +48,7 @@ class HDF5Data(Reader):
     notes   lines for the log
     """
 
-    param_type = HDF5DataParameter
+    param: HDF5DataParameter
     param_name = "hdf5_data_param"
     rejected_blocks: ClassVar[dict[str, str]] = {
         "transform_param": "HDF5Data does not transform data, as in Caffe; write transformed values to the files"

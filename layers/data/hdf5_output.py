@@ -35,7 +35,7 @@ class HDF5OutputParameter:
 class HDF5Output(ZeroGradient):
     """Writes a batch to a file."""
 
-    param_type = HDF5OutputParameter
+    param: HDF5OutputParameter
     param_name = "hdf5_output_param"
     bottoms = (2, 2)
     tops = (0, 0)

@@ -63,7 +63,7 @@ class ImageData(Reader):
     notes   lines for the log
     """
 
-    param_type = ImageDataParameter
+    param: ImageDataParameter
     other_blocks: ClassVar[dict[str, type]] = {"transform_param": TransformationParameter}
     bottoms = (0, 0)
     tops = (2, 2)

@@ -23,7 +23,7 @@ class InputParameter:
 class Input(Layer):
     """Input of a net."""
 
-    param_type = InputParameter
+    param: InputParameter
     bottoms = (0, 0)
     tops = (1, None)
     is_input = True

@@ -39,7 +39,7 @@ class MemoryData(Layer):
     position  index of the first item of the next batch
     """
 
-    param_type = MemoryDataParameter
+    param: MemoryDataParameter
     other_blocks: ClassVar[dict[str, type]] = {"transform_param": TransformationParameter}
     bottoms = (0, 0)
     tops = (2, 2)

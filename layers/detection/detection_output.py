@@ -105,7 +105,7 @@ class DetectionOutputParameter:
 class DetectionOutput(Layer):
     """Decodes, selects and sorts detections."""
 
-    param_type = DetectionOutputParameter
+    param: DetectionOutputParameter
     bottoms = (3, 4)
     tops = (1, 1)
     in_place = False

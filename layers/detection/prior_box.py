@@ -62,7 +62,7 @@ class PriorBoxParameter:
 class PriorBox(ZeroGradient):
     """Boxes around every position of a map."""
 
-    param_type = PriorBoxParameter
+    param: PriorBoxParameter
     bottoms = (2, 2)
     tops = (1, 1)
     in_place = False

@@ -56,7 +56,7 @@ class HandAugmentParameter:
 class HandAugment(Layer):
     """Random transformations of crops and joints that give valid new examples."""
 
-    param_type = HandAugmentParameter
+    param: HandAugmentParameter
     bottoms = tops = (2, 2)
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:

@@ -36,7 +36,7 @@ class HandModel(Layer):
     """Forward kinematics of a skeleton."""
 
     kinematics_type: type[Kinematics] = Kinematics  # replaced in fast/
-    param_type = HandModelParameter
+    param: HandModelParameter
     param_name = "hand_model_param"
     bottoms, tops = (1, 2), (1, 1)
     in_place = False

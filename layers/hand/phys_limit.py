@@ -42,7 +42,7 @@ class ReleasedPhysLimitParameter(PhysLimitParameter):
 class PhysLimit(Layer):
     """Hinge loss on the limits of the DoFs."""
 
-    param_type = PhysLimitParameter
+    param: PhysLimitParameter
     param_name = "phys_limit_param"
     bottoms = tops = (1, 1)
     in_place = False
@@ -77,4 +77,4 @@ class PhysLimit(Layer):
 class ReleasedPhysLimit(PhysLimit):
     """PhysLimit under the released system's name."""
 
-    param_type = ReleasedPhysLimitParameter
+    param: ReleasedPhysLimitParameter

@@ -32,7 +32,7 @@ class AccuracyParameter:
 class Accuracy(Layer):
     """Top-k accuracy."""
 
-    param_type = AccuracyParameter
+    param: AccuracyParameter
     bottoms = (2, 2)
     tops = (1, 2)
     in_place = False

@@ -45,7 +45,7 @@ class ContrastiveLossParameter:
 class ContrastiveLoss(Layer):
     """Squared distance of similar pairs, squared deficit to the margin of others."""
 
-    param_type = ContrastiveLossParameter
+    param: ContrastiveLossParameter
     bottoms = (3, 3)
     tops = (1, 1)
     in_place = False

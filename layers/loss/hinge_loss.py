@@ -35,7 +35,7 @@ class HingeLossParameter:
 class HingeLoss(LabelLoss):
     """Sum of deficits to the margins."""
 
-    param_type = HingeLossParameter
+    param: HingeLossParameter
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         self.shape = labels_of.rows(self, bottom)

@@ -43,7 +43,7 @@ class InfogainLossParameter:
 class InfogainLoss(LabelLoss):
     """Softmax and a logistic loss weighted by pairs of classes."""
 
-    param_type = InfogainLossParameter
+    param: InfogainLossParameter
     other_blocks: ClassVar[dict[str, type]] = {"loss_param": LossParameter}
     bottoms = (2, 3)
     tops = (1, 2)
@@ -54,13 +54,13 @@ class InfogainLoss(LabelLoss):
             raise self.fail(
                 "InfogainLoss does not support normalize; expected normalization: VALID or BATCH_SIZE"
             )
-        if len(bottom) < 3 and self.param.source is None:
-            raise self.fail(
-                "needs the matrix H, as a third bottom or as infogain_loss_param { source: ... }"
-            )
-        self.from_file = (
-            read_blob(find(self.param.source, self.source)) if len(bottom) < 3 else None
-        )
+        self.from_file = None
+        if len(bottom) < 3:
+            if self.param.source is None:
+                raise self.fail(
+                    "needs the matrix H, as a third bottom or as infogain_loss_param { source: ... }"
+                )
+            self.from_file = read_blob(find(self.param.source, self.source))
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         x = bottom[0]

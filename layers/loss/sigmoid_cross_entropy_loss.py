@@ -29,7 +29,7 @@ from netlib.proto.messages import LossParameter
 class SigmoidCrossEntropyLoss(LabelLoss):
     """Sigmoid and logistic loss combined, which is more accurate than separate layers."""
 
-    param_type = LossParameter
+    param: LossParameter
     param_name = "loss_param"
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:

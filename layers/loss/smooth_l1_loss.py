@@ -41,7 +41,7 @@ class SmoothL1LossParameter:
 class SmoothL1Loss(Layer):
     """Sum of absolute values over N, smooth at zero."""
 
-    param_type = SmoothL1LossParameter
+    param: SmoothL1LossParameter
     param_name = "smooth_l1_loss_param"
     bottoms = (2, 4)
     tops = (1, 1)

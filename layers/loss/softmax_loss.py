@@ -32,7 +32,7 @@ class SoftmaxWithLoss(LabelLoss):
     separate layers.
     """
 
-    param_type = SoftmaxParameter
+    param: SoftmaxParameter
     param_name = "softmax_param"
     other_blocks: ClassVar[dict[str, type]] = {"loss_param": LossParameter}
     tops = (1, 2)

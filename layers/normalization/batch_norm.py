@@ -51,7 +51,7 @@ class BatchNormParameter:
 class BatchNorm(Layer):
     """Batch normalization."""
 
-    param_type = BatchNormParameter
+    param: BatchNormParameter
     bottoms = tops = (1, 1)
     moving = True
     rejected_blocks: ClassVar[dict[str, str]] = {

@@ -64,7 +64,7 @@ class BNParameter:
 class BN(Layer):
     """Batch normalization with scale and bias."""
 
-    param_type = BNParameter
+    param: BNParameter
     param_name = "bn_param"
     bottoms = (1, 1)
     tops = (1, 3)

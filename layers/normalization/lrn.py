@@ -41,7 +41,7 @@ class LRNParameter:
 class LRN(Layer):
     """Local response normalization."""
 
-    param_type = LRNParameter
+    param: LRNParameter
     bottoms = tops = (1, 1)
     in_place = False
 

@@ -37,7 +37,7 @@ class MVNParameter:
 class MVN(Layer):
     """Mean-variance normalization."""
 
-    param_type = MVNParameter
+    param: MVNParameter
     bottoms = tops = (1, 1)
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:

@@ -42,7 +42,7 @@ class NormalizeParameter:
 class Normalize(Layer):
     """Division by the L2 norm, and a learned gain."""
 
-    param_type = NormalizeParameter
+    param: NormalizeParameter
     param_name = "norm_param"
     bottoms = tops = (1, 1)
 

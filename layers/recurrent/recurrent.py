@@ -63,7 +63,7 @@ class Recurrent(Layer):
     states  states after the last forward, (N, D) each
     """
 
-    param_type = RecurrentParameter
+    param: RecurrentParameter
     param_name = "recurrent_param"
     bottoms = (2, None)
     tops = (1, None)

@@ -41,7 +41,7 @@ from netlib.blob import Array, Blob, Blobs
 class Convolution(SlidingWindow):
     """Convolution (cross-correlation, as is usual in deep learning)."""
 
-    param_type = ConvolutionParameter
+    param: ConvolutionParameter
     bottoms: ClassVar[tuple[int, int | None]] = (1, None)
     tops: ClassVar[tuple[int, int | None]] = (1, None)
     in_place = False

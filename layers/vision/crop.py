@@ -28,7 +28,7 @@ class CropParameter:
 class Crop(ZeroGradient):
     """Crops to the size of another blob."""
 
-    param_type = CropParameter
+    param: CropParameter
     bottoms = (2, 2)
     tops = (1, 1)
     in_place = False

@@ -54,7 +54,7 @@ class InterpParameter:
 class Interp(ZeroGradient):
     """Bilinear resampling with aligned corners."""
 
-    param_type = InterpParameter
+    param: InterpParameter
     bottoms = (1, 2)
     tops = (1, 1)
     in_place = False

@@ -26,7 +26,7 @@ WITH_MASK = ("scale_h", "scale_w", "pad_out_h", "pad_out_w", "upsample_h", "upsa
 class NearestUpsample(Layer):
     """Repeats rows and columns."""
 
-    param_type = UpsampleParameter
+    param: UpsampleParameter
     param_name = "upsample_param"
     bottoms = tops = (1, 1)
     in_place = False

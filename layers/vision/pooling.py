@@ -32,7 +32,7 @@ NOTHING = -float(np.finfo(np.float32).max)  # Caffe's maximum of an empty window
 class Pooling(SlidingWindow):
     """Max and average pooling."""
 
-    param_type = PoolingParameter
+    param: PoolingParameter
     bottoms = (1, 1)
     tops = (1, 2)
     in_place = False

@@ -41,7 +41,7 @@ class PSROIPoolingParameter:
 class PSROIPooling(ZeroGradient):
     """Mean pooling of regions of interest, with other maps for each bin."""
 
-    param_type = PSROIPoolingParameter
+    param: PSROIPoolingParameter
     bottoms = (2, 2)
     tops = (1, 1)
     in_place = False

@@ -40,7 +40,7 @@ class ROIPoolingParameter:
 class ROIPooling(ZeroGradient):
     """Max pooling of regions of interest."""
 
-    param_type = ROIPoolingParameter
+    param: ROIPoolingParameter
     bottoms = (2, 2)
     tops = (1, 1)
     in_place = False

@@ -43,7 +43,7 @@ class SPPParameter:
 class SPP(SlidingWindow):
     """Spatial pyramid pooling."""
 
-    param_type = SPPParameter
+    param: SPPParameter
     bottoms = tops = (1, 1)
     in_place = False
 

@@ -40,22 +40,18 @@ class UpsampleParameter:
 class Upsample(Layer):
     """Puts values at the places of a max pooling's mask."""
 
-    param_type = UpsampleParameter
+    param: UpsampleParameter
     bottoms = (2, 2)
     tops = (1, 1)
     in_place = False
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         p = self.param
-        for names in (("scale_h", "scale_w"), ("upsample_h", "upsample_w")):
-            given = [getattr(p, name) is not None for name in names]
-            if any(given) and not all(given):
-                raise self.fail(f"needs {names[0]} and {names[1]}", names[given.index(True)])
-        self.size = None if p.upsample_h is None else (p.upsample_h, p.upsample_w)
-        if p.scale is not None and p.scale_h is not None:
+        own, self.size = self._pair("scale_h", "scale_w"), self._pair("upsample_h", "upsample_w")
+        if p.scale is not None and own is not None:
             raise self.fail("give either scale, or scale_h and scale_w", "scale")
         both = 2 if p.scale is None else p.scale
-        self.scale = (both, both) if p.scale_h is None else (p.scale_h, p.scale_w)
+        self.scale = own or (both, both)
         if min(self.size or self.scale) < 2:
             raise self.fail(
                 f"{'upsample_h and upsample_w' if self.size else 'scale'} must be at least 2"
@@ -65,6 +61,15 @@ class Upsample(Layer):
                 raise self.fail(
                     f"{name} is for scale 2, not {scale}; expected upsample_h and upsample_w", name
                 )
+
+    def _pair(self, *names: str) -> tuple[int, int] | None:
+        """Two options of which both are given or none."""
+        one, other = (getattr(self.param, name) for name in names)
+        if one is None and other is None:
+            return None
+        if one is None or other is None:
+            raise self.fail(f"needs {names[0]} and {names[1]}", names[one is None])
+        return one, other
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         x, mask, p = bottom[0].shape, bottom[1].shape, self.param

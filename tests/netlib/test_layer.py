@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pytest
 
 import netlib
+from layers.activation.relu import ReLUParameter
 from netlib import gradcheck
 from netlib.blob import Blob
+from netlib.proto.options import NoParameter
 
 pytestmark = pytest.mark.both_engines
 
@@ -41,3 +44,26 @@ def test_state_and_restore_rewind_the_random_stream() -> None:
     first = layer.rng.random(5)
     layer.restore(state)
     assert np.array_equal(layer.rng.random(5), first)
+
+
+def test_a_class_declares_the_type_of_its_options() -> None:
+    """``param: ReLUParameter`` says it to readers and type checkers; subclasses inherit it."""
+
+    @dataclass(frozen=True)
+    class Options:
+        """The options of a layer."""
+
+    class Base(netlib.Layer):
+        pass
+
+    class Declaring(Base):
+        param: ReLUParameter
+
+    class Later(Declaring):
+        pass
+
+    class Own(Base):
+        param_type = Options
+
+    types = [one.param_type for one in (Base, Declaring, Later, Own)]
+    assert types == [NoParameter, ReLUParameter, ReLUParameter, Options]
