@@ -153,10 +153,8 @@ class WholeStep(Step):
     def forward(self) -> None:
         """Reshape the tops if necessary and compute them, unless an earlier layer does."""
         at = self.at
-        fits, fused = (
-            self._is_steady and self._reshaped == tuple(map(SHAPE, at.blobs)),
-            is_fused(at.layer),
-        )
+        fits = self._is_steady and self._reshaped == tuple(map(SHAPE, at.blobs))
+        fused = is_fused(at.layer)
         if not (fits and fused):
             with at.errors:
                 if not fits:
