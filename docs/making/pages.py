@@ -50,15 +50,12 @@ def hand() -> str:
     packaged, nyu = BodySampler(prior_file.load(prior_file.PEOPLE_PRIOR)), BodySampler()
     arm = skeletons.load(ROOT / "docs" / "book" / "arm.prototxt")
     person = skeletons.load(ROOT / "prototxt" / "body" / "person.prototxt")
-    return page(
-        "The hand",
-        [
-            body("hand", packaged.skeleton, poses(packaged)),
-            body("nyu", nyu.skeleton, poses(nyu)),
-            body("arm", arm),
-            body("person", person, unit_mm=1200.0),
-        ],
-    )
+    hands = [
+        body("hand", packaged.skeleton, poses(packaged)),
+        body("nyu", nyu.skeleton, poses(nyu)),
+    ]
+    others = [body("arm", arm), body("person", person, unit_mm=1200.0)]
+    return page("The hand", hands + others)
 
 
 PICTURE = np.array(
