@@ -50,12 +50,16 @@ def hand() -> str:
     packaged, nyu = BodySampler(prior_file.load(prior_file.PEOPLE_PRIOR)), BodySampler()
     arm = skeletons.load(ROOT / "docs" / "book" / "arm.prototxt")
     person = skeletons.load(ROOT / "prototxt" / "body" / "person.prototxt")
-    hands = [
-        body("hand", packaged.skeleton, poses(packaged)),
-        body("nyu", nyu.skeleton, poses(nyu)),
-    ]
-    others = [body("arm", arm), body("person", person, unit_mm=1200.0)]
-    return page("The hand", hands + others)
+    first = body("hand", packaged.skeleton, poses(packaged))
+    return page(
+        "The hand",
+        [
+            first,
+            body("nyu", nyu.skeleton, poses(nyu)),
+            body("arm", arm),
+            body("person", person, unit_mm=1200.0),
+        ],
+    )
 
 
 PICTURE = np.array(
