@@ -171,10 +171,9 @@ EXERCISE = Exercise(
         "and ranks, the list of others, if there are any.",
         "restore_state": "Read the state (snapshot.read_state), find its weights (snapshot.weights_of(path, state)), "
         "restore all of it: the weights, solver.history (write into its arrays), solver.iter, solver.smoothed (a "
-        "deque: clear() and extend() it), the states of the layers (_restore_layers, of _states_of_rank).\n"
+        "deque: clear() and extend() it), the states of the layers (_restore_layers, with those of _states_of_rank).\n"
         "writes, _, _ = weights_of.fitting(solver.net, weights, strict=True), then "
-        "weights_of.write(writes), copies weights. (The project's function also checks the histories first and "
-        "logs what it does.)",
+        "weights_of.write(writes), copies weights. (The project's function also checks the histories and logs.)",
     },
     checks=(
         Check(

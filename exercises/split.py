@@ -1,4 +1,4 @@
-"""Exercise: the layer Split, one blob with several consumers."""
+"""Exercise: the layer Split, one blob with several readers."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MISTAKES = (
         ("top[1:]", "top"),
     ),
     Mistake(
-        "x is not divided among the consumers: each gets all of it.",
+        "x is not divided among the readers: each gets all of it.",
         ("bottom[0].data", "bottom[0].data / len(top)"),
     ),
     Mistake(
@@ -35,7 +35,7 @@ MISTAKES = (
 EXERCISE = layer_exercise(
     "split",
     "Split",
-    title="Split: one blob for several consumers",
+    title="Split: one blob for several readers",
     chapter=5,
     file="layers/common/split.py",
     to_do={

@@ -62,7 +62,7 @@ def _caffe(part: Part) -> Values:
 
 MISTAKES = (
     Mistake(
-        "The cross product has the wrong order: a torque is arm x force, (X - P) x f.",
+        "The cross product has the wrong order: a torque is lever x force, (X - P) x f.",
         ("np.cross(X[:, j] - P, force[:, j])", "np.cross(force[:, j], X[:, j] - P)"),
     ),
     Mistake(

@@ -19,12 +19,10 @@ from handpose.sequences.movements import poses
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton as skeletons
-from layers.hand.skeleton import Skeleton
-from layers.hand.skeleton_file import SkeletonParameter
 from netlib.blob import Array
 from netlib.files import atomic
 from netlib.files.paths import ROOT
-from netlib.proto import prototxt, schema
+from netlib.proto import prototxt
 
 BROWSER = ROOT / "docs" / "book" / "pages"  # the sources of the book's pages
 # of drawing.py
@@ -47,24 +45,16 @@ def book_page(name: str) -> str:
     return assembled(title, data(), main, style, script_of(name, BROWSER))
 
 
-# The arm of chapters 8 and 9: two bones in a plane, in numbers for pencil and paper.
-ARM = """name: "arm"
-dof { name: "shoulder" }
-dof { name: "elbow" lower: 0 upper: 2.6 }
-joint { name: "elbow" rotate { axis: Z dof: "shoulder" } bone { axis: X length: 5 } }
-joint { name: "wrist" parent: "elbow" rotate { axis: Z dof: "elbow" } bone { axis: X length: 2 } }
-"""
-
-
 def hand() -> str:
     """The packaged hand and NYU's, with their named poses; also the book's arm, and the person."""
     packaged, nyu = BodySampler(prior_file.load(prior_file.PEOPLE_PRIOR)), BodySampler()
-    arm = Skeleton(schema.read(prototxt.parse(ARM, "arm.prototxt"), SkeletonParameter))
+    arm = skeletons.load(ROOT / "docs" / "book" / "arm.prototxt")
     person = skeletons.load(ROOT / "prototxt" / "body" / "person.prototxt")
+    first = body("hand", packaged.skeleton, poses(packaged))
     return page(
         "The hand",
         [
-            body("hand", packaged.skeleton, poses(packaged)),
+            first,
             body("nyu", nyu.skeleton, poses(nyu)),
             body("arm", arm),
             body("person", person, unit_mm=1200.0),

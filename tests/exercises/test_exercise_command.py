@@ -51,7 +51,7 @@ def test_a_solution_passes(here: Path) -> None:
     write("print('x' * 100_000)", f"print('in forward'); {FORWARD}")
     done = check(here, "--iterations", "2")
     lines = done.out.splitlines()
-    assert lines[0] == "Split: one blob for several consumers (split.py)"
+    assert lines[0] == "Split: one blob for several readers (split.py)"
     assert [line[0] for line in lines[1:-1]] == ["✓"] * 5
     assert (
         lines[-1]
