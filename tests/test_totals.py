@@ -35,17 +35,17 @@ class Size(NamedTuple):
 
 
 ROOMS = {
-    "docs": Size(12_791, 928, 64, 8_864),
-    "exercises": Size(8_699, 636, 42, 32_918),
+    "docs": Size(12_788, 928, 63, 8_608),
+    "exercises": Size(8_699, 636, 42, 32_908),
     "experiments": Size(14_839, 1_178, 55, 10_767),
     "export": Size(8_268, 627, 22, 3_938),
-    "fast": Size(29_849, 2_367, 121, 3_196),
+    "fast": Size(29_848, 2_368, 121, 3_196),
     "handpose": Size(93_288, 7_503, 371, 34_505),
     "handpose/synthetic": Size(14_001, 996, 94, 1_873),
-    "layers": Size(36_506, 2_963, 126, 18_415),
-    "netlib": Size(44_004, 4_256, 64, 65_629),
+    "layers": Size(36_441, 2_967, 126, 18_415),
+    "netlib": Size(44_054, 4_264, 64, 65_634),
     "setup.py": Size(180, 10, 1, 284),
-    "tests": Size(261_002, 17_016, 733, 364_513),
+    "tests": Size(261_051, 17_022, 733, 364_507),
     "tools": Size(29_772, 2_705, 54, 30_127),
 }
 LINES = {  # of files that are not Python, by their patterns
@@ -54,9 +54,9 @@ LINES = {  # of files that are not Python, by their patterns
     "*.js *.css *.html": 2_830,
 }
 WORDS = {  # of documents, by their pattern
-    ":(glob)docs/*.md": 26_415,
+    ":(glob)docs/*.md": 25_767,
     "README.md": 898,
-    "*.md": 66_703,
+    "*.md": 64_632,
 }
 OTHERS = LINES | WORDS
 LIMITS = {  # that no recorded total may exceed: syntax nodes of rooms, lines, words
@@ -77,7 +77,7 @@ LIMITS = {  # that no recorded total may exceed: syntax nodes of rooms, lines, w
     "*.md": 65_000,
 }
 # These do, and are to shrink.
-ABOVE = ["experiments", "fast", "handpose", "netlib", "tests", "tools", "*.md"]
+ABOVE = ["experiments", "fast", "handpose", "netlib", "tests", "tools"]
 
 
 def tracked(*patterns: str) -> list[Path]:
