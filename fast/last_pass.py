@@ -12,6 +12,7 @@ The copies are complete. The values of a few places do not show whether a caller
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
@@ -83,8 +84,8 @@ class LastPass:
     def begin(self) -> None:
         """Prepare the copies of a forward pass, and copy the parameters."""
         late = self.late if self.back is None else self._differentiated
-        # a reshape discards diffs
-        self.late = frozenset(blob for blob in late if blob.shape == self.shapes[blob])
+        # a reshape to another count discards diffs
+        self.late = frozenset(blob for blob in late if blob.count == math.prod(self.shapes[blob]))
         self.is_done, self.back = False, None
         self.shapes = {blob: blob.shape for at in self.run.connections for blob in at.blobs}
         self.inputs = _like(self._read, self.inputs)
@@ -141,13 +142,16 @@ class LastPass:
         A blob that has another number of values now keeps none, as after any reshape. Returns what
         cannot be computed: the blobs of a pass that is not complete, and diffs of a pass before.
         """
+        if self.is_done is None:
+            return {}
         late = self.late if self.back is None or self.back.is_done else self._differentiated
-        if self.is_done and not self._is_discarded():
+        is_discarded = self._is_discarded()
+        if self.is_done and not is_discarded:
             self._store()
             return dict.fromkeys(late, DIFF)
         for at in self.run.connections:
             at.ran_with = None
-        if self.is_done is None or self._is_discarded():
+        if is_discarded:
             return {}
         return {blob: DATA | DIFF if blob in late else DATA for blob in self.run.hidden}
 
@@ -165,12 +169,13 @@ class LastPass:
                 blob.keep(diff=blobs[blob].diff)
         for at, computed in zip(self.run.connections, connections):
             _take_state(at.layer, computed.layer)
+            at.ran_with = tuple(self.shapes[blob] for blob in at.blobs)
 
     def _is_discarded(self) -> bool:
         """Whether reshapes since the pass have discarded all hidden blobs, and what
         the layers keep.
         """
-        changed = {blob for blob, shape in self.shapes.items() if blob.shape != shape}
+        changed = {blob for blob, shape in self.shapes.items() if blob.count != math.prod(shape)}
         return bool(changed) and changed.issuperset(self.run.hidden)
 
     def _compute(self, connections: list[Connection], blobs: Mapping[Blob, Blob]) -> None:

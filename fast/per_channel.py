@@ -124,6 +124,7 @@ class FastScale(FastLayer, Scale):
         gain = self.gain.data.reshape(-1)
         dy = view(top[0].diff, self.axis, gain.size)
         x = self.x if bottom[0] is top[0] else bottom[0].data
+        assert x is not None
         of_dy, of_product = sums(dy, view(x, self.axis, gain.size))
         assert of_product is not None
         self.totals = of_dy, of_product

@@ -35,7 +35,7 @@ from numpy.typing import DTypeLike
 
 from fast import parallel
 from fast.fast_layer import FastLayer, is_fused
-from fast.last_pass import LastPass, read_again, with_params
+from fast.last_pass import DIFF, LastPass, read_again, with_params
 from fast.parallel import buffer_of
 from fast.plan import Run, Use, uses_of
 from fast.tiles import FastBlob
@@ -189,7 +189,7 @@ class SlicedStep(Step):
         down = {
             b for at in run.connections for b, wanted in zip(at.bottom, at.propagate_down) if wanted
         }
-        self._outside = [*read, *self._outputs]
+        self._blobs = list(dict.fromkeys(b for at in run.connections for b in at.blobs))
         self._gradients = [b for b in read if b in down] + self._outputs  # whose diff is used
         self._user = {b: at for at in reversed(run.connections) for b in at.blobs}
 
@@ -294,7 +294,7 @@ class SlicedStep(Step):
 
     def _is_cut(self) -> bool:
         """Whether the batch is divided into slices for the current shapes, now or recently."""
-        shapes = [b.shape for b in self._outside]
+        shapes = [b.shape for b in self._blobs]
         if shapes != self._shapes and (lanes := self._recent.pop(tuple(shapes), None)):
             self._recent[tuple(shapes)] = lanes  # as the last one
             self._lanes, self._shapes = lanes, shapes
@@ -326,14 +326,15 @@ class SlicedStep(Step):
             else:
                 params = [at.layer.blobs for at in lanes[i % count][0].connections]
             lanes[i % count].append(self._piece(rows, params))
-        self._lanes, self._shapes = lanes, [b.shape for b in self._outside]
+        self._lanes, self._shapes = lanes, [b.shape for b in self._blobs]
         if not self._needs_backward:
             self._recent = dict([*self._recent.items()][1 - RECENT :])
             self._recent[tuple(self._shapes)] = lanes
 
     def _run_whole(self) -> None:
         """Run the layers on the whole batch from now on."""
-        self.store()
+        missing = self.store()
+        self.lost = {blob: DIFF for blob, halves in missing.items() if halves >= DIFF}
         self._whole = [WholeStep(at) for at in self.connections]
         self._lanes, self.unstored, self.last = [], [], None
         for blob in self.run.hidden:

@@ -82,12 +82,14 @@ class Step:
 
     connections  the layers that the step runs
     unstored     the blobs between these layers that the step does not store
+    lost         values that a step lost when it began to store its blobs, until the net notes it
     """
 
     unstored: Sequence[Blob] = ()
 
     def __init__(self, at: Connection) -> None:
         self.at, self.connections = at, [at]
+        self.lost: Missing = {}
 
     def forward(self) -> None:
         """Reshape the tops and compute them."""

@@ -123,6 +123,7 @@ class Net:
             loss[0] for loss in self.losses
         ]
         self.one_thread = OneThread(self.name)
+        self._writing: list[tuple[Unknown, str]] = []  # what the running step makes known
         self._is_at_once = False  # whether backward runs directly after forward
         self._is_running = False  # whether a pass has begun and not ended
         # whether the steps fit the shapes; an interrupted reshape is repeated
@@ -180,13 +181,17 @@ class Net:
                 self.reshape()
             if (first, last) != (0, None):
                 self._run_by_layer()
-            if self._unknown:
-                self._find("data", [(at.top, at.bottom) for at in self.connections[first:last]])
             if not self._fits:
                 check_memory(self.steps)
                 self._fits = True
             for step in self.steps[first:last]:
+                self._will_write("data", step)
                 step.forward()
+            if lost := [step for step in self.steps if step.lost]:
+                for step in lost:
+                    self._note(step.lost)
+                    step.lost = {}
+                self._use(self.steps)
 
     @contextmanager
     def _pass(self) -> Iterator[None]:
@@ -195,9 +200,13 @@ class Net:
         """
         # the solver reports values that are not finite
         with self.one_thread, np.errstate(all="ignore"):
-            before, self._is_running = self._is_running, True
+            before, self._is_running, self._writing = self._is_running, True, []
             try:
                 yield
+            except BaseException:
+                for unknown, half in self._writing:  # the last step may not have written them
+                    unknown.halves.add(half)
+                raise
             finally:
                 self._is_running = before
 
@@ -269,11 +278,8 @@ class Net:
                 self._run_by_layer()
             if not all(step.has_run() for step in self.steps[first:last]):
                 self._run_missing(first, last)
-            if self._unknown:
-                self._find(
-                    "diff", [(at.bottom, at.top) for at in reversed(self.connections[first:last])]
-                )
             for step in reversed(self.steps[first:last]):
+                self._will_write("diff", step)
                 step.backward(self._is_at_once)
 
     def _run_missing(self, first: int, last: int | None) -> None:
@@ -289,13 +295,13 @@ class Net:
         layers = [step.connections[0].layer for step in missing]
         before = snapshot.as_plain({layer.name: layer.state() for layer in layers})
         read = {blob for at in self.connections if at.has_run() for blob in at.bottom}
-        self._find("data", [(step.at.top, step.at.bottom) for step in missing])
         for layer, step in zip(layers, missing):
             if not layer.spec.bottom and not layer.is_input:
                 raise layer.fail(
                     "backward was called before forward, which reads data: run forward first"
                 )
             kept = [(blob, blob.data.copy()) for blob in step.connections[0].top if blob in read]
+            self._will_write("data", step)
             step.forward()
             for blob, data in kept:  # before a later layer reads them
                 blob.data[...] = data
@@ -380,8 +386,6 @@ class Net:
         """Make the steps for the current shapes, unless there is one for each layer already."""
         if not self._by_layer:
             old, new = self.steps, self.engine.steps(self.connections, self._outside, self.steps)
-            for at in [at for step in new if step not in old for at in step.connections]:
-                at.ran_with = None
             for step in old:
                 if step not in new:  # values of the last pass that keep their shape are not lost
                     self._note(step.store())
@@ -443,12 +447,18 @@ class Net:
             blob: Unknown(names[blob], set(halves)) for blob, halves in missing.items()
         }
 
-    def _find(self, half: str, layers: Iterable[tuple[Sequence[Blob], Sequence[Blob]]]) -> None:
-        """Note that layers will write the first of their blobs, unless they also read them."""
-        for written, read in layers:
+    def _will_write(self, half: str, step: Step) -> None:
+        """Note that a step writes this half of its blobs, unless it also reads them."""
+        if not self._unknown:
+            return
+        self._writing = []
+        for at in step.connections:
+            written, read = (at.top, at.bottom) if half == "data" else (at.bottom, at.top)
             for blob in written:
-                if blob in self._unknown and blob not in read:
-                    self._unknown[blob].halves.discard(half)
+                unknown = self._unknown.get(blob)
+                if unknown and half in unknown.halves and blob not in read:
+                    unknown.halves.discard(half)
+                    self._writing.append((unknown, half))
 
     def clear_param_diffs(self) -> None:
         """Set the gradients of all parameters to zero."""

@@ -57,12 +57,13 @@ class PReLU(Layer):
         top[0].reshape(x)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        self.x = bottom[0].data.copy() if bottom[0] is top[0] else bottom[0].data
+        self.x = bottom[0].data.copy() if bottom[0] is top[0] else None
+        source = bottom[0].data if self.x is None else self.x
         slope, y = self.slope.data.reshape(self.wide), top[0].data
         # y is the larger one of x and slope x
         is_larger = bool(((slope <= 1) & (slope != 0)).all())
         for items in blocks(len(y), max(BLOCK * len(y) // max(y.size, 1), 1)):
-            x = self.x[items]
+            x = source[items]
             if is_larger:
                 np.maximum(x, np.multiply(slope, x, out=y[items]), out=y[items])
             else:
@@ -70,6 +71,7 @@ class PReLU(Layer):
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         dy, slope = top[0].diff, self.slope.data.reshape(self.wide)
-        self.slope.diff[...] += (dy * negative(self.x)).sum(axis=self.others)
+        x = bottom[0].data if self.x is None else self.x
+        self.slope.diff[...] += (dy * negative(x)).sum(axis=self.others)
         if propagate_down[0]:
-            np.multiply(dy, (self.x > 0) + slope * (self.x <= 0), out=bottom[0].diff)
+            np.multiply(dy, (x > 0) + slope * (x <= 0), out=bottom[0].diff)

@@ -676,3 +676,143 @@ def test_after_a_step_of_a_solver_all_blobs_have_its_values(tmp_path: Path) -> N
         assert np.linalg.norm(fast.net.blobs[name].diff - blob.diff) <= 1e-2 * np.linalg.norm(
             blob.diff
         ), name
+
+
+BRANCHES = (
+    "force_backward: true "
+    + inputs(x=(3, 2, 6, 6), y=(3, 2, 6, 6))
+    + "".join(
+        f"""layer {{ name: "{top}" type: "Convolution" bottom: "{bottom}" top: "{top}"
+            convolution_param {{ num_output: 3 kernel_size: 1 weight_filler {{ type: "xavier" }} }} }}
+        """
+        for bottom, top in ("xa", "ab", "bc", "yd", "de", "ef")
+    )
+    + "".join(
+        f"""layer {{ name: "loss_{bottom}" type: "Reduction" bottom: "{bottom}" top: "loss_{bottom}"
+            loss_weight: 1 reduction_param {{ operation: SUMSQ }} }}
+        """
+        for bottom in "cf"
+    )
+)
+IMAGES = dict(zip("xy", np.random.default_rng(0).normal(size=(2, 3, 2, 6, 6))))
+
+
+def enlarge_weights(net: netlib.Net) -> None:
+    for param in net.learnable:
+        param.blob.data[...] *= 1.5
+
+
+def take_two_items(net: netlib.Net) -> None:
+    net.blobs["x"].reshape(2, 2, 6, 6)
+    net.reshape()
+
+
+def reshape_to_rows(net: netlib.Net) -> None:
+    net.blobs["x"].reshape(3, 2, 4, 9)
+    net.blobs["y"].reshape(3, 2, 4, 9)
+    net.reshape()
+
+
+def run_both_ways(net: netlib.Net) -> None:
+    net.forward(**IMAGES)
+    net.backward()
+
+
+SEQUENCES: dict[str, list[Callable[[netlib.Net], object]]] = {
+    "new weights and fewer items of one input": [
+        run_both_ways,
+        enlarge_weights,
+        take_two_items,
+        netlib.Net.backward,
+    ],
+    "new weights, and all blobs stored for a while": [
+        run_both_ways,
+        netlib.Net.store_all,
+        lambda net: net.store_all(False),
+        enlarge_weights,
+        netlib.Net.backward,
+    ],
+    "another shape of the same count": [run_both_ways, reshape_to_rows],
+    "another shape of the same count, and a pass": [
+        run_both_ways,
+        reshape_to_rows,
+        lambda net: net.forward(),
+        netlib.Net.backward,
+    ],
+    "a hidden blob of another shape, and a pass": [
+        run_both_ways,
+        lambda net: net.blobs["a"].reshape(7),
+        run_both_ways,
+    ],
+}
+
+
+@pytest.mark.parametrize("name", SEQUENCES)
+def test_sequences_of_calls_give_what_the_plain_engine_gives(net_of: MakeNet, name: str) -> None:
+    nets = [net_of(BRANCHES, engine=engine, dtype=np.float64) for engine in ("plain", "fast")]
+    assert hidden(nets[1]) == ["a", "b", "d", "e"]
+    for net in nets:
+        for call in SEQUENCES[name]:
+            call(net)
+    plain, fast = nets
+    for blob in plain.blobs:
+        for half in ("data", "diff"):
+            found, expected = (getattr(net.blobs[blob], half) for net in (fast, plain))
+            assert difference(found, expected) <= 1e-9, (blob, half)
+    for one, other in zip(plain.learnable, fast.learnable):
+        assert difference(other.blob.diff, one.blob.diff) <= 1e-9, one.label
+
+
+def test_diffs_stay_unknown_if_the_next_backward_fails_before(
+    net_of: MakeNet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    net = net_of(PAPER)
+    everything(net, batch(3))
+    feed(net, batch(3, seed=1))
+    assert net.blobs["c1"].data.any()
+
+    def fail(*args: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(net.layer_dict["fc"], "backward", fail)
+    with pytest.raises(KeyboardInterrupt):
+        net.backward()
+    for name in HIDDEN:
+        with pytest.raises(NetlibError, match=f"the diff of blob {name!r} is unknown"):
+            net.blobs[name].diff  # noqa: B018
+
+
+def test_diffs_are_unknown_after_numbers_of_items_differ(
+    net_of: MakeNet, rng: np.random.Generator
+) -> None:
+    """The layers run on the whole batch from then on; the diffs before are not stored."""
+    more = CONV % (("cz", "cy") + ("cz",) * 4)
+    net = net_of(TWO_SIZES % (OF_X + OF_Y + more), netlib.TRAIN)
+    x, y = rng.normal(size=(2, 4, 1, 8, 8))
+    net.forward(x=x, y=y, s=np.ones(4))
+    net.backward()
+    net.forward()
+    assert "cy" in hidden(net)
+    net.forward(s=np.array([1, 0, 0, 1]))
+    assert hidden(net) == []
+    with pytest.raises(NetlibError, match="the diff of blob 'cy' is unknown"):
+        net.blobs["cy"].diff  # noqa: B018
+
+
+def test_prelu_reads_its_bottom_in_backward(net_of: MakeNet) -> None:
+    """After a look, a caller may write the bottom before backward: the gradient is Caffe's."""
+    text = """
+        force_backward: true
+        layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 3 dim: 2 dim: 6 dim: 6 } } }
+        layer { name: "p" type: "PReLU" bottom: "x" top: "p" }
+        layer { name: "c" type: "Convolution" bottom: "p" top: "c"
+                convolution_param { num_output: 2 kernel_size: 1 weight_filler { type: "xavier" } } }
+        layer { name: "l" type: "Reduction" bottom: "c" top: "l" loss_weight: 1 }"""
+    nets = [net_of(text, engine=engine, dtype=np.float64) for engine in ("plain", "fast")]
+    for net in nets:
+        net.forward(x=IMAGES["x"])
+        net.store_all()
+        net.blobs["x"].data[...] = IMAGES["y"]
+        net.backward()
+    plain, fast = (net.params["p"][0].diff for net in nets)
+    assert difference(fast, plain) <= 1e-12
