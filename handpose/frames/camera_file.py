@@ -33,7 +33,6 @@ that of the frames' size.
 
 from __future__ import annotations
 
-import codecs
 import contextlib
 import json
 import re
@@ -52,14 +51,14 @@ from netlib.errors import DataError, did_you_mean, reason_of
 from netlib.files import atomic
 
 NAME = "camera.json"
+WIDE_BOMS = (b"\xff\xfe", b"\xfe\xff")
 MAX_BYTES = 1 << 22  # of a file; calibrations have some 10,000
 
 
 def read(path: Path) -> CameraInfo:
     """Read a camera.json, or a file of another program. Raises DataError."""
     content = files.read_bytes(path, "the camera", limit=MAX_BYTES)
-    # as PowerShell redirects texts
-    is_wide = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    is_wide = content[:2] in WIDE_BOMS  # as PowerShell redirects texts
     try:
         text = content.decode("utf-16" if is_wide else "utf-8-sig")
     except UnicodeDecodeError as error:
@@ -74,28 +73,13 @@ def write(path: Path, given: CameraInfo) -> None:
 
 def to_text(given: CameraInfo) -> str:
     """The text that ``parse`` reads, without loss of precision."""
-    said: dict[str, Any] = {}
-    if isinstance(given.camera, Camera):
-        said |= {"name": given.camera.name} | {
-            key: float(getattr(given.camera, key)) for key in INTRINSICS
-        }
-        if given.camera.width:
-            said |= {key: int(getattr(given.camera, key)) for key in SIZE}
-        if given.camera.min_range_mm != MIN_RANGE_MM:
-            said[MIN_RANGE] = float(given.camera.min_range_mm)
-    said |= {
-        key: float(getattr(given, key))
-        for key in ("unit_mm", "rate")
-        if getattr(given, key) is not None
-    }
+    known = vars(given.camera) if isinstance(given.camera, Camera) else {}
+    known = known | vars(given)
+    keys = [key for key in (*CAMERA, *FIELDS) if known.get(key) not in (None, DEFAULTS.get(key))]
+    said = {key: known[key] for key in keys}
     if given.lens is not None and not given.lens.is_straight:
-        said["distortion"] = {
-            "model": given.lens.model,
-            "coefficients": list(map(float, given.lens.coefficients)),
-        }
-    if given.time_unit is not None:
-        said["time_unit"] = given.time_unit
-    return json.dumps(said, indent=1)
+        said["distortion"] = vars(given.lens)
+    return json.dumps(said, indent=1, default=float)
 
 
 def parse(text: str, where: str) -> CameraInfo:
@@ -119,21 +103,25 @@ NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
 NUMBERS = rf"[\[\](),;\s]*{NUMBER}(?:[\[\](),;\s]+{NUMBER})*[\[\](),;\s]*"
 KEY = r"""("[^"]+"|'[^']+'|(?<!\w)[A-Za-z_][\w./ \t]{0,60}?(?:\([^)]*\))?)\s*"""
 TEXT = r"""("[^"]*"|'[^']*'|(?![^,;]*[:=])[^\s\[{"'!,;][^,;{}\[\]<>()]*)"""
-TABLE, SECTION = re.compile(NUMBERS), re.compile(r"\[([A-Za-z][^\[\]{},:\"]*)\]")
+TABLE = re.compile(NUMBERS)
+SECTION = re.compile(r"\s*\[([A-Za-z][^\[\]{},:\"]*)\]\s*")
 # a line may have several
 PAIR = re.compile(rf"{KEY}[:=]\s*(?:(?:array)?({NUMBERS})(?![\w.])|{TEXT})")
-COLUMNS = re.compile(rf"{KEY}(?:[\s,]\s*({NUMBERS})(?:px|pixels)?|,\s*{TEXT})")
-PRINTED = re.compile(  # what print shows of pyrealsense2's intrinsics
-    rf"\[\s*({NUMBER}), ({NUMBER})\s+p\[({NUMBER}) ({NUMBER})\]\s+f\[({NUMBER}) ({NUMBER})\]"
-    r"\s+([\w ]+?) *\[([^\]]*)\]\s*\]"
-)
-AS_PAIRS = r" width: \1, height: \2, u0: \3, v0: \4, fx: \5, fy: \6, model: \7, coefficients: [\8]"
-PRODUCT, JSON = (
-    re.compile(r"(?<=\d)[ \t]*x[ \t]*(?=\d)"),
-    re.compile(r'\s*(\{\s*["}]|\[\s*[\[{"]|$)'),
-)
-COMMENT, ELEMENT = re.compile(r"(?:^|(?<=\s))#.*", re.M), re.compile(r"\s*(?:-(?:\s+|$))*")
+COLUMNS = re.compile(rf"^\s*{KEY}(?:[\s,]\s*({NUMBERS})(?:px|pixels)?|,\s*{TEXT})\s*$")
+JSON = re.compile(r'\s*(\{\s*["}]|\[\s*[\[{"]|$)')
+COMMENT = re.compile(r"(?:^|(?<=\s))#.*|^%.*", re.M)
+DOCUMENTS = re.compile(r"^(?:---|\.\.\.)\s*$", re.M)
+ELEMENT = re.compile(r"(?<![^\s-])-(?=\s|$)")
 EDGES = " \t<({[\"'"  # of a name
+# Forms that are replaced by the usual one, in this order.
+FORMS = {
+    # what print shows of pyrealsense2's intrinsics, and of pyorbbecsdk's
+    rf"\[\s*({NUMBER})\s*x\s*({NUMBER})\s+p\[({NUMBER}) ({NUMBER})\]\s+f\[({NUMBER}) ({NUMBER})\]"
+    r"\s+([\w ]+?) *\[([^\]]*)\]\s*\]": " width: \\1, height: \\2, u0: \\3, v0: \\4, fx: \\5, "
+    "fy: \\6, model: \\7, coefficients: [\\8]",
+    r"(?m)^([<\t ]*\w+) (?=\w+[:=].*[:=])": r"\1: ",
+    r"(?<=\d)[ \t]*x[ \t]*(?=\d)": ", ",
+}
 BRACKETS = re.compile(r"\[[^\[\]]*(?:\[[^\[\]]*\][^\[\]]*)*\]")
 
 
@@ -149,15 +137,19 @@ def parse_document(text: str, where: str) -> Any:
         return _value(f"[{plain}]")
     if JSON.match(text):
         return parsed(text, where)
-    if text.lstrip().startswith("{'"):  # a dictionary as Python prints it
+    start = text.lstrip()
+    if start.startswith("{'"):  # a dictionary as Python prints it
         with contextlib.suppress(DataError):
             return parsed(text.replace("'", '"'), where)
-    if text.lstrip().startswith(("<?xml", "<opencv")):
+    if start.startswith(("<?xml", "<opencv")):
         raise DataError(
             f"{where}: XML; expected JSON or YAML, which OpenCV's FileStorage writes, too"
         )
-    plain = PRINTED.sub(AS_PAIRS, PRODUCT.sub(", ", plain))
-    return _of_lines(BRACKETS.sub(lambda found: " ".join(found[0].split()), plain), where)
+    plain = next(filter(str.strip, DOCUMENTS.split(plain)), "")
+    for form, usual in FORMS.items():
+        plain = re.sub(form, usual, plain)
+    plain = BRACKETS.sub(lambda found: " ".join(found[0].split()), plain)
+    return _of_lines(ELEMENT.sub(" ", plain), where)
 
 
 def parsed(text: str, where: str) -> Any:
@@ -173,80 +165,60 @@ def parsed(text: str, where: str) -> Any:
 
     try:
         return json.loads(text, object_pairs_hook=unique)
-    except RecursionError:
-        raise DataError(f"{where}: JSON of too many levels") from None
-    except ValueError as error:  # JSONDecodeError, and integers of thousands of digits
+    # of a text that is cut, of integers of thousands of digits, or of too many levels
+    except (ValueError, RecursionError) as error:
         raise DataError(f"{where}: not whole JSON: {error}") from None
 
 
 def _of_lines(text: str, where: str) -> dict[str, Any]:
-    """The keys and values in lines, of the first document of several. Raises DataError for a known
-    key given twice.
+    """The keys and values in lines. Raises DataError for a known key given twice.
 
-    A line without a value names the object of deeper lines, or of all lines of a section; so does
-    what is before several keys in a line. Numbers alone continue the value above.
+    A name without a value is that of the object of what begins in a later column, or of all lines
+    of a section. Numbers alone continue the value above. Blocks of the same name differ by spaces.
     """
     document: dict[str, Any] = {}
-    around = [(-2, document)]  # the objects around a line, each with the indent of its name
-    # of the last key: its indent, and the object in which it is
+    around = [(-2, document)]  # the objects around an item, each with the column of its name
+    # of the last key: its column, and the object in which it is
     above, inside, key = -2, document, ""
-    for line in text.splitlines():
-        content = ELEMENT.sub("", line, count=1).strip()
-        if document and content in ("---", "..."):
-            break
-        if not content or content == "---" or line.startswith("%"):
+    for column, name, value in _items(text):
+        last = inside.get(key, "")
+        if not name:
+            if not isinstance(last, str):
+                row = (_numbers([last]) or []) + value
+                inside[key] = row if len(row) > 1 else row[0]
             continue
-        indent, value = line.index(content), inside.get(key, "")
-        if TABLE.fullmatch(content):
-            if not isinstance(value, (str, dict)):
-                row = [] if value is None else value if isinstance(value, list) else [value]
-                row += _value(f"[{content}]")
-                inside[key] = row if len(row) > 1 or "-" in line[:indent] else row[0]
-            continue
-        if key and indent > above and value is None:
+        if last is None and column > above:
             inside[key] = {}
             around.append((above, inside[key]))
-        section = SECTION.fullmatch(content)
-        name, values = ("", [(section[1], None)]) if section else _keys_in(content)
-        indent = -1 if section else indent
-        while around[-1][0] >= indent:
+        while around[-1][0] >= column:
             around.pop()
-        above, inside = indent, around[-1][1]
-        if name:
-            inside = inside.setdefault(_unique(name, inside), {})
-        for key, value in values:
-            if key in inside and value is not None and is_known(key):
-                raise DataError(f"{where}: has {key!r} twice")
-            key = _unique(key, inside)
-            inside[key] = value
+        above, inside, key = column, around[-1][1], name
+        while key in inside:
+            if value is not None and is_known(name):
+                raise DataError(f"{where}: has {name!r} twice")
+            key += " "
+        inside[key] = value
     if not document:
         raise DataError(f"{where}: not the parameters of a camera")
     return document
 
 
-def _unique(name: str, inside: Mapping[str, Any]) -> str:
-    """A name that an object does not have; blocks of the same name differ by spaces."""
-    while name in inside:
-        name += " "
-    return name
-
-
-def _keys_in(content: str) -> tuple[str, list[tuple[str, Any]]]:
-    """The name before the keys in a line, and these with their values; a name alone is a
-    key with None.
+def _items(text: str) -> Iterator[tuple[int, str, Any]]:
+    """The column, name and value of what is in each line: a section or another name, with None;
+    keys with their values, after the name before them; numbers, without a name.
     """
-    found = list(PAIR.finditer(content))
-    if not found and (whole := COLUMNS.fullmatch(content)):
-        found = [whole]
-    if not found:
-        return "", [(re.split("[:=]", content)[0].strip(EDGES), None)]
-    before = content[: found[0].start()]
-    keys = [pair[1].strip("\"'") for pair in found]
-    if len(keys) > 1 and not is_known(keys[0]):  # <Intrinsic fx=60 fy=61 ...
-        more, _, last = keys[0].rpartition(" ")
-        before, keys[0] = (before + more, last) if is_known(last) else (before, keys[0])
-    values = [_value(pair[2] or pair[3]) for pair in found]
-    return re.split("[:=]", before)[0].strip(EDGES), list(zip(keys, values))
+    for line in text.splitlines():
+        if TABLE.fullmatch(line):
+            yield 0, "", _value(f"[{line}]")
+        elif section := SECTION.fullmatch(line):
+            yield -1, section[1], None
+        else:
+            found = list(PAIR.finditer(line)) or list(COLUMNS.finditer(line))
+            head = line[: found[0].start(1)] if found else line
+            if name := re.split("[:=]", head)[0].strip(EDGES):
+                yield len(head) - len(head.lstrip()), name, None
+            for pair in found:
+                yield pair.start(1), pair[1].strip("\"'"), _value(pair[2] or pair[3])
 
 
 def _value(text: str) -> Any:
@@ -277,40 +249,47 @@ TIME_UNITS = (*TICKS, FRAMES)
 EPOCH = (946684800, 4102444800)  # s since 1970 of the years 2000 and 2100
 INTRINSICS, SIZE = ("fx", "fy", "u0", "v0"), ("width", "height")
 BROWN = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")  # in OpenCV's order
+CAMERA = (*SIZE, *INTRINSICS, "name", MIN_RANGE)  # the keys of a camera, and their defaults
+DEFAULTS: dict[str, Any] = {"width": 0, "height": 0, "name": "own", MIN_RANGE: MIN_RANGE_MM}
 LENS = ("distortion", "model", "coefficients", *BROWN)
 FIELDS = ("unit_mm", "rate", "time_unit")  # those that are fields of CameraInfo
 KNOWN = (*RANGES, "name", *LENS, "time_unit")  # the keys of a camera.json
 ROWS = {"focal": ("fx", "fy"), "middle": ("u0", "v0"), "size": SIZE}  # keys of two values
-# Other names, without capitals and without what is no letter or digit.
+# what the objects around a camera say for it, unless it says one of the same group
+AROUND = (("size", *SIZE), LENS, ("scale", "unit_mm"), ("rate",), ("time_unit",))
+MATRIX = "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]], or fx, fy, cx, cy"
+SHAPES = {9: (3, 3), 12: (3, 4), 16: (4, 4)}  # of matrices, by the number of their elements
+PLACES = ([0, 1, 0, 1], [0, 1, 2, 2])  # of fx, fy, u0, v0 in a matrix
+# A key in each line, and other names, without capitals and without what is no letter or digit.
+NAMES = """\
+fx flx focalx focallengthx fxdepth depthfx
+fy fly focaly focallengthy fydepth depthfy
+u0 cx ppx principalpointx mxdepth cxdepth depthcx
+v0 cy ppy principalpointy mydepth cydepth depthcy
+focal focallength focallengths
+middle principalpoint opticalcenter
+width imagewidth imgwidth w depthwidth mdepthwidth resolutionwidth resolutionx framewidth
+height imageheight imgheight h depthheight mdepthheight resolutionheight resolutiony frameheight
+size resolution imagesize imgsize framesize imageresolution
+matrix k intrinsics intrinsic intrinsicmatrix cameramatrix cameraintrinsics cameraintrinsic
+matrix depthintrinsics depthintrinsic cammat camk camerak depthk kdepth mtx intrinsicsmatrix
+matrix intrinsicparameters kmatrix depthintrinsicmatrix depthcameramatrix camintrinsics
+matrix camintrinsic mcalibrationdepthintrinsic intrinsicdepth intrinsicsdepth calibrationmatrix
+matrix cameraintrinsicmatrix cameraintrinsicsmatrix
+rate fps framerate
+scale depthscale depthunits pngdepthscale depthmapfactor depthfactor mdepthshift
+coefficients coeffs d dist distcoeff distcoeffs distcoefs distcoef distortioncoefficients
+coefficients distortioncoeffs distortioncoeff distortionparameters distortionparams depthdistortion
+model distortionmodel distortiontype distorsion
+name cameraname
+"""
 ALIASES = {key.replace("_", ""): key for key in KNOWN} | {
-    alias: key
-    for key, aliases in {
-        "fx": "flx focalx focallengthx fxdepth depthfx",
-        "fy": "fly focaly focallengthy fydepth depthfy",
-        "u0": "cx ppx principalpointx mxdepth cxdepth depthcx",
-        "v0": "cy ppy principalpointy mydepth cydepth depthcy",
-        "focal": "focallength focallengths",
-        "middle": "principalpoint opticalcenter",
-        "width": "imagewidth imgwidth w depthwidth mdepthwidth resolutionwidth resolutionx framewidth",
-        "height": "imageheight imgheight h depthheight mdepthheight resolutionheight resolutiony frameheight",
-        "size": "resolution imagesize imgsize framesize imageresolution",
-        "matrix": "k intrinsics intrinsic intrinsicmatrix cameramatrix cameraintrinsics cameraintrinsic "
-        "depthintrinsics "
-        "depthintrinsic cammat camk camerak depthk kdepth mtx intrinsicsmatrix intrinsicparameters kmatrix "
-        "depthintrinsicmatrix depthcameramatrix camintrinsics camintrinsic mcalibrationdepthintrinsic "
-        "intrinsicdepth intrinsicsdepth calibrationmatrix cameraintrinsicmatrix cameraintrinsicsmatrix",
-        "rate": "fps framerate",
-        "scale": "depthscale depthunits pngdepthscale depthmapfactor depthfactor mdepthshift",
-        "coefficients": "coeffs d dist distcoeff distcoeffs distcoefs distcoef distortioncoefficients distortioncoeffs "
-        "distortioncoeff distortionparameters distortionparams depthdistortion",
-        "model": "distortionmodel distortiontype distorsion",
-        "name": "cameraname",
-    }.items()
-    for alias in (key, *aliases.split())
+    alias: key for key, *aliases in map(str.split, NAMES.splitlines()) for alias in (key, *aliases)
 }
 IN_METRES, PER_METRE = 0.01, 100.0  # a depth scale below, and from here on
-KINDS = [re.compile(kind, re.I) for kind in ("depth", "infra|(?<![a-z])ir(?![a-z])", "colou?r|rgb")]
-UNNAMED, COLOUR = 2, 3  # ranks of a camera whose names say no kind, and of one of colours
+# Ranks of cameras: of depth, of infrared, whose names say no kind, of colours.
+UNNAMED, COLOUR = 2, 3
+KINDS = {0: "depth", 1: "infra|(?<![a-z])ir(?![a-z])", COLOUR: "colou?r|rgb"}
 MAX_NAMES = 8  # of unused keys that are named
 
 
@@ -330,24 +309,22 @@ def find(document: Any, where: str, is_replaced: bool = False) -> Found:
     Raises DataError.
     """
     if not isinstance(document, dict):
-        if not isinstance(document, list) or not _numbers(document):
+        numbers = _numbers(document)
+        if not numbers:
             form = '{"fx": ..., "fy": ..., "u0": ..., "v0": ...}'
             raise DataError(f"{where}: found {_shown(document)}; expected {form}")
-        numbers = _numbers(document) or []
         is_sized = len(numbers) == 6  # fx, fy, cx, cy, width, height
-        document = (
-            {"matrix": numbers[:4], "size": numbers[4:]} if is_sized else {"matrix": document}
-        )
+        sized = {"matrix": numbers[:4], "size": numbers[4:]}
+        document = sized if is_sized else {"matrix": document}
     chains = [chain for chain in _objects(document, ()) if has_camera(chain[-1][1])]
+    chains = chains or [(("", document),)]
     ranks = [
         rank_of(*(name for name, _ in chain), *map(str, chain[-1][1].values())) for chain in chains
     ]
-    chosen = [chain for chain, rank in zip(chains, ranks) if rank == min(ranks)] or [
-        (("", document),)
-    ]
+    chosen = [chain for chain, rank in zip(chains, ranks) if rank == min(ranks)]
     found = [Found(chain, where, is_replaced) for chain in chosen]
     if len({one.info for one in found}) > 1:
-        found[0].info = _of_modes(chosen, [one.info for one in found], where)
+        found[0].info = _of_modes(found, where)
     return found[0]
 
 
@@ -355,21 +332,18 @@ def find(document: Any, where: str, is_replaced: bool = False) -> Found:
 _Chain = tuple[tuple[str, dict[str, Any]], ...]
 
 
-def _of_modes(chains: list[_Chain], infos: list[CameraInfo], where: str) -> CameraInfo:
+def _of_modes(found: Sequence[Found], where: str) -> CameraInfo:
     """Cameras that differ in the size of their frames alone, as one.
 
     Raises DataError for others.
     """
-    cameras = dict.fromkeys(info.camera for info in infos)
-    modes = {(one.width, one.height): one for one in cameras if isinstance(one, Camera)}
-    others = {replace(info, camera=None) for info in infos}
-    if len(modes) < len(cameras) or (0, 0) in modes or len(others) > 1:
-        names = dict.fromkeys(
-            ".".join(name.strip() for name, _ in chain if name) for chain in chains
-        )
-        raise DataError(
-            f"{where}: has several cameras: {', '.join(names)}; expected one, or one of depth"
-        )
+    infos = {one.info for one in found}
+    cameras = [one.info.camera for one in found if isinstance(one.info.camera, Camera)]
+    modes = {(one.width, one.height): one for one in cameras}
+    common, *others = {replace(info, camera=None) for info in infos}
+    if len(modes) < len(infos) or (0, 0) in modes or others:
+        names = ", ".join(dict.fromkeys(one.name for one in found))
+        raise DataError(f"{where}: has several cameras: {names}; expected one, or one of depth")
 
     def at(width: int, height: int) -> Camera:
         if (width, height) not in modes:
@@ -377,7 +351,7 @@ def _of_modes(chains: list[_Chain], infos: list[CameraInfo], where: str) -> Came
             raise DataError(f"{width} x {height} pixels; {where} has a camera for {known}")
         return modes[width, height]
 
-    return replace(infos[0], camera=View("own", at, tuple(modes)), lens=infos[0].lens or Lens())
+    return replace(common, camera=View("own", at, tuple(modes)), lens=common.lens or Lens())
 
 
 def _objects(value: Any, outer: _Chain, name: str = "") -> Iterator[_Chain]:
@@ -402,28 +376,26 @@ def has_camera(values: Mapping[str, Any]) -> bool:
 
 def is_known(name: str) -> bool:
     """True for a name that is read in an object with a camera."""
-    return _key(name) in {*KNOWN, *ALIASES.values()}
+    return _key(name) in ALIASES.values()
 
 
 def rank_of(*names: str) -> int:
     """The rank of a camera among others, 0 for depth, by the innermost name that says its kind."""
     for name in reversed(names):
-        for rank, kind in enumerate(KINDS):
-            if kind.search(name):
-                return rank if rank < UNNAMED else COLOUR
+        for rank, kind in KINDS.items():
+            if re.search(kind, name, re.I):
+                return rank
     return UNNAMED
 
 
 def _key(name: str, value: Any = None) -> str:
-    """The key of a camera.json, or one of those in ``ALIASES`` alone, for a name; itself if
+    """The key of a camera.json, or one of those in ``NAMES`` alone, for a name; itself if
     it is unknown.
 
     A value with a width and a height alone is a size under any name.
     """
     if isinstance(value, dict) and {_key(one) for one in value} == {*SIZE}:
         return "size"
-    if name in KNOWN:
-        return name
     return ALIASES.get(re.sub(r"[\W_]", "", name.rpartition(".")[2]).lower(), name)
 
 
@@ -436,6 +408,7 @@ class Found:
     """The camera in the last object of a chain, with what those around it say. Raises DataError.
 
     info    the parameters
+    name    of the object
     fields  for each used key the field of CameraInfo that it gives
     unused  the other keys of the same object
     words   both, for people
@@ -445,19 +418,18 @@ class Found:
     def __init__(self, chain: _Chain, where: str, is_replaced: bool) -> None:
         self._where, self._is_replaced = where, is_replaced
         self._values, self.fields = dict[str, Any](), dict[str, str]()
-        (_, own), *around = reversed(chain)
-        is_doubled = any(_key(name) == "fx" for name in own)  # of two forms the matrix is not used
-        for name, value in own.items():
-            if value is not None and not (is_doubled and _key(name) == "matrix"):
-                self._take(name, value)
-        self.unused = [name for name in own if name not in self.fields]
-        for _, outer in around:  # they may say the size, the lens and what holds for the frames
-            size = {"size", *SIZE} if "width" not in self._values else set()
-            lens = set(LENS) if self._values.keys().isdisjoint(LENS) else set()
-            wanted = (size | lens | {"scale", *FIELDS}) - self._values.keys()
-            for name, value in outer.items():
-                if _key(name, value) in wanted and value is not None:
+        own = chain[-1][1]
+        wanted = {*ALIASES.values()}
+        if any(_key(name) == "fx" for name in own):  # of two forms the matrix is not used
+            wanted -= {"matrix"}
+        for _, values in reversed(chain):
+            for name, value in values.items():
+                if value is not None and _key(name, value) in wanted:
                     self._take(name, value)
+            said = self._values.keys()
+            wanted = {key for group in AROUND if said.isdisjoint(group) for key in group}
+        self.name = ".".join(name.strip() for name, _ in chain if name)
+        self.unused = [name for name in own if name not in self.fields]
         more = f"{', '.join(self.unused[:MAX_NAMES])}{' ...' * (len(self.unused) > MAX_NAMES)}"
         self.words = ", ".join(self.fields) + (f"; not used: {more}" if more else "")
         self.is_own = len(chain) < 2 and all(name in KNOWN for name in self.fields)
@@ -467,7 +439,7 @@ class Found:
         raise DataError(f"{self._where}: {what}")
 
     def _take(self, name: str, value: Any) -> None:
-        """Take what a value says, if its key is known. Raises DataError."""
+        """Take what the value of a known name says. Raises DataError."""
         for key, plain in self._plain(name, value).items():
             if key in self._values:
                 self._refuse(f"says {key} twice" + (f", once as {name}" if key != name else ""))
@@ -477,119 +449,88 @@ class Found:
     def _plain(self, name: str, value: Any) -> dict[str, Any]:
         """The values of keys of a camera.json that a name and its value mean. Raises DataError."""
         key = _key(name, value)
+        is_object = isinstance(value, dict)
+        inner = {_key(one): number for one, number in value.items()} if is_object else {}
         if key == "matrix":
             self.fields[name] = "camera"
-            try:
-                return dict(zip(INTRINSICS, _of_matrix(value, f"{self._where}: {name}")))
-            except DataError:
-                if self._is_replaced:
-                    return {}
-                raise
+            four = _of_matrix(_numbers(value) or [])
+            if not four and not self._is_replaced:
+                self._refuse(f"{name} is {_shown(value)}; expected {MATRIX}")
+            return dict(zip(INTRINSICS, four))
         if key in ROWS:
-            inner = (
-                {_key(one): number for one, number in value.items()}
-                if isinstance(value, dict)
-                else {}
-            )
             row = [inner.get(one) for one in ROWS[key]] if inner else value
             return dict(zip(ROWS[key], row)) if isinstance(row, list) and len(row) == 2 else {}
-        if (
-            key in ("distortion", "coefficients")
-            and isinstance(value, dict)
-            and not _numbers(value)
-        ):
-            if strange := next((one for one in value if _key(one) not in LENS[1:]), None):
-                self._refuse(f"{name}: {unknown_key(strange, LENS[1:])}")
-            return {_key(one): number for one, number in value.items()}
+        if key in ("distortion", "coefficients") and is_object and not _numbers(value):
+            if strange := [one for one in inner if one not in LENS[1:]]:
+                self._refuse(f"{name}: {unknown_key(strange[0], LENS[1:])}")
+            return inner
         if key == "scale":
             key = "unit_mm"
-            if _is_number(value):
-                value = (
-                    1000 / value
-                    if value >= PER_METRE
-                    else 1000 * value
-                    if value < IN_METRES
-                    else value
-                )
+            if _is_number(value) and value >= PER_METRE:
+                value = 1000 / value
+            elif _is_number(value) and value < IN_METRES:
+                value = 1000 * value
         if key == "distortion":
             key = "model" if isinstance(value, str) else "coefficients"
-        return {key: value} if key in KNOWN else {}
+        return {key: value}
 
     def _checked(self, key: str, value: Any) -> Any:
         """The value of a key, numbers as such.
 
         Raises DataError for one of another kind, or out of range.
         """
-        expected = "a number that is finite"
+        is_good, expected, shown = isinstance(value, str), "a text", key
         if key == "coefficients":
-            value, expected = _numbers(value) or value, "a list of numbers: k1, k2, p1, p2, k3 ..."
-            is_good, key = _numbers(value) is not None, "distortion"
+            value = _numbers(value) or value
+            is_good, shown = _numbers(value) is not None, "distortion"
+            expected = "a list of numbers: k1, k2, p1, p2, k3 ..."
         elif key == "time_unit":
             is_good, expected = value in TIME_UNITS, ", ".join(TIME_UNITS)
-        elif key in ("name", "model"):
-            is_good, expected = isinstance(value, str), "a text"
+        elif key in BROWN:
+            is_good, expected = _is_number(value), "a number that is finite"
         elif key in RANGES:
             low, high = RANGES[key]
             is_good = _is_number(value) and low < value <= high
             expected = f"a number more than {low:g} and at most {high:g}"
             if is_good and key in SIZE:
                 is_good, expected = value % 1 == 0, "a whole number"
-        else:
-            is_good = _is_number(value)
         if not is_good:
-            self._refuse(f"{key} is {_shown(value)}; expected {expected}")
+            self._refuse(f"{shown} is {_shown(value)}; expected {expected}")
         return int(value) if key in SIZE else float(value) if _is_number(value) else value
 
     def _info(self) -> CameraInfo:
         """The parameters. Raises DataError."""
         said = self._values
-        camera, unit_mm, rate, time_unit = None, *(said.get(key) for key in FIELDS)
-        for keys in INTRINSICS, SIZE:
-            missing = [key for key in keys if key not in said]
-            if len(missing) in (1, 2, 3) and len(missing) < len(keys):
-                there = next(key for key in keys if key in said)
-                self._refuse(f"has {there}, but not {' and '.join(missing)}")
-        if "fx" in said:
-            rest = (
-                said.get(key, default)
-                for key, default in (*zip(SIZE, (0, 0)), (MIN_RANGE, MIN_RANGE_MM))
-            )
-            camera = Camera(said.get("name", "own"), *(said[key] for key in INTRINSICS), *rest)
-        elif stray := [key for key in (*SIZE, "name", MIN_RANGE) if key in said]:
-            self._refuse(f"has {stray[0]}, but not fx, fy, u0, v0")
-        lens, by_name = (
-            None,
-            [said.get(key, 0.0) for key in BROWN if not said.keys().isdisjoint(BROWN)],
-        )
-        if by_name and "coefficients" in said:
-            self._refuse("says the distortion twice, once as k1 ... or p1 ...")
-        if by_name or "coefficients" in said or "model" in said:
-            lens = lens_of(
-                said.get("model", "brown_conrady"), said.get("coefficients", by_name), self._where
-            )
-        return CameraInfo(camera, lens, unit_mm, rate, self._where, time_unit)
+        there = [key for key in CAMERA if key in said]
+        needed = (*SIZE, *INTRINSICS) if there and there[0] in SIZE else INTRINSICS
+        missing = [key for key in needed if key not in said]
+        if there and missing:
+            names = (" and " if len(missing) < len(INTRINSICS) else ", ").join(missing)
+            self._refuse(f"has {there[0]}, but not {names}")
+        values = DEFAULTS | {key: said[key] for key in there}
+        camera = Camera(**values) if there else None
+        if not said.keys().isdisjoint(BROWN):
+            if "coefficients" in said:
+                self._refuse("says the distortion twice, once as k1 ... or p1 ...")
+            said["coefficients"] = [said.get(key, 0.0) for key in BROWN]
+        lens, coefficients = None, said.get("coefficients", [])
+        if "coefficients" in said or "model" in said:
+            lens = lens_of(said.get("model", "brown_conrady"), coefficients, self._where)
+        fields: dict[str, Any] = {key: said.get(key) for key in FIELDS}
+        return CameraInfo(camera, lens, origin=self._where, **fields)
 
 
-def _of_matrix(value: Any, where: str) -> list[float]:
-    """fx, fy, u0, v0 of a matrix by rows or by columns, or of these four numbers.
-
-    Raises DataError.
-    """
-    numbers = _numbers(value) or []
+def _of_matrix(numbers: list[float]) -> list[float]:
+    """fx, fy, u0, v0 of a matrix by rows or by columns, or of these four; none of others."""
     if len(numbers) == 4:
         return numbers
-    for width in (3, 4) if len(numbers) in (9, 12, 16) else ():
-        if len(numbers) % width:
-            continue
-        rows = np.reshape(numbers, (-1, width))
-        for matrix in (rows, rows.T):
-            expected = np.eye(*matrix.shape)
-            expected[0, [0, 2]], expected[1, [1, 2]] = matrix[0, [0, 2]], matrix[1, [1, 2]]
-            if np.array_equal(matrix, expected):
-                return [float(number) for number in (*expected[[0, 1], [0, 1]], *expected[:2, 2])]
-    raise DataError(
-        f"{where} is {_shown(value)}; expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], or fx, fy, cx, cy"
-    )
+    for order in ("C", "F") if len(numbers) in SHAPES else ():
+        matrix = np.reshape(numbers, SHAPES[len(numbers)], order)
+        expected = np.eye(*matrix.shape)
+        expected[PLACES] = matrix[PLACES]
+        if np.array_equal(matrix, expected):
+            return [float(number) for number in matrix[PLACES]]
+    return []
 
 
 def _numbers(value: Any) -> list[float] | None:
@@ -597,7 +538,7 @@ def _numbers(value: Any) -> list[float] | None:
     anything else.
     """
     if isinstance(value, dict):
-        return _numbers(value["data"]) if isinstance(value.get("data"), list) else None
+        value = value.get("data")
     if not isinstance(value, list):
         return None
     found: list[float] = []

@@ -11,6 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 
 from handpose.frames.camera_file import COLOUR, NAME, rank_of, read
@@ -18,29 +19,19 @@ from handpose.frames.recording import CameraInfo
 from netlib.errors import DataError
 from netlib.files.paths import exists, names_in, real
 
-# Names of files, without their suffix, that tell of a camera, and others that may hold one near the
-# frames. Folders with such a name may hold one in any text.
-CERTAIN = re.compile(
-    r".*(intrin|calib|camchain|rsenumerate).*|(scene|depth|ir)?cam(era)?s?(info|matrix|mat|param\w*|k)|ost",
-    re.I,
+# Names of files, without what is no letter or digit before the suffix: those that tell of a camera;
+# with others that may hold one near the frames; with all texts in folders of such a name; frames.
+CERTAIN = (
+    r".*(intrin|calib|camchain|rsenumerate).*"
+    r"|((scene|depth|ir)?cam(era)?s?(info|matrix|mat|param\w*|k)|ost)(\.[^.]*)?"
 )
-POSSIBLE = re.compile(
-    r"(scene|depth|ir)?cam(era)?s?(depth|ir|data|\d)?|k(depth|ir)?|sensor|info|meta(data)?|transforms|param(eter)?s|config"
-    r"|.*(realsense|kinect|orbbec).*",
-    re.I,
+POSSIBLE = (
+    rf"{CERTAIN}|((scene|depth|ir)?cam(era)?s?(depth|ir|data|\d)?|k(depth|ir)?|sensor|info|meta(data)?"
+    r"|transforms|param(eter)?s|config)(\.[^.]*)?|.*(realsense|kinect|orbbec).*"
 )
-TEXTS = (
-    ".json",
-    ".yaml",
-    ".yml",
-    ".txt",
-    ".ini",
-    ".csv",
-    ".cfg",
-    ".cal",
-)  # in a folder of such a name
-PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
-FRAMES = (*PICTURES, ".npy", ".npz", ".raw")
+TEXTS = rf"{POSSIBLE}|.*\.(json|ya?ml|txt|ini|csv|cfg|cal)"
+PICTURES = r".*\.(png|jpe?g|tiff?|bmp)"
+FRAMES = rf"{PICTURES}|.*\.(npy|npz|raw)"
 MAX_FOLDERS = 100  # in which a camera is looked for
 MAX_SHOWN = 3  # files in a message
 
@@ -57,9 +48,8 @@ def next_to(source: Path, is_needed: bool = True) -> CameraInfo:
         return said
     doubts: list[str] = []
     for places in _levels(source):
-        found = _best(places, doubts)
-        if found is not None:
-            return said.or_else(found)
+        if found := _best(places, doubts):
+            return said.or_else(found[0])
     return replace(said, doubt="; ".join(doubts[:MAX_SHOWN]))
 
 
@@ -79,63 +69,61 @@ def _own_places(source: Path) -> list[Path]:
 def _levels(source: Path) -> Iterator[list[Path]]:
     """The files that may hold a camera, from the nearest folder to the farthest."""
     if not source.is_dir():
-        yield _named(source.parent, CERTAIN, POSSIBLE)
+        yield [*_named(source.parent, POSSIBLE)]
         return
     above = source.parent if source.name else real(source).parent
-    yield _named(source, CERTAIN, POSSIBLE)
-    yield _named(above, CERTAIN, POSSIBLE)
+    yield [*_named(source, POSSIBLE)]
+    yield [*_named(above, POSSIBLE)]
     yield [path for folder in (source, above) for path in _in_folders_of(folder, source)]
 
 
-def _named(folder: Path, *kinds: re.Pattern[str]) -> list[Path]:
-    """The files of a folder with a name of one of these kinds; not the camera.json of a file,
+def _matches(path: Path, kind: str) -> bool:
+    plain = re.sub(r"[\W_]", "", path.stem) + path.suffix
+    return re.fullmatch(kind, plain, re.I) is not None
+
+
+def _named(folder: Path, kind: str) -> Iterator[Path]:
+    """The files of a folder with a name of a kind but pictures; not the camera.json of a file,
     NAME.camera.json.
     """
-    names = [name for name in sorted(names_in(folder)) if _is_named(name, *kinds)]
-    return [folder / name for name in names if (folder / name).is_file()]
+    for path in _inside(folder):
+        if _matches(path, kind) and not _matches(path, PICTURES) and path.is_file():
+            yield path
 
 
-def _is_named(name: str, *kinds: re.Pattern[str]) -> bool:
-    stem, _, suffix = name.rpartition(".")
-    plain = re.sub(r"[\W_]", "", stem or suffix)
-    is_picture = name.lower().endswith(PICTURES) or name.startswith(".")
-    return not is_picture and any(kind.fullmatch(plain) for kind in kinds)
+def _inside(folder: Path) -> Iterator[Path]:
+    return (folder / name for name in sorted(names_in(folder)) if not name.startswith("."))
 
 
 def _in_folders_of(folder: Path, source: Path) -> Iterator[Path]:
     """Files in the folders of a folder, except in those with frames, which are other recordings."""
-    inner = [folder / name for name in sorted(names_in(folder)) if not name.startswith(".")]
-    for beside in [path for path in inner if path.is_dir() and path != source][:MAX_FOLDERS]:
-        names = sorted(names_in(beside))
-        if _is_named(beside.name, CERTAIN, POSSIBLE):
-            yield from _named(beside, CERTAIN, POSSIBLE)
-            others = [name for name in names if not _is_named(name, CERTAIN, POSSIBLE)]
-            yield from (beside / name for name in others if name.lower().endswith(TEXTS))
-        elif not any(name.lower().endswith(FRAMES) for name in names):
+    folders = (path for path in _inside(folder) if path.is_dir() and path != source)
+    for beside in islice(folders, MAX_FOLDERS):
+        if _matches(beside, POSSIBLE):
+            yield from _named(beside, TEXTS)
+        elif not any(_matches(path, FRAMES) for path in _inside(beside)):
             yield from _named(beside, CERTAIN)
 
 
-def _best(places: list[Path], doubts: list[str]) -> CameraInfo | None:
-    """The camera in the files of a level, of depth before others; None without one.
+def _best(places: list[Path], doubts: list[str]) -> list[CameraInfo]:
+    """The camera in the files of a level, of depth before others, as each file has it.
 
     Others are added to ``doubts``.
     """
-    found: list[tuple[int, CameraInfo]] = []
+    ranked: dict[int, list[CameraInfo]] = {}
     for path in places:
         rank = rank_of(path.parent.name, path.stem)
         try:
             info = read(path)
+            if info.camera is None or rank == COLOUR:
+                what = "the camera of colours" if info.camera else "no camera"
+                raise DataError(f"{path}: {what}")
+            ranked.setdefault(rank, []).append(info)
         except DataError as error:
             doubts.append(str(error))
-            continue
-        if info.camera is None or rank == COLOUR:
-            doubts.append(
-                f"{path}: {'no camera' if info.camera is None else 'the camera of colours'}"
-            )
-        else:
-            found.append((rank, info))
-    best = [info for rank, info in found if rank == min(found, key=lambda one: one[0])[0]]
+    best = ranked.get(min(ranked, default=COLOUR), [])
     if len({replace(info, origin="") for info in best}) > 1:
-        doubts.insert(0, f"{' and '.join(info.origin for info in best)} are different cameras")
-        return None
-    return best[0] if best else None
+        origins = " and ".join(info.origin for info in best)
+        doubts.insert(0, f"{origins} are different cameras")
+        return []
+    return best
