@@ -124,6 +124,7 @@ class Net:
         ]
         self.one_thread = OneThread(self.name)
         self._writing: list[tuple[Unknown, str]] = []  # what the running step makes known
+        self._stores_less = False  # whether the next pass need not store all blobs
         self._is_at_once = False  # whether backward runs directly after forward
         self._is_running = False  # whether a pass has begun and not ended
         # whether the steps fit the shapes; an interrupted reshape is repeated
@@ -181,6 +182,9 @@ class Net:
                 self.reshape()
             if (first, last) != (0, None):
                 self._run_by_layer()
+            elif self._stores_less and self._by_layer:
+                self._by_layer = False
+                self._make_steps()
             if not self._fits:
                 check_memory(self.steps)
                 self._fits = True
@@ -422,23 +426,21 @@ class Net:
 
     def store_all(self, wanted: bool = True) -> None:
         """Store every blob from now on, as after the first access to one that is not stored; or
-        only the needed ones.
+        only the needed ones from the next full pass on.
 
         Results differ in rounding. A solver state has which it was, so that a resume is exact.
         """
         with self.one_thread:
             if wanted:
                 self._run_by_layer()
-            elif self._by_layer:
-                self._by_layer = False
-                self._make_steps()
+            self._stores_less = not wanted
 
     @property
     def stores_all(self) -> bool:
         """Whether every blob is stored, because a caller has accessed one that was not, or
         has run a part.
         """
-        return self._by_layer
+        return self._by_layer and not self._stores_less
 
     def _note(self, missing: Missing) -> None:
         """Note the values that a step could not compute."""
