@@ -104,25 +104,26 @@ NUMBERS = rf"[\[\](),;\s]*{NUMBER}(?:[\[\](),;\s]+{NUMBER})*[\[\](),;\s]*"
 KEY = r"""("[^"]+"|'[^']+'|(?<!\w)[A-Za-z_][\w./ \t]{0,60}?(?:\([^)]*\))?)\s*"""
 TEXT = r"""("[^"]*"|'[^']*'|(?![^,;]*[:=])[^\s\[{"'!,;][^,;{}\[\]<>()]*)"""
 TABLE = re.compile(NUMBERS)
-SECTION = re.compile(r"\s*\[([A-Za-z][^\[\]{},:\"]*)\]\s*")
 # a line may have several
 PAIR = re.compile(rf"{KEY}[:=]\s*(?:(?:array)?({NUMBERS})(?![\w.])|{TEXT})")
 COLUMNS = re.compile(rf"^\s*{KEY}(?:[\s,]\s*({NUMBERS})(?:px|pixels)?|,\s*{TEXT})\s*$")
 JSON = re.compile(r'\s*(\{\s*["}]|\[\s*[\[{"]|$)')
-COMMENT = re.compile(r"(?:^|(?<=\s))#.*|^%.*", re.M)
-DOCUMENTS = re.compile(r"^(?:---|\.\.\.)\s*$", re.M)
-ELEMENT = re.compile(r"(?<![^\s-])-(?=\s|$)")
-EDGES = " \t<({[\"'"  # of a name
-# Forms that are replaced by the usual one, in this order.
+EDGES = " \t<({[]\"'"  # of a name
+# What is replaced in this order: comments; other documents than the first; empty lines; dashes of
+# elements; what print shows of pyrealsense2's intrinsics, and of pyorbbecsdk's; ends of lines
+# before numbers that continue them; products.
 FORMS = {
-    # what print shows of pyrealsense2's intrinsics, and of pyorbbecsdk's
+    r"(?m)(?:^|(?<=\s))#.*|^%.*": "",
+    r"(?ms)(?<=\S)\s*^(?:---|\.\.\.)\s*$.*|^---\s*$": "",
+    r"(?<!\s)\s*\n": "\n",
+    r"(?<!\S)-(?!\S)": " ",
     rf"\[\s*({NUMBER})\s*x\s*({NUMBER})\s+p\[({NUMBER}) ({NUMBER})\]\s+f\[({NUMBER}) ({NUMBER})\]"
-    r"\s+([\w ]+?) *\[([^\]]*)\]\s*\]": " width: \\1, height: \\2, u0: \\3, v0: \\4, fx: \\5, "
-    "fy: \\6, model: \\7, coefficients: [\\8]",
+    r"\s+([\w ]+?) *\[([^\]]*)\]\s*\]": r" width: \1, height: \2, u0: \3, v0: \4, fx: \5, "
+    r"fy: \6, model: \7, coefficients: [\8]",
     r"(?m)^([<\t ]*\w+) (?=\w+[:=].*[:=])": r"\1: ",
+    r"(?m)\n[ \t]*(?=[\[(]+[ \t]*[-+.\d]|[-+.\d][-+\d.eE,;\t \])]*$)": " ",
     r"(?<=\d)[ \t]*x[ \t]*(?=\d)": ", ",
 }
-BRACKETS = re.compile(r"\[[^\[\]]*(?:\[[^\[\]]*\][^\[\]]*)*\]")
 
 
 def parse_document(text: str, where: str) -> Any:
@@ -132,24 +133,20 @@ def parse_document(text: str, where: str) -> Any:
 
     Raises DataError.
     """
-    plain = COMMENT.sub("", text)
+    plain = text
+    for form, usual in FORMS.items():
+        plain = re.sub(form, usual, plain)
     if TABLE.fullmatch(plain):
         return _value(f"[{plain}]")
     if JSON.match(text):
         return parsed(text, where)
-    start = text.lstrip()
-    if start.startswith("{'"):  # a dictionary as Python prints it
+    if re.match(r"\s*\{'", text):  # a dictionary as Python prints it
         with contextlib.suppress(DataError):
             return parsed(text.replace("'", '"'), where)
-    if start.startswith(("<?xml", "<opencv")):
-        raise DataError(
-            f"{where}: XML; expected JSON or YAML, which OpenCV's FileStorage writes, too"
-        )
-    plain = next(filter(str.strip, DOCUMENTS.split(plain)), "")
-    for form, usual in FORMS.items():
-        plain = re.sub(form, usual, plain)
-    plain = BRACKETS.sub(lambda found: " ".join(found[0].split()), plain)
-    return _of_lines(ELEMENT.sub(" ", plain), where)
+    if re.match(r"\s*<(\?xml|opencv)", text):
+        expected = "expected JSON or YAML, which OpenCV's FileStorage writes, too"
+        raise DataError(f"{where}: XML; {expected}")
+    return _of_lines(plain, where)
 
 
 def parsed(text: str, where: str) -> Any:
@@ -174,30 +171,27 @@ def _of_lines(text: str, where: str) -> dict[str, Any]:
     """The keys and values in lines. Raises DataError for a known key given twice.
 
     A name without a value is that of the object of what begins in a later column, or of all lines
-    of a section. Numbers alone continue the value above. Blocks of the same name differ by spaces.
+    of a section. Blocks of the same name differ by spaces.
     """
     document: dict[str, Any] = {}
-    around = [(-2, document)]  # the objects around an item, each with the column of its name
-    # of the last key: its column, and the object in which it is
-    above, inside, key = -2, document, ""
+    # the items around the next one: the column and the object of each, and its key there
+    around = [(-2, {"": document}, "")]
     for column, name, value in _items(text):
-        last = inside.get(key, "")
-        if not name:
-            if not isinstance(last, str):
-                row = (_numbers([last]) or []) + value
-                inside[key] = row if len(row) > 1 else row[0]
-            continue
-        if last is None and column > above:
-            inside[key] = {}
-            around.append((above, inside[key]))
         while around[-1][0] >= column:
             around.pop()
-        above, inside, key = column, around[-1][1], name
+        _, inside, key = around[-1]
+        above = inside[key]
+        if above is None:
+            above = inside[key] = {}
+        if isinstance(above, dict):
+            inside = above
+        key = name
         while key in inside:
             if value is not None and is_known(name):
                 raise DataError(f"{where}: has {name!r} twice")
             key += " "
         inside[key] = value
+        around.append((column, inside, key))
     if not document:
         raise DataError(f"{where}: not the parameters of a camera")
     return document
@@ -205,20 +199,16 @@ def _of_lines(text: str, where: str) -> dict[str, Any]:
 
 def _items(text: str) -> Iterator[tuple[int, str, Any]]:
     """The column, name and value of what is in each line: a section or another name, with None;
-    keys with their values, after the name before them; numbers, without a name.
+    keys with their values, after the name before them.
     """
     for line in text.splitlines():
-        if TABLE.fullmatch(line):
-            yield 0, "", _value(f"[{line}]")
-        elif section := SECTION.fullmatch(line):
-            yield -1, section[1], None
-        else:
-            found = list(PAIR.finditer(line)) or list(COLUMNS.finditer(line))
-            head = line[: found[0].start(1)] if found else line
-            if name := re.split("[:=]", head)[0].strip(EDGES):
-                yield len(head) - len(head.lstrip()), name, None
-            for pair in found:
-                yield pair.start(1), pair[1].strip("\"'"), _value(pair[2] or pair[3])
+        found = list(PAIR.finditer(line)) or list(COLUMNS.finditer(line))
+        head = line[: found[0].start(1)] if found else line
+        name = re.split("[:=]", head)[0].strip(EDGES)
+        if name and not TABLE.fullmatch(name):
+            yield -1 if head.startswith("[") else len(head) - len(head.lstrip()), name, None
+        for pair in found:
+            yield pair.start(1), pair[1].strip("\"'"), _value(pair[2] or pair[3])
 
 
 def _value(text: str) -> Any:
@@ -231,6 +221,7 @@ def _value(text: str) -> Any:
 
 # ------------------------------------------------------------------------------------------- values
 
+BROWN = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")  # in OpenCV's order
 RANGES = {  # exclusive lower and inclusive upper bounds
     "fx": (MIN_FOCAL_PX, 1e6),
     "fy": (MIN_FOCAL_PX, 1e6),
@@ -241,19 +232,26 @@ RANGES = {  # exclusive lower and inclusive upper bounds
     "width": (0, 1 << 14),
     "height": (0, 1 << 14),
     "min_range_mm": (0, 1e4),
-}
+} | dict.fromkeys(BROWN, (-1e300, 1e300))
 MIN_RANGE = "min_range_mm"
 TICKS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}  # per second, of the units of times
 FRAMES = "frames"  # the unit of numbers that count frames
 TIME_UNITS = (*TICKS, FRAMES)
 EPOCH = (946684800, 4102444800)  # s since 1970 of the years 2000 and 2100
 INTRINSICS, SIZE = ("fx", "fy", "u0", "v0"), ("width", "height")
-BROWN = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")  # in OpenCV's order
 CAMERA = (*SIZE, *INTRINSICS, "name", MIN_RANGE)  # the keys of a camera, and their defaults
 DEFAULTS: dict[str, Any] = {"width": 0, "height": 0, "name": "own", MIN_RANGE: MIN_RANGE_MM}
-LENS = ("distortion", "model", "coefficients", *BROWN)
+LENS = ("distortion", "model", *BROWN)
+IN_LENS = ("model", "coefficients", *BROWN)  # the keys of an object of a distortion
 FIELDS = ("unit_mm", "rate", "time_unit")  # those that are fields of CameraInfo
-KNOWN = (*RANGES, "name", *LENS, "time_unit")  # the keys of a camera.json
+KNOWN = (
+    *RANGES,
+    "name",
+    "distortion",
+    "model",
+    "coefficients",
+    "time_unit",
+)  # the keys of a camera.json
 ROWS = {"focal": ("fx", "fy"), "middle": ("u0", "v0"), "size": SIZE}  # keys of two values
 # what the objects around a camera say for it, unless it says one of the same group
 AROUND = (("size", *SIZE), LENS, ("scale", "unit_mm"), ("rate",), ("time_unit",))
@@ -262,6 +260,9 @@ SHAPES = {9: (3, 3), 12: (3, 4), 16: (4, 4)}  # of matrices, by the number of th
 PLACES = ([0, 1, 0, 1], [0, 1, 2, 2])  # of fx, fy, u0, v0 in a matrix
 # A key in each line, and other names, without capitals and without what is no letter or digit.
 NAMES = """\
+unit_mm unitmm
+min_range_mm minrangemm
+time_unit timeunit
 fx flx focalx focallengthx fxdepth depthfx
 fy fly focaly focallengthy fydepth depthfy
 u0 cx ppx principalpointx mxdepth cxdepth depthcx
@@ -278,12 +279,20 @@ matrix camintrinsic mcalibrationdepthintrinsic intrinsicdepth intrinsicsdepth ca
 matrix cameraintrinsicmatrix cameraintrinsicsmatrix
 rate fps framerate
 scale depthscale depthunits pngdepthscale depthmapfactor depthfactor mdepthshift
-coefficients coeffs d dist distcoeff distcoeffs distcoefs distcoef distortioncoefficients
-coefficients distortioncoeffs distortioncoeff distortionparameters distortionparams depthdistortion
+distortion coefficients coeffs d dist distcoeff distcoeffs distcoefs distcoef distortioncoefficients
+distortion distortioncoeffs distortioncoeff distortionparameters distortionparams depthdistortion
 model distortionmodel distortiontype distorsion
 name cameraname
+k1
+k2
+p1
+p2
+k3
+k4
+k5
+k6
 """
-ALIASES = {key.replace("_", ""): key for key in KNOWN} | {
+ALIASES = {
     alias: key for key, *aliases in map(str.split, NAMES.splitlines()) for alias in (key, *aliases)
 }
 IN_METRES, PER_METRE = 0.01, 100.0  # a depth scale below, and from here on
@@ -316,8 +325,8 @@ def find(document: Any, where: str, is_replaced: bool = False) -> Found:
         is_sized = len(numbers) == 6  # fx, fy, cx, cy, width, height
         sized = {"matrix": numbers[:4], "size": numbers[4:]}
         document = sized if is_sized else {"matrix": document}
-    chains = [chain for chain in _objects(document, ()) if has_camera(chain[-1][1])]
-    chains = chains or [(("", document),)]
+    chains = [chain for chain in _objects(document, []) if has_camera(chain[-1][1])]
+    chains = chains or [[("", document)]]
     ranks = [
         rank_of(*(name for name, _ in chain), *map(str, chain[-1][1].values())) for chain in chains
     ]
@@ -329,7 +338,7 @@ def find(document: Any, where: str, is_replaced: bool = False) -> Found:
 
 
 # names and objects, from the document to one within it
-_Chain = tuple[tuple[str, dict[str, Any]], ...]
+_Chain = list[tuple[str, dict[str, Any]]]
 
 
 def _of_modes(found: Sequence[Found], where: str) -> CameraInfo:
@@ -337,9 +346,9 @@ def _of_modes(found: Sequence[Found], where: str) -> CameraInfo:
 
     Raises DataError for others.
     """
-    infos = {one.info for one in found}
-    cameras = [one.info.camera for one in found if isinstance(one.info.camera, Camera)]
-    modes = {(one.width, one.height): one for one in cameras}
+    infos = dict.fromkeys(one.info for one in found)
+    cameras = [info.camera for info in infos if isinstance(info.camera, Camera)]
+    modes = {(camera.width, camera.height): camera for camera in cameras}
     common, *others = {replace(info, camera=None) for info in infos}
     if len(modes) < len(infos) or (0, 0) in modes or others:
         names = ", ".join(dict.fromkeys(one.name for one in found))
@@ -351,13 +360,15 @@ def _of_modes(found: Sequence[Found], where: str) -> CameraInfo:
             raise DataError(f"{width} x {height} pixels; {where} has a camera for {known}")
         return modes[width, height]
 
-    return replace(common, camera=View("own", at, tuple(modes)), lens=common.lens or Lens())
+    # without a lens it would be one by its field of view
+    view = View("own", at, tuple(modes))
+    return replace(common, camera=view, lens=common.lens or Lens())
 
 
 def _objects(value: Any, outer: _Chain, name: str = "") -> Iterator[_Chain]:
     """All objects in a value, each with those around it."""
     if isinstance(value, dict):
-        inner = (*outer, (name, value))
+        inner = [*outer, (name, value)]
         yield inner
         for key, child in value.items():
             yield from _objects(child, inner, str(key))
@@ -430,9 +441,9 @@ class Found:
             wanted = {key for group in AROUND if said.isdisjoint(group) for key in group}
         self.name = ".".join(name.strip() for name, _ in chain if name)
         self.unused = [name for name in own if name not in self.fields]
-        more = f"{', '.join(self.unused[:MAX_NAMES])}{' ...' * (len(self.unused) > MAX_NAMES)}"
-        self.words = ", ".join(self.fields) + (f"; not used: {more}" if more else "")
-        self.is_own = len(chain) < 2 and all(name in KNOWN for name in self.fields)
+        others = ", ".join(self.unused[:MAX_NAMES]) + " ..." * (len(self.unused) > MAX_NAMES)
+        self.words = ", ".join(self.fields) + f"; not used: {others}" * bool(others)
+        self.is_own = len(chain) < 2 and self.fields.keys() <= {*KNOWN}
         self.info = self._info()
 
     def _refuse(self, what: str) -> NoReturn:
@@ -442,7 +453,7 @@ class Found:
         """Take what the value of a known name says. Raises DataError."""
         for key, plain in self._plain(name, value).items():
             if key in self._values:
-                self._refuse(f"says {key} twice" + (f", once as {name}" if key != name else ""))
+                self._refuse(f"says {key} twice, once as {name}")
             self._values[key] = self._checked(key, plain)
             self.fields[name] = "lens" if key in LENS else key if key in FIELDS else "camera"
 
@@ -460,18 +471,16 @@ class Found:
         if key in ROWS:
             row = [inner.get(one) for one in ROWS[key]] if inner else value
             return dict(zip(ROWS[key], row)) if isinstance(row, list) and len(row) == 2 else {}
-        if key in ("distortion", "coefficients") and is_object and not _numbers(value):
-            if strange := [one for one in inner if one not in LENS[1:]]:
-                self._refuse(f"{name}: {unknown_key(strange[0], LENS[1:])}")
+        if key == "distortion" and is_object and not _numbers(value):
+            if strange := [one for one in inner if one not in LENS]:
+                self._refuse(f"{name}: {unknown_key(strange[0], IN_LENS)}")
             return inner
+        if key == "distortion" and isinstance(value, str):
+            key = "model"
         if key == "scale":
             key = "unit_mm"
-            if _is_number(value) and value >= PER_METRE:
-                value = 1000 / value
-            elif _is_number(value) and value < IN_METRES:
-                value = 1000 * value
-        if key == "distortion":
-            key = "model" if isinstance(value, str) else "coefficients"
+            if _is_number(value) and not IN_METRES <= value < PER_METRE:
+                value = 1000 * value if value < IN_METRES else 1000 / value
         return {key: value}
 
     def _checked(self, key: str, value: Any) -> Any:
@@ -479,24 +488,21 @@ class Found:
 
         Raises DataError for one of another kind, or out of range.
         """
-        is_good, expected, shown = isinstance(value, str), "a text", key
-        if key == "coefficients":
-            value = _numbers(value) or value
-            is_good, shown = _numbers(value) is not None, "distortion"
-            expected = "a list of numbers: k1, k2, p1, p2, k3 ..."
+        plain: Any = value if isinstance(value, str) else None
+        expected = "a text"
+        if key == "distortion":
+            plain, expected = _numbers(value), "a list of numbers: k1, k2, p1, p2, k3 ..."
         elif key == "time_unit":
-            is_good, expected = value in TIME_UNITS, ", ".join(TIME_UNITS)
-        elif key in BROWN:
-            is_good, expected = _is_number(value), "a number that is finite"
+            plain, expected = plain if plain in TIME_UNITS else None, ", ".join(TIME_UNITS)
         elif key in RANGES:
             low, high = RANGES[key]
-            is_good = _is_number(value) and low < value <= high
+            plain = float(value) if _is_number(value) and low < value <= high else None
             expected = f"a number more than {low:g} and at most {high:g}"
-            if is_good and key in SIZE:
-                is_good, expected = value % 1 == 0, "a whole number"
-        if not is_good:
-            self._refuse(f"{shown} is {_shown(value)}; expected {expected}")
-        return int(value) if key in SIZE else float(value) if _is_number(value) else value
+            if plain and key in SIZE:
+                plain, expected = int(plain) if plain.is_integer() else None, "a whole number"
+        if plain is None:
+            self._refuse(f"{key} is {_shown(value)}; expected {expected}")
+        return plain
 
     def _info(self) -> CameraInfo:
         """The parameters. Raises DataError."""
@@ -509,13 +515,14 @@ class Found:
             self._refuse(f"has {there[0]}, but not {names}")
         values = DEFAULTS | {key: said[key] for key in there}
         camera = Camera(**values) if there else None
-        if not said.keys().isdisjoint(BROWN):
-            if "coefficients" in said:
+        if said.keys() & BROWN:
+            if "distortion" in said:
                 self._refuse("says the distortion twice, once as k1 ... or p1 ...")
-            said["coefficients"] = [said.get(key, 0.0) for key in BROWN]
-        lens, coefficients = None, said.get("coefficients", [])
-        if "coefficients" in said or "model" in said:
-            lens = lens_of(said.get("model", "brown_conrady"), coefficients, self._where)
+            said["distortion"] = [said.get(key, 0.0) for key in BROWN]
+        lens = None
+        if said.keys() & {"distortion", "model"}:
+            model = said.get("model", "brown_conrady")
+            lens = lens_of(model, said.get("distortion", []), self._where)
         fields: dict[str, Any] = {key: said.get(key) for key in FIELDS}
         return CameraInfo(camera, lens, origin=self._where, **fields)
 
