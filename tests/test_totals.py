@@ -39,13 +39,13 @@ ROOMS = {
     "exercises": Size(8_699, 636, 42, 32_908),
     "experiments": Size(14_839, 1_178, 55, 10_767),
     "export": Size(8_268, 627, 22, 3_938),
-    "fast": Size(29_848, 2_368, 121, 3_196),
-    "handpose": Size(93_288, 7_503, 371, 34_505),
+    "fast": Size(29_905, 2_374, 121, 3_196),
+    "handpose": Size(92_664, 7_475, 370, 34_700),
     "handpose/synthetic": Size(14_001, 996, 94, 1_873),
-    "layers": Size(36_441, 2_967, 126, 18_415),
-    "netlib": Size(44_054, 4_264, 64, 65_634),
+    "layers": Size(36_471, 2_970, 126, 18_415),
+    "netlib": Size(44_108, 4_278, 64, 65_638),
     "setup.py": Size(180, 10, 1, 284),
-    "tests": Size(261_051, 17_022, 733, 364_507),
+    "tests": Size(261_655, 17_077, 735, 365_617),
     "tools": Size(29_772, 2_705, 54, 30_127),
 }
 LINES = {  # of files that are not Python, by their patterns
@@ -54,9 +54,9 @@ LINES = {  # of files that are not Python, by their patterns
     "*.js *.css *.html": 2_830,
 }
 WORDS = {  # of documents, by their pattern
-    ":(glob)docs/*.md": 25_767,
+    ":(glob)docs/*.md": 25_794,
     "README.md": 898,
-    "*.md": 64_632,
+    "*.md": 64_659,
 }
 OTHERS = LINES | WORDS
 LIMITS = {  # that no recorded total may exceed: syntax nodes of rooms, lines, words
