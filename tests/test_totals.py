@@ -40,7 +40,7 @@ ROOMS = {
     "experiments": Size(14_839, 1_178, 55, 10_767),
     "export": Size(8_268, 627, 22, 3_938),
     "fast": Size(29_905, 2_374, 121, 3_196),
-    "handpose": Size(92_664, 7_475, 370, 34_700),
+    "handpose": Size(92_672, 7_476, 370, 34_725),
     "handpose/synthetic": Size(14_001, 996, 94, 1_873),
     "layers": Size(36_471, 2_970, 126, 18_415),
     "netlib": Size(44_108, 4_278, 64, 65_638),

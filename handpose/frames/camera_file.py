@@ -16,7 +16,7 @@ name            of the camera
 time_unit       of the times in the names of the frames or in their file: s, ms, us, ns, or
                 frames for numbers
 
-Files of other programs are read by the same keys under the names in ``NAMES``, whatever their
+Files of other programs are read by the same keys under the names in ``ALIASES``, whatever their
 form: JSON, the YAML in which programs write parameters, lines of keys and values, sections, or
 tables of numbers. In them
 
@@ -162,8 +162,10 @@ def parsed(text: str, where: str) -> Any:
 
     try:
         return json.loads(text, object_pairs_hook=unique)
-    # of a text that is cut, of integers of thousands of digits, or of too many levels
-    except (ValueError, RecursionError) as error:
+    except RecursionError:
+        raise DataError(f"{where}: JSON of too many levels") from None
+    # of a text that is cut, or of integers of thousands of digits
+    except ValueError as error:
         raise DataError(f"{where}: not whole JSON: {error}") from None
 
 
@@ -292,7 +294,7 @@ k4
 k5
 k6
 """
-NAMES = {
+ALIASES = {
     alias: key for key, *aliases in map(str.split, NAMES.splitlines()) for alias in (key, *aliases)
 }
 IN_METRES, PER_METRE = 0.01, 100.0  # a depth scale below, and from here on
@@ -387,7 +389,7 @@ def has_camera(values: Mapping[str, Any]) -> bool:
 
 def is_known(name: str) -> bool:
     """True for a name that is read in an object with a camera."""
-    return _key(name) in NAMES.values()
+    return _key(name) in ALIASES.values()
 
 
 def rank_of(*names: str) -> int:
@@ -407,7 +409,7 @@ def _key(name: str, value: Any = None) -> str:
     """
     if isinstance(value, dict) and {_key(one) for one in value} == {*SIZE}:
         return "size"
-    return NAMES.get(re.sub(r"[\W_]", "", name.rpartition(".")[2]).lower(), name)
+    return ALIASES.get(re.sub(r"[\W_]", "", name.rpartition(".")[2]).lower(), name)
 
 
 def unknown_key(key: str, known: Collection[str] = KNOWN) -> str:
@@ -430,7 +432,7 @@ class Found:
         self._where, self._is_replaced = where, is_replaced
         self._values, self.fields = dict[str, Any](), dict[str, str]()
         own = chain[-1][1]
-        wanted = {*NAMES.values()}
+        wanted = {*ALIASES.values()}
         if any(_key(name) == "fx" for name in own):  # of two forms the matrix is not used
             wanted -= {"matrix"}
         for _, values in reversed(chain):
