@@ -23,8 +23,9 @@ def folders_in(top: str) -> list[str]:
 
 
 def long_description() -> str:
-    """README.md for a page that is not beside the repository's files: no pictures, and of relative
-    links the text.
+    """README.md for a package index, which has none of the repository's files.
+
+    Pictures and comments are removed; a relative link is replaced by its text.
     """
     text = Path("README.md").read_text(encoding="utf-8")
     text = re.sub(r"^!\[[^\]]*\]\([^)]*\)\n+", "", text, flags=re.MULTILINE)

@@ -60,7 +60,7 @@ class PresentPlace:
 
     @property
     def is_sure(self) -> bool:
-        """True if it is reported also beside a hand with joints.
+        """True if it is reported also while another hand has joints.
 
         Motion is no evidence: in one second, a tenth of the places without a hand move by more than
         57 mm on P4 and 60 on P6, with what the finder sees of them, and a tenth of those on a

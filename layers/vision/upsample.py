@@ -63,7 +63,7 @@ class Upsample(Layer):
                 )
 
     def _pair(self, *names: str) -> tuple[int, int] | None:
-        """Two options of which both are given or none."""
+        """Two options that are given together; None if neither is given."""
         one, other = (getattr(self.param, name) for name in names)
         if one is None and other is None:
             return None

@@ -72,7 +72,7 @@ def poses(name: str, weights: Weights, seed: int, count: int = 400) -> Poses:
 
 
 def test_weights_are_found_again() -> None:
-    """Whatever the length of each recording; what is no hand, and lost, has hardly an effect."""
+    """The length of a recording does not matter, and places without a hand hardly do."""
     takes = [poses("a", MADE, seed=1), poses("b", MADE, seed=2, count=4000)]
     for found, made, spread in zip(fitted(takes, IN_USE, keep=0.0), MADE, (0.2, 0.1), strict=True):
         np.testing.assert_allclose(found.weights, made.weights, atol=0.04)
@@ -133,7 +133,7 @@ def test_what_is_seen_of_tracked_poses(mirrored: bool) -> None:
 
 
 def test_other_places_that_look_like_hands() -> None:
-    """A pose at a place beside the labelled hand is as wrong as a lost hand, and counts a tenth."""
+    """A pose away from the labelled hand counts as a lost hand, with a tenth of the weight."""
     recording = SyntheticRecording("rest", ICVL, rate=5, seconds=0.2, seed=1)
     [frame] = tracked_labels(recording, true_labels(recording), 0, False, min_confidence=0)
     middle, pixels = frame.label.mean(axis=(0, 1)), np.zeros(frame.depth.shape, bool)

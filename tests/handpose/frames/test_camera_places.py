@@ -84,7 +84,7 @@ def test_the_camera_json_of_a_recording() -> None:
     ],
 )
 def test_where_programs_put_the_camera(depth: Path, name: str, text: str) -> None:
-    """In the folder, one folder up, or in a folder beside."""
+    """In the folder of the frames, its parent, or a folder next to it."""
     path = wrote(name, text)
     for source in (depth, depth / "*.png", depth.absolute()):
         recording = open_recording(source)

@@ -141,7 +141,7 @@ def test_another_kind_of_picture_is_no_damage(
     "form", ["{}_{}.png", "{} ({}).png", "[{}] {}.png", "{}[{}].tif", "what?{}*{}.png"]
 )
 def test_the_pattern_in_the_error_names_the_depth(tmp_path: Path, form: str) -> None:
-    """Of names without leading zeros, with infrared beside, in a folder with special characters."""
+    """Names without leading zeros, infrared files in between, special characters in the path."""
     for number in range(12):
         put(tmp_path / "a [b]" / form.format("depth", number), hand_sized(distance=1000 + number))
         put(tmp_path / "a [b]" / form.format("ir", number), hand_sized(distance=3000))
