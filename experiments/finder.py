@@ -12,6 +12,9 @@ where there is none; the middle of a hand's joints is its place. A hand is found
 each further answer is false. "side" is the share of the hands found whose side is right or unknown,
 with the threshold at one false hand a frame; "unknown" those without an answer.
 
+--things counts, in scenes without hands, what is taken for one: the shares of things in the scene
+prior follow from that.
+
 --part chooses the frames with even or odd numbers, so that choices are made on one half and
 reported on the other.
 """
@@ -21,6 +24,7 @@ from __future__ import annotations
 import argparse
 import functools
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -35,10 +39,13 @@ from handpose.estimate.packaged import HAND_FINDER
 from handpose.frames.cameras import KINECT2, NYU, SR305, Camera
 from handpose.frames.formats import open_recording
 from handpose.sequences.recordings import SCRIPTS, SyntheticRecording
-from handpose.synthetic.whole_scenes import BLOCK, HEIGHT, WIDTH, SceneGenerator
+from handpose.synthetic.scenes import prior as scene_prior
+from handpose.synthetic.scenes.cameras import HEIGHT, WIDTH
+from handpose.synthetic.whole_scenes import BLOCK, SceneGenerator, Scenes
 from handpose.tracking.track import PARTLY
 from netlib.blob import Array
 from netlib.errors import DataError
+from netlib.proto import schema
 from tools.common.arguments import add_engine, count, seed
 from tools.common.console import DONE, aligned
 
@@ -91,6 +98,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="frames, and the joints of their hands; may be given several times",
     )
     parser.add_argument(
+        "--things",
+        action="store_true",
+        help="instead, what is taken for a hand in scenes without hands",
+    )
+    parser.add_argument(
         "--part", choices=("all", "even", "odd"), default="all", help="frames (default: all)"
     )
     add_engine(parser)
@@ -99,6 +111,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Measure the finder. Raises NetlibError."""
     finder = Finder(trained(args.model, args.weights, args.engine))
+    if args.things:
+        print(aligned(things_taken_for_hands(finder, args.seed, args.scenes)))
+        return DONE
     sources: dict[str, Callable[[], Iterator[Labelled]]] = {
         "test": functools.partial(drawn_scenes, args.seed, args.scenes),
         "other": functools.partial(other_scenes, args.seed, args.scenes),
@@ -190,18 +205,48 @@ def recalls_of(answers: Sequence[Answer], total: int, frames: int) -> tuple[list
 # ---------------------------------------------------------------------------------- labelled frames
 
 
+def things_taken_for_hands(finder: Finder, number: int, scenes: int) -> list[list[str]]:
+    """A row for each thing of scenes without hands: pixels that show it, and false hands there."""
+    prior = scene_prior.load()
+    prior = schema.changed(prior, hands=schema.changed(prior.hands, none=1.0))
+    generator = SceneGenerator(number, "test", prior)
+    pixels, false = Counter[str](), Counter[str]()
+    names = np.array(generator.names)
+    for block in range(-(-scenes // BLOCK)):
+        drawn = generator.block(block)
+        for n in range(min(BLOCK, scenes - block * BLOCK)):
+            camera = camera_of(drawn, n)
+            shown = np.where(drawn.depth[n] > 0, names[drawn.what[n]], "nothing")
+            pixels.update(shown.ravel().tolist())
+            for hand in finder.hands(drawn.depth[n], camera, most=MOST):
+                u, v, _ = np.rint(camera.project(hand.middle)).astype(int)
+                false[str(shown[v, u])] += 1
+    rows = [
+        [name, f"{pixels[name] / pixels.total():.1%}", str(count), f"{count / scenes:.3f}"]
+        for name, count in false.most_common()
+    ]
+    return [["taken for a hand", "pixels", "times", "a frame"], *rows]
+
+
 def drawn_scenes(number: int, scenes: int) -> Iterator[Labelled]:
     """Scenes of the training's generator that no training saw."""
     generator = SceneGenerator(number, "test")
     for block in range(-(-scenes // BLOCK)):
         drawn = generator.block(block)
         for n in range(min(BLOCK, scenes - block * BLOCK)):
-            x, y = drawn.slopes[n, 0, :, 0].astype(float), drawn.slopes[n, :, 0, 1].astype(float)
-            focal = (WIDTH - 1) / (x[-1] - x[0])
-            camera = Camera("scene", focal, focal, -x[0] * focal, y[0] * focal, WIDTH, HEIGHT, 60.0)
             sides: list[Side] = ["right" if side > 0 else "left" for side in drawn.side[n]]
             hands = [(drawn.middle[n, k], sides[k]) for k in np.flatnonzero(drawn.present[n])]
-            yield Labelled(drawn.depth[n], camera, hands, [*drawn.middle[n, drawn.doubtful[n]]])
+            yield Labelled(
+                drawn.depth[n], camera_of(drawn, n), hands, [*drawn.middle[n, drawn.doubtful[n]]]
+            )
+
+
+def camera_of(scenes: Scenes, n: int) -> Camera:
+    """The camera of a scene."""
+    x = scenes.slopes[n, 0, :, 0].astype(float)
+    y = scenes.slopes[n, :, 0, 1].astype(float)
+    focal = (WIDTH - 1) / (x[-1] - x[0])
+    return Camera("scene", focal, focal, -x[0] * focal, y[0] * focal, WIDTH, HEIGHT, 60.0)
 
 
 def other_scenes(number: int, scenes: int) -> Iterator[Labelled]:

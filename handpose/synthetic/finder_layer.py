@@ -23,7 +23,8 @@ from typing import Any
 import numpy as np
 
 from handpose.estimate.finder import FOCAL_PX, VOTE_MM, channels_of
-from handpose.synthetic.whole_scenes import BLOCK, HEIGHT, WIDTH, SceneGenerator, Scenes
+from handpose.synthetic.scenes.cameras import HEIGHT, WIDTH
+from handpose.synthetic.whole_scenes import BLOCK, SceneGenerator, Scenes
 from netlib import TEST, Layer
 from netlib.blob import Array, Blobs
 

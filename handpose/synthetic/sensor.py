@@ -277,6 +277,10 @@ STEREO = Sensor(
     holes=(0.0, 0.01),
     spread=(0.0, 1.5),
 )
+DIM = 0.4  # share of frames in which dark things are not read, ...
+REACHES = (1.05, 6.0)  # ... and white ones up to this part of the farthest hand's depth (logarithm)
+HANDS_AT_MM = (300.0, 1200.0)  # instead, in frames without hands
+UNEVEN = 0.15  # deviation of that depth from place to place
 KINDS = (
     (KINECT, False),
     (NOISY_KINECT, False),
@@ -288,13 +292,14 @@ KINDS = (
 
 
 def measure_frame(
-    rng: np.random.Generator, depth: Floats, hand: NDArray[np.bool_], focal: float
+    rng: np.random.Generator, depth: Floats, hand: NDArray[np.bool_], focal: float, reflects: Floats
 ) -> Floats:
     """A frame (H, W) in mm as a random camera measures it, 0 where it reads nothing.
 
-    depth  infinite where there is no surface
-    hand   (H, W) pixels of hands, of which fewer holes take a part
-    focal  focal length in px
+    depth     infinite where there is no surface
+    hand      (H, W) pixels of hands, of which fewer holes take a part
+    focal     focal length in px
+    reflects  (H, W) the part of the light that surfaces send back
     """
     sensor, smooths = KINDS[int(rng.integers(len(KINDS)))]
     height, width = depth.shape
@@ -311,6 +316,8 @@ def measure_frame(
     if rng.random() < 0.5:
         hole = _patches(rng, depth.shape) > rng.uniform(1.0, 2.2)
         lost |= hole if rng.random() < 0.35 else hole & ~hand
+    if rng.random() < DIM:
+        lost |= _dark(rng, clean, hand, reflects)
     if rng.random() < 0.3:
         lost[:, : int(rng.integers(25))] = True  # the strip that one of the cameras does not see
     out = np.where(lost, np.float32(0), np.round(out))
@@ -318,6 +325,18 @@ def measure_frame(
         speck = rng.random(out.shape) < rng.uniform(0, 0.004)
         out[speck] = rng.integers(200, 1500, int(speck.sum()))
     return np.asarray(out, np.float32)
+
+
+def _dark(
+    rng: np.random.Generator, depth: Floats, hand: NDArray[np.bool_], reflects: Floats
+) -> NDArray[np.bool_]:
+    """Pixels (H, W) that send back too little light: it falls with the squared distance. Hands are
+    near enough.
+    """
+    farthest = float(depth[hand].max()) if hand.any() else float(rng.uniform(*HANDS_AT_MM))
+    reach = farthest * np.exp(rng.uniform(*np.log(REACHES)))
+    uneven = np.exp(UNEVEN * _patches(rng, depth.shape))
+    return ~hand & (depth > reach * np.sqrt(reflects) * uneven)
 
 
 def _merged(depth: Floats, sigma: float) -> Floats:

@@ -4,18 +4,29 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
 
 from experiments import constants
 from experiments.constants import Seen, cells_of, followed, set_constants
-from experiments.finder import Answer, Labelled, judged, labels_of, recalls_of, recorded
-from handpose.estimate.finder import FoundHand
+from experiments.finder import (
+    Answer,
+    Labelled,
+    judged,
+    labels_of,
+    recalls_of,
+    recorded,
+    things_taken_for_hands,
+)
+from handpose.estimate.finder import Finder, FoundHand
 from handpose.estimate.packaged import HAND_FINDER
 from handpose.frames import camera_file
-from handpose.frames.cameras import NYU
+from handpose.frames.cameras import NYU, Camera
 from handpose.frames.recording import CameraInfo
+from handpose.synthetic.whole_scenes import SceneGenerator
+from netlib.blob import Array
 from netlib.errors import DataError
 from tests.support.labelled_recordings import write_labelled
 from tests.support.running import run_tool
@@ -176,6 +187,23 @@ def test_the_packaged_finder_is_measured() -> None:
     for line, name in ((drawn, "test"), (other, "other")):
         found, count, _, _, recall, *_ = line.split()
         assert (found, count) == (name, "16") and float(recall.rstrip("%")) > 50
+
+
+def test_what_the_finder_takes_for_a_hand_is_counted_by_its_name() -> None:
+    """A stand-in that finds a hand in the middle of each frame, and one far outside."""
+
+    class Sees:
+        def hands(self, depth: Array, camera: Camera, most: int) -> list[FoundHand]:
+            middle = camera.unproject([80.0, 64.0, 500.0])
+            return [FoundHand(0.9, middle, 0.5, depth > 0)]
+
+    head, *rows = things_taken_for_hands(cast(Finder, Sees()), 3, 8)
+    assert head == ["taken for a hand", "pixels", "times", "a frame"]
+    assert sum(int(times) for _, _, times, _ in rows) == 8
+    names = {*SceneGenerator(3).names} - {"hand"}
+    assert {name for name, *_ in rows} <= names
+    shares = [float(share.rstrip("%")) for _, share, *_ in rows]
+    assert 0 < sum(shares) <= 100
 
 
 def test_labels_that_are_none(tmp_path: Path) -> None:

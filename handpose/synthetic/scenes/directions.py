@@ -1,0 +1,38 @@
+"""Directions and rotations."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from netlib.blob import Array
+
+
+def unit(v: Array) -> Array:
+    """Vectors (..., 3) of length 1."""
+    return np.asarray(v / np.linalg.norm(v, axis=-1, keepdims=True))
+
+
+def across(v: Array, direction: Array) -> Array:
+    """The part of vectors at a right angle to a direction of length 1."""
+    return np.asarray(v - dot(v, direction)[..., None] * direction)
+
+
+def dot(v: Array, w: Array) -> Array:
+    """Scalar products (...) of vectors (..., 3)."""
+    return np.asarray((v * w).sum(-1))
+
+
+def any_direction(rng: np.random.Generator, *shape: int) -> Array:
+    """Random directions (..., 3), uniform."""
+    return unit(rng.normal(size=(*shape, 3)))
+
+
+def any_rotation(rng: np.random.Generator, *shape: int) -> Array:
+    """Random rotation matrices (..., 3, 3), uniform."""
+    w, x, y, z = np.moveaxis(unit(rng.normal(size=(*shape, 4))), -1, 0)
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))

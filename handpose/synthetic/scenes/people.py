@@ -1,0 +1,236 @@
+"""People of whole scenes: from a hand to its arm, shoulders and head, and to the other hand."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.body.render import Capsules
+from handpose.synthetic.pose_prior import BodySampler
+from handpose.synthetic.scenes.cameras import HEIGHT, WIDTH, Cameras
+from handpose.synthetic.scenes.directions import across, any_direction, any_rotation, dot, unit
+from handpose.synthetic.scenes.hands import Hands, draw_hands
+from handpose.synthetic.scenes.prior import ArmParameter, BodyParameter, HandsParameter, ScenePrior
+from handpose.synthetic.scenes.solids import shown
+from netlib.blob import Array
+
+TRIALS = 16  # arrangements of an arm, of which the best is taken
+ARM_MM, SHOULDER_MM = 290.0, 170.0  # upper arm; from the middle of the shoulders to one
+USUAL = 0.92  # size of the mean hand, for which these lengths are
+SMALLEST, LARGEST = 0.8, 1.2  # people
+AHEAD = np.array([0.0, 0.0, 1.0])  # where the camera looks
+BODY = (  # right, up and forward of the middle of the shoulders: from, to; both radii
+    ((-60, -60, 0), (-60, -420, 10), 95, 110),
+    ((60, -60, 0), (60, -420, 10), 95, 110),
+    ((0, -120, 20), (0, -430, 30), 110, 125),
+    ((-140, -15, 0), (140, -15, 0), 65, 65),
+    ((0, 40, 15), (0, 150, 25), 58, 55),
+    ((0, 190, 30), (0, 255, 20), 85, 92),
+)
+THIGH = (85.0, 62.0)  # radii at hip and knee
+HIP = ((-95.0, -470.0, 20.0), (95.0, -470.0, 20.0))
+
+
+class Person(NamedTuple):
+    """Directions and places of N people: (N, 3) each, and the size (N, 1)."""
+
+    up: Array
+    face: Array
+    right: Array
+    middle: Array  # between the shoulders
+    size: Array
+
+    def shoulder(self, side: Array) -> Array:
+        """The shoulders of the given sides (N,)."""
+        return self.middle + side[:, None] * self.right * SHOULDER_MM * self.size
+
+
+class People(NamedTuple):
+    """Two placed hands in each frame, and whose they are."""
+
+    hands: tuple[Hands, Hands]
+    person: Person
+    palms: Array  # (N, 2, 3)
+    there: NDArray[np.bool_]  # (N, 2)
+    rests: NDArray[np.bool_]  # (N,) the first one, on a table
+
+
+def draw_people(
+    rng: np.random.Generator, prior: ScenePrior, sampler: BodySampler, cameras: Cameras
+) -> People:
+    """A hand anywhere in each frame, its person, and the other hand."""
+    count, hands = len(cameras.focal), prior.hands
+    place = cameras.anywhere(rng, hands.margin_px, hands.distance.draw(rng, count))
+    side = rng.choice([-1.0, 1.0], count)
+    first = draw_hands(rng, sampler, side)
+    size = np.clip(first.scale / USUAL, SMALLEST, LARGEST)[:, None]
+    wearer = _wearer(rng, cameras, size)
+    rests = rng.random(count) < hands.rests
+    along = rng.random(count) < hands.along
+    turn = _turn_of_first(rng, cameras, wearer, first, place, rests, along)
+    first = first.placed(turn, place)
+    person = _owner(rng, cameras, wearer, first)
+    second, other_place = _second(rng, hands, sampler, cameras, person, place, side)
+    some = rng.random(count) >= hands.none
+    there = np.stack([some, some & (rng.random(count) < hands.second)], axis=1)
+    palms = np.stack([place, other_place], axis=1)
+    return People((first, second), person, palms, there, rests)
+
+
+def _wearer(rng: np.random.Generator, cameras: Cameras, size: Array) -> Person:
+    """The people on whose heads the cameras would be."""
+    count, up = len(size), cameras.up
+    face = unit(across(AHEAD + 0.25 * rng.normal(size=(count, 3)) - 0.3 * up, up))
+    right = np.cross(up, face)
+    below, behind = rng.uniform(60, 320, (count, 1)), rng.uniform(-60, 150, (count, 1))
+    middle = -up * below - face * behind + right * rng.uniform(-100, 100, (count, 1))
+    return Person(up, face, right, middle, size)
+
+
+def _turn_of_first(
+    rng: np.random.Generator,
+    cameras: Cameras,
+    wearer: Person,
+    hand: Hands,
+    place: Array,
+    rests: NDArray[np.bool_],
+    along: NDArray[np.bool_],
+) -> Array:
+    """Rotations (N, 3, 3) of the first hands: the likeliest of some arrangements of their arms."""
+    count, up = len(place), cameras.up[:, None]
+    turns = any_rotation(rng, count, TRIALS)
+
+    def turned(v: Array) -> Array:
+        return np.einsum("nkij,nj->nki", turns, v)
+
+    forearm = turned(unit(hand.elbow - hand.wrist))
+    away = dot(forearm, unit(place)[:, None])  # negative: the elbow is nearer than the hand
+    score = rng.random((count, TRIALS)) - 3 * (away < -0.85)
+    shoulder = wearer.shoulder(hand.side)[:, None]
+    reach = np.linalg.norm(place[:, None] + turned(hand.elbow) - shoulder, axis=-1)
+    too_far = np.abs(reach - ARM_MM * wearer.size) / 120
+    score -= cameras.on_head[:, None] * np.clip(too_far, 0, 4)
+    score += cameras.facing[:, None] * ((away > 0) - 0.5 * dot(forearm, up))
+    score -= rests[:, None] * 5 * dot(turned(hand.palmar), up)
+    score += along[:, None] * 5 * np.abs(away)
+    return np.asarray(turns[np.arange(count), score.argmax(1)])
+
+
+def _owner(rng: np.random.Generator, cameras: Cameras, wearer: Person, hand: Hands) -> Person:
+    """The people of the first hands: the wearers, or somebody at the end of the arm."""
+    count, up = len(hand.side), cameras.up
+    outwards = hand.side[:, None]
+    forward = unit(hand.wrist - hand.elbow) + 0.6 * rng.normal(size=(count, 3))
+    on_head = cameras.on_head[:, None]
+    face = np.where(on_head, wearer.face, unit(across(forward, up)))
+    right = np.cross(up, face)
+    upper = unit(
+        -face * rng.uniform(-0.2, 1, (count, 1))
+        + up * rng.uniform(-0.3, 1.1, (count, 1))
+        - outwards * right * rng.uniform(-0.3, 0.6, (count, 1))
+        + 0.3 * rng.normal(size=(count, 3))
+    )
+    size = wearer.size
+    shoulder = np.where(on_head, wearer.shoulder(hand.side), hand.elbow + ARM_MM * size * upper)
+    return Person(up, face, right, shoulder - outwards * right * SHOULDER_MM * size, size)
+
+
+def _second(
+    rng: np.random.Generator,
+    prior: HandsParameter,
+    sampler: BodySampler,
+    cameras: Cameras,
+    person: Person,
+    place: Array,
+    side: Array,
+) -> tuple[Hands, Array]:
+    """The other hand, usually of the same person, placed; and its place."""
+    count = len(side)
+    stranger = rng.random(count) < prior.stranger
+    own_side = np.where(stranger, rng.choice([-1.0, 1.0], count), -side)
+    hand = draw_hands(rng, sampler, own_side)
+    elbows = _other_elbows(rng, person, own_side)
+    turns = any_rotation(rng, count, TRIALS)
+    places = elbows - np.einsum("nkij,nj->nki", turns, hand.elbow)
+    u, v = np.moveaxis(cameras.pixels(places), -1, 0)
+    z = places[..., 2]
+    in_frame = (u > 5) & (u < WIDTH - 5) & (v > 5) & (v < HEIGHT - 5)
+    seen = in_frame & (z > 220) & (z < 1700)
+    ahead = dot(places - elbows, person.face[:, None]) > 0
+    too_close = np.linalg.norm(places - place[:, None], axis=-1) < 70
+    score = 3.0 * seen + rng.random(seen.shape) + 0.6 * ahead - 2.0 * too_close
+    best = score.argmax(1)
+    rows = np.arange(count)
+    near = place + any_direction(rng, count) * prior.close_mm.draw(rng, count, 1)
+    anywhere = cameras.anywhere(rng, 5, place[:, 2] * np.exp(rng.uniform(-0.5, 0.5, count)))
+    close = rng.random(count) < prior.close
+    where = np.select([close[:, None], stranger[:, None]], [near, anywhere], places[rows, best])
+    return hand.placed(turns[rows, best], where), where
+
+
+def _other_elbows(rng: np.random.Generator, person: Person, side: Array) -> Array:
+    """Places (N, TRIALS, 3) of the elbows of the other arms."""
+    count = len(side)
+    many = (count, TRIALS, 1)
+    outwards = side[:, None] * person.right
+    upper = unit(
+        person.face[:, None] * rng.uniform(0, 1.2, many)
+        - person.up[:, None] * rng.uniform(-0.3, 1, many)
+        + outwards[:, None] * rng.uniform(-0.4, 0.6, many)
+        + 0.3 * rng.normal(size=(count, TRIALS, 3))
+    )
+    return np.asarray(person.shoulder(side)[:, None] + ARM_MM * person.size[:, None] * upper)
+
+
+def draw_arm(
+    rng: np.random.Generator,
+    prior: ArmParameter,
+    hand: Hands,
+    person: Person,
+    there: NDArray[np.bool_],
+) -> Capsules:
+    """Forearm, sleeve and upper arm (N, 3 capsules); some arms end early."""
+    count = len(there)
+    ends = np.where(rng.random(count) < prior.cut, prior.cut_at.draw(rng, count), 1.0)[:, None]
+    elbow = hand.wrist + ends * (hand.elbow - hand.wrist)
+    sleeve = prior.sleeve_from.draw(rng, count)
+    worn = rng.random(count) < prior.sleeve
+    thicker = np.where(worn, prior.sleeve_mm.draw(rng, count), 0.0)
+    radii = hand.arm_radii * prior.thickness.draw(rng, count, 1)
+    shoulder = person.shoulder(hand.side)
+    size = person.size[:, 0]
+    upper = prior.upper.draw(rng, count) * size + thicker
+    longest = 420 * size  # upper arms; farther shoulders are of somebody else
+    joined = (ends[:, 0] == 1) & (np.linalg.norm(hand.elbow - shoulder, axis=1) < longest)
+    begin = radii[:, 0] + sleeve * (radii[:, 1] - radii[:, 0]) + thicker
+    end = radii[:, 1] + thicker
+    at_elbow = np.minimum(upper, end)
+    middle = hand.wrist + sleeve[:, None] * (elbow - hand.wrist)
+    a = np.stack([hand.wrist, middle, elbow], axis=1)
+    b = np.stack([elbow, elbow, np.where(joined[:, None], shoulder, elbow)], axis=1)
+    ra = np.stack([radii[:, 0], begin, at_elbow], axis=1)
+    rb = np.stack([radii[:, 1], end, np.where(joined, upper, at_elbow)], axis=1)
+    return shown(Capsules(a, b, ra, rb), there[:, None])
+
+
+def draw_body(rng: np.random.Generator, prior: BodyParameter, person: Person) -> Capsules:
+    """Trunk, shoulders, neck, head, and the legs of some who sit."""
+    count = len(person.size)
+    axes = np.stack([person.right, person.up, person.face], axis=1)
+    hip = np.array(HIP)
+    apart, lower = rng.uniform(-60, 120, (count, 1)), rng.uniform(-120, 60, (count, 2))
+    across_, down = hip[:, 0] + np.array([-1, 1]) * apart, hip[:, 1] + lower
+    knee = np.stack([across_, down, np.full((count, 2), 440.0)], axis=-1)
+    points = np.array([ends[:2] for ends in BODY], dtype=np.float64)
+    begin, end = (np.broadcast_to(points[:, n], (count, len(BODY), 3)) for n in (0, 1))
+    a = np.concatenate([begin, np.broadcast_to(hip, (count, 2, 3))], axis=1)
+    b = np.concatenate([end, knee], axis=1)
+    a, b = (person.middle[:, None] + person.size[:, None] * (part @ axes) for part in (a, b))
+    wide = person.size * prior.width.draw(rng, count, 1)
+    ra = np.array([*(ra for _, _, ra, _ in BODY), THIGH[0], THIGH[0]]) * wide
+    rb = np.array([*(rb for _, _, _, rb in BODY), THIGH[1], THIGH[1]]) * wide
+    there = np.ones((count, len(BODY) + 2), bool)
+    there[:, len(BODY) :] = rng.random((count, 1)) < prior.legs
+    return shown(Capsules(a, b, ra, rb), there)

@@ -1,0 +1,81 @@
+"""handpose/synthetic/scenes/solids.py"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from handpose.synthetic.scenes import solids
+from handpose.synthetic.scenes.directions import any_rotation
+from handpose.synthetic.scenes.solids import (
+    BOX,
+    CYLINDER,
+    ELLIPSOID,
+    Layer,
+    Solids,
+    joined,
+    nearest,
+    one,
+    plane_depth,
+    solid_layer,
+)
+
+X = np.linspace(-0.2, 0.2, 9, dtype=np.float32)
+
+
+@pytest.mark.parametrize("kind", [BOX, CYLINDER, ELLIPSOID])
+def test_solids_agree_with_steps_along_the_rays(kind: int) -> None:
+    """The first of many points on a ray that lies in the solid."""
+    axes = any_rotation(np.random.default_rng(kind))
+    center, half = np.array([20.0, -10.0, 500.0]), np.array([60.0, 40.0, 60.0])
+    entry = solids._entry(kind, center, axes, half, X, X)
+    steps = np.arange(350.0, 650.0, 0.25)
+    rays = np.stack(np.broadcast_arrays(X[None, :], -X[:, None], np.float32(1)), axis=-1)
+    local = np.abs((steps[:, None] * rays[..., None, :] - center) @ axes / half)
+    size = {
+        BOX: local.max(axis=-1),
+        ELLIPSOID: np.linalg.norm(local, axis=-1),
+        CYLINDER: np.maximum(local[..., 1], np.hypot(local[..., 0], local[..., 2])),
+    }[kind]
+    hit, missed = (size <= 1).sum(axis=-1) > 8, size.min(axis=-1) > 1.01
+    np.testing.assert_allclose(entry[hit], steps[(size <= 1).argmax(axis=-1)][hit], atol=0.5)
+    assert np.isinf(entry[missed]).all() and hit.sum() > 10
+
+
+def balls(*z: float) -> Solids:
+    """Balls of 30 mm in one frame, on the axis at these depths."""
+    count = len(z)
+    center = np.zeros((1, count, 3))
+    center[..., 2] = z
+    return Solids(
+        np.full((1, count), ELLIPSOID),
+        center,
+        np.tile(np.eye(3), (1, count, 1, 1)),
+        np.full((1, count, 3), 30.0),
+        np.ones((1, count), bool),
+    )
+
+
+def test_the_nearest_solid_is_shown_with_its_number() -> None:
+    layer = solid_layer(balls(700, 500, 600), 7, (X[None], X[None]))
+    assert layer.depth[0, 4, 4] == pytest.approx(470) and layer.number[0, 4, 4] == 8
+    assert np.isinf(layer.depth[0, 0, 0]) and layer.number[0, 0, 0] == 0
+
+
+def test_solids_that_are_not_shown_or_too_near_are_left_out() -> None:
+    far = balls(500)._replace(shown=np.zeros((1, 1), bool))
+    layer = solid_layer(joined([balls(80), far]), 1, (X[None], X[None]))
+    assert np.isinf(layer.depth).all()
+
+
+def test_the_nearest_layer_wins() -> None:
+    back, front = one(np.full((1, 2, 2), 900.0, np.float32), 3), np.full((1, 2, 2), np.inf)
+    front[0, 0, 0] = 400.0
+    both = nearest([back, Layer(front.astype(np.float32), np.full((1, 2, 2), 5, np.int16))])
+    np.testing.assert_array_equal(both.depth[0], [[400, 900], [900, 900]])
+    np.testing.assert_array_equal(both.number[0], [[5, 3], [3, 3]])
+
+
+def test_planes_lie_at_their_offset() -> None:
+    depth = plane_depth(np.array([[0.0, 0.6, 0.8]]), np.array([400.0]), (X[None], X[None]))
+    np.testing.assert_allclose(depth[0] * (0.6 * -X[:, None] + 0.8), 400, rtol=1e-5)
