@@ -25,7 +25,6 @@ NAMES = (
     "fit",
     "tracking",
     "constants",
-    "gestures",
     "finder",
     "package_model",
     "confidence",

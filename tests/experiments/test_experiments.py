@@ -155,14 +155,6 @@ def test_tracking() -> None:
     assert last.startswith("6 of 6 visible hands found, mean error ") and " 6 frames, " in last
 
 
-def test_gestures() -> None:
-    """The table has a row for each gesture, also where the recording is too short for
-    any to be scored.
-    """
-    lines = run("gestures", *RECORDING).out.splitlines()
-    assert len(lines) == 1 + 8 + 1 and lines[-1].startswith("0 frames are recognized correctly; ")
-
-
 @pytest.fixture(scope="module")
 def one_hand(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """64 training frames, and test frames of both hands."""
@@ -315,15 +307,6 @@ def test_a_track_compared_with_single_frames() -> None:
     every_third = follow(MadeRecording(), MadeTracker(), alone, every=3)  # type: ignore[arg-type]
     assert len(every_third.both[id]) == 1
     assert cells_of(follow(MadeRecording(), MadeTracker()), id)[3:5] == ["", ""]  # type: ignore[arg-type]
-
-
-def test_true_joints_are_read_as_shown() -> None:
-    """The true joints of a recording are recognised as the gestures shown."""
-    done = run_tool(
-        "experiments.__main__", "gestures", "--truth", "--seconds", "6.5", "--seeds", "1", "--left"
-    )
-    _, *rows, last = done.out.splitlines()
-    assert sum(row.split()[1] != "0" for row in rows) >= 2 and float(last.split("%")[0]) > 95
 
 
 # --------------------------------------------------------------------------------------- benchmarks

@@ -5,14 +5,74 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from experiments.gestures import SHOWN
 from handpose.body import gestures
 from handpose.body.gestures import BEGIN, END, FORGET_S, GESTURES, NUMBERS, GestureReader, scores
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
+from handpose.synthetic.prior_file import PartParameter, PoseParameter
 from layers.hand.kinematics import Kinematics
 from layers.hand.skeleton import load
 from netlib.blob import Array
+
+# A pose of each gesture. Unlike those of the prior files, about which training data are drawn, the
+# thumb is out or across the palm as in the gesture's definition, and a pinch touches.
+_OUT = {
+    "thumb_pip_rot_y": 0.5,
+    "thumb_pip_rot_z": 0.1,
+    "thumb_dip_rot_z": 0.7,
+    "thumb_tip_rot_z": 0.4,
+}
+_ACROSS = {
+    "thumb_pip_rot_y": 0.3,
+    "thumb_pip_rot_z": 0.75,
+    "thumb_dip_rot_z": 0.8,
+    "thumb_tip_rot_z": 0.3,
+}
+_FOLDED = {
+    "thumb_pip_rot_y": 0.7,
+    "thumb_pip_rot_z": 0.72,
+    "thumb_dip_rot_z": 0.97,
+    "thumb_tip_rot_z": 0.94,
+}
+_TOUCHING = {
+    "thumb_pip_rot_y": 0.39,
+    "thumb_pip_rot_z": 0.57,
+    "thumb_dip_rot_z": 0.68,
+    "thumb_tip_rot_z": 0.59,
+    "index_base_rot_x": 0.58,
+    "index_base_rot_z": 0.46,
+    "index_pip_rot_x": 0.33,
+    "index_dip_rot_x": 0.33,
+}
+
+
+def _pose(
+    name: str, bends: tuple[float, float, float, float], at: dict[str, float]
+) -> PoseParameter:
+    """A pose: the bends of index to little finger with their knuckles, and DoFs as fractions
+    of their ranges.
+    """
+    bent = [
+        PartParameter(chain, bend)
+        for of, bend in zip(("index", "middle", "ring", "little"), bends)
+        for chain in (of, f"{of}_knuckle")
+        if bend >= 0
+    ]
+    return PoseParameter(
+        name, tuple(bent), tuple(PartParameter(of, part) for of, part in at.items())
+    )
+
+
+SHOWN = (
+    _pose("open", (0.12, 0.12, 0.12, 0.12), _OUT),
+    _pose("fist", (0.8, 0.8, 0.8, 0.8), _FOLDED),
+    _pose("point", (0.1, 0.8, 0.8, 0.8), _FOLDED),
+    _pose("pinch", (-1, 0.2, 0.15, 0.1), _TOUCHING),
+    _pose("thumb_up", (0.8, 0.8, 0.8, 0.8), _OUT),
+    _pose("two", (0.1, 0.1, 0.8, 0.8), _FOLDED),
+    _pose("three", (0.1, 0.1, 0.1, 0.8), _FOLDED),
+    _pose("four", (0.1, 0.1, 0.1, 0.1), _ACROSS),
+)
 
 SAMPLER = BodySampler(prior_file.load(prior_file.PEOPLE_PRIOR).but(pose=SHOWN))
 SK = SAMPLER.skeleton
