@@ -164,7 +164,7 @@ def evidence_of_track(track: HandTrack, model: CapsuleModel) -> Evidence:
     seen = track.best
     hand = seen.estimate
     assert hand.evidence is not None  # the errors of the packaged network are measured
-    x = variables_of(model, [seen.smooth], hand.mirrored_center_mm[None], track.size)
+    x = variables_of(model, [seen.smooth], hand.view_center_mm[None], track.size)
     return hand.evidence.lagging(model, model.joints(x), hand.the_fit.joints)
 
 

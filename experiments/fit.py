@@ -121,7 +121,10 @@ def _fit(
 ) -> FitFigures:
     estimator = HandEstimator(net, scene.cube_mm, fitter)
     right, left = (
-        [Candidate(center, side, crop=crop) for center, crop in zip(scene.center_uvd, scene.depth)]
+        [
+            Candidate.of_side(side, crop, center, scene.camera)
+            for center, crop in zip(scene.center_uvd, scene.depth)
+        ]
         for side in SIDES
     )
     begun = time.perf_counter()

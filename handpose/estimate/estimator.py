@@ -1,20 +1,20 @@
 """Estimate hands in crops: the network predicts a pose in every crop, and the fit moves it until it
 explains the depth.
 
-The network and the capsule model know right hands. A left hand is mirrored once, by ``HandCrops``,
-and mirrored back by ``Hand``. Many crops are processed together, because the arrays of one are so
-small that most of the time would be overhead.
+The network and the capsule model know right hands, so each crop is of the view in which its hand is
+one (``SideView``). Many crops are processed together, because the arrays of one are so small that
+most of the time would be overhead.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.body.sides import Side, as_right, mirror_of
+from handpose.body.sides import Side, SideView, as_right, camera_of, pixel_of
 from handpose.estimate.hand import Hand, judge
 from handpose.estimate.nets import hand_poses, network_joints
 from handpose.fit.body import SIZE, CapsuleModel, WorldPose, crop_variables
@@ -24,7 +24,6 @@ from handpose.fit.observation import HandCrops
 from handpose.fit.rounding import NETWORK_STEP, rounded
 from handpose.fit.search import Plan, turned_back
 from handpose.frames.cameras import Camera
-from handpose.frames.crops import mirror_shift
 from netlib.blob import Array
 from netlib.net import Net
 from netlib.system.memory import blocks
@@ -36,7 +35,7 @@ MAX_CROPS = 128  # number of crops in one pass of the network
 class SearchRegion:
     """A place where a hand may be.
 
-    center_uvd  (3,) px, px, mm: centre of its crop
+    center_uvd  (3,) px, px, mm: centre of its crop, in the view of the side
     side        assumed side of the hand
     before      the body expected from earlier frames, or None
     size        of the hand, if known
@@ -61,6 +60,13 @@ class Candidate(SearchRegion):
     crop: NDArray[np.float32]
     shown: NDArray[np.float32] | None = None
 
+    @classmethod
+    def of_side(
+        cls, side: Side, crop: NDArray[np.float32], center_uvd: Array, camera: Camera
+    ) -> Candidate:
+        """A crop of a camera's frame, taken as a hand of this side."""
+        return cls(pixel_of(center_uvd, camera, side), side, crop=as_right(crop, side))
+
 
 class HandEstimator:
     """Predicts and fits hands in crops.
@@ -78,15 +84,14 @@ class HandEstimator:
         candidates: Sequence[Candidate],
         camera: Camera,
         plan: Plan | None,
-        readings: NDArray[np.generic] | None = None,
+        view: SideView | None = None,
     ) -> list[Hand]:
         """The hands in crops of one camera's frames, judged if the network's errors are known.
 
         Raises NetlibError.
 
-        plan      of the fit; None: by the network alone
-        readings  (height, width) mm, the frame of all crops, which judges the poses; None:
-                  each crop alone
+        plan  of the fit; None: by the network alone
+        view  the frame of all crops, which judges the poses; None: each crop alone
         """
         if plan is None or self.fitter is None:
             return [self._predicted(candidate, camera) for candidate in candidates]
@@ -101,16 +106,13 @@ class HandEstimator:
                 rows, self._fitted([candidates[i] for i in rows], camera, self.fitter, plan)
             )
         hands = [found[i] for i in range(len(candidates))]
-        return judge(hands, readings) if self.fitter.errors.is_measured else hands
+        return judge(hands, view) if self.fitter.errors.is_measured else hands
 
     def _predicted(self, candidate: Candidate, camera: Camera) -> Hand:
         """The hand by the network alone."""
-        side = candidate.side
-        joints = network_joints(self.net, as_right(candidate.crop, side))
-        if side == "left":
-            joints[:, 0] += mirror_shift(candidate.center_uvd, self.cube_mm, camera)
-        joints *= (self.cube_mm / 2) * mirror_of(side)
-        return Hand(side, candidate.crop, candidate.center_uvd, self.cube_mm, camera, joints)
+        joints = network_joints(self.net, candidate.crop) * (self.cube_mm / 2)
+        place = candidate.center_uvd
+        return Hand(candidate.side, candidate.crop, place, self.cube_mm, camera, joints)
 
     def _fitted(
         self, candidates: Sequence[Candidate], camera: Camera, fitter: DepthFitter, plan: Plan
@@ -137,7 +139,7 @@ class HandEstimator:
                 one.center_uvd,
                 self.cube_mm,
                 camera,
-                own.network[0] * mirror_of(one.side),
+                own.network[0],
                 own,
                 fitter.model,
                 is_tracked=bool(expected),
@@ -152,22 +154,20 @@ class HandEstimator:
         x = np.full((len(candidates), model.variables), np.nan)
         for n, candidate in enumerate(candidates):
             if candidate.before is not None:
-                center = camera.unproject(candidate.center_uvd) * mirror_of(candidate.side)
+                center = camera_of(camera, candidate.side).unproject(candidate.center_uvd)
                 x[n] = crop_variables(model, candidate.before, center)
         return np.clip(x, model.lower, model.upper)
 
     def _crops(self, candidates: Sequence[Candidate], camera: Camera) -> HandCrops:
-        crops, centers = (
-            np.stack([c.crop for c in candidates]),
-            np.stack([c.center_uvd for c in candidates]),
-        )
-        hands = HandCrops.of_sides(
-            crops, centers, camera, self.cube_mm, [c.side for c in candidates]
-        )
-        if all(c.shown is None for c in candidates):
-            return hands
-        return replace(
-            hands, shown=np.stack([c.crop if c.shown is None else c.shown for c in candidates])
+        shown = None
+        if any(one.shown is not None for one in candidates):
+            shown = np.stack([one.crop if one.shown is None else one.shown for one in candidates])
+        return HandCrops(
+            np.stack([one.crop for one in candidates]),
+            np.stack([one.center_uvd for one in candidates]),
+            [camera_of(camera, one.side) for one in candidates],
+            self.cube_mm,
+            shown,
         )
 
 
@@ -180,10 +180,7 @@ def fit_crops(
     size: float | Array | None = None,
     before: Array | None = None,
 ) -> DepthFit:
-    """Predict the hands in crops and fit them to the depth; results are in mirrored axes
-    for left hands.
-
-    Raises NetlibError.
+    """Predict the hands in crops and fit them to the depth. Raises NetlibError.
 
     hands     with cubes of twice the fitter's unit
     size      of the hands relative to the skeleton, one or (N,), if it is known
@@ -192,7 +189,7 @@ def fit_crops(
     found = []
     for rows in blocks(len(hands), MAX_CROPS):
         part = hands.take(rows)
-        starts = fit_starts(net, fitter.model, part.as_right, plan.quarters)
+        starts = fit_starts(net, fitter.model, part.network_input, plan.quarters)
         found.append(
             fitter.fit(
                 part.observe(plan.points),

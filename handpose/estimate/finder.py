@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.body.sides import Side
+from handpose.body.sides import MIRROR, Side, SideView
 from handpose.estimate.hand import MIN_PRESENCE
 from handpose.fit.rounding import PLACE_STEP_MM, rounded
 from handpose.frames.cameras import Camera, Floats
@@ -62,6 +62,10 @@ class FoundHand(NamedTuple):
             return "right"
         return "left" if self.right <= 1 - SURE_SIDE else None
 
+    def mirrored(self) -> FoundHand:
+        """The hand in the mirror image of its frame."""
+        return FoundHand(self.presence, self.middle * MIRROR, 1 - self.right, self.mask[:, ::-1])
+
 
 class Finder:
     """A net with the input frame (N, 4, H, W) and the outputs of ``OUTPUTS``.
@@ -83,6 +87,15 @@ class Finder:
                     f"{(channels, height // part, width // part)} of a finder"
                 )
         self.net = net
+
+    def hands_in(
+        self, frame: SideView, min_presence: float = MIN_PRESENCE, most: int = 4
+    ) -> list[FoundHand]:
+        """The hands in a frame, found in its view and given as the camera sees them; arguments and
+        errors as of ``hands``.
+        """
+        found = self.hands(frame.depth, frame.camera, min_presence, most)
+        return [hand.mirrored() for hand in found] if frame.side == "left" else found
 
     def hands(
         self,

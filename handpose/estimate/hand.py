@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.body.render import Capsules
-from handpose.body.sides import Side, mirror_of
+from handpose.body.sides import SIDES, Side, SideView, as_right, camera_of, mirror_of, pixel_of
 from handpose.fit.body import SIZE, THICKNESS, CapsuleModel, WorldPose, world_pose
 from handpose.fit.depth_fit import DepthFit
 from handpose.fit.pose_confidence import (
@@ -34,13 +34,13 @@ class Hand:
     """One hand, or one other body, in one crop of a depth image.
 
     hand        "right" or "left"; "right" for other bodies
-    crop        (128, 128) in [-1, 1], not mirrored
-    center_uvd  (3,) px, px, mm: the crop's centre
+    view_crop   (128, 128) in [-1, 1], in the view of its side (``SideView``), as the next one
+    view_uvd    (3,) px, px, mm: the crop's centre
     cube_mm     edge of the crop's cube
-    camera      of the frame
-    network_mm  (K, 3) mm from the crop's centre, camera axes: the joints predicted by the network
+    camera      of the frame, not of the view
+    network_mm  (K, 3) mm from the crop's centre, in the view: the joints predicted by the network
                 alone; those expected from earlier frames if it was not run
-    fit         of this body alone; in mirrored axes for a left hand. None without a fit
+    fit         of this body alone, in the view. None without a fit
     model       of the fit
     is_tracked  True if the fit started from the pose expected from earlier frames
     other       the same crop fitted as a hand of the other side, if both sides were tried
@@ -56,8 +56,8 @@ class Hand:
     """
 
     hand: Side
-    crop: NDArray[np.float32]
-    center_uvd: Array
+    view_crop: NDArray[np.float32]
+    view_uvd: Array
     cube_mm: float
     camera: Camera
     network_mm: Array
@@ -75,14 +75,39 @@ class Hand:
     # ---------------------------------------------------------------------------------- where it is
 
     @cached_property
+    def view_camera(self) -> Camera:
+        """The camera of the view."""
+        return camera_of(self.camera, self.hand)
+
+    @cached_property
+    def view_center_mm(self) -> Array:
+        """(3,) crop centre in mm, in the view."""
+        return self.view_camera.unproject(self.view_uvd)
+
+    @property
+    def view_joints_mm(self) -> Array:
+        """(K, 3) mm from the crop's centre, in the view."""
+        return self.network_mm if self.fit is None else self.fit.joints[0]
+
+    @property
+    def crop(self) -> NDArray[np.float32]:
+        """(128, 128) in [-1, 1], as the camera sees it."""
+        return as_right(self.view_crop, self.hand)
+
+    @property
+    def center_uvd(self) -> Array:
+        """(3,) px, px, mm: the crop's centre."""
+        return pixel_of(self.view_uvd, self.camera, self.hand)
+
+    @property
     def center_mm(self) -> Array:
         """(3,) crop centre in mm, camera axes."""
-        return self.camera.unproject(self.center_uvd)
+        return np.asarray(self.view_center_mm * mirror_of(self.hand))
 
     @cached_property
     def joints_mm(self) -> Array:
         """(K, 3) mm from the crop's centre, camera axes."""
-        return self.network_mm if self.fit is None else self.fit.joints[0] * mirror_of(self.hand)
+        return np.asarray(self.view_joints_mm * mirror_of(self.hand))
 
     @property
     def joints(self) -> Array:
@@ -166,22 +191,17 @@ class Hand:
         """
         return np.asarray(self.the_model.whole_inputs_of(self.the_fit.x)[0])
 
-    @property
-    def mirrored_center_mm(self) -> Array:
-        """(3,) crop centre in mm, in the axes of the fit, which are mirrored for a left hand."""
-        return np.asarray(self.center_mm * mirror_of(self.hand))
-
     @cached_property
     def body(self) -> WorldPose:
-        """The pose in space, in the axes of the fit.
+        """The pose in space, in the view.
 
         Raises NetlibError for bodies that cannot be followed.
         """
-        return world_pose(self.the_model, self.x, self.mirrored_center_mm)
+        return world_pose(self.the_model, self.x, self.view_center_mm)
 
     def capsules(self, *, in_space: bool = False) -> Capsules:
         """The surface in mm, camera axes, from the crop's centre, or from the camera."""
-        origin = self.mirrored_center_mm if in_space else np.zeros(3)
+        origin = self.view_center_mm if in_space else np.zeros(3)
         return self.the_model.capsules(self.the_fit.x, origin[None]).mirrored(mirror_of(self.hand))
 
     @property
@@ -197,26 +217,27 @@ class Hand:
         return self.model
 
 
-def judge(hands: Sequence[Hand], readings: NDArray[np.generic] | None) -> list[Hand]:
+def judge(hands: Sequence[Hand], view: SideView | None) -> list[Hand]:
     """Fitted hands of one body and cube with the error and the confidence of their poses, by what
-    an image shows.
-
-    readings  (height, width) mm, the frame of all; None: each is judged by its crop alone
+    the frame of all of them shows; each by its crop alone without one.
     """
-    if not hands:
-        return []
-    if readings is None:
-        return [judged_one for hand in hands for judged_one in _judge([hand], *_as_frame(hand))]
-    return _judge(hands, np.asarray(readings, np.float32), hands[0].camera)
+    found: dict[int, Hand] = {}
+    for side in SIDES:
+        rows = [n for n, hand in enumerate(hands) if hand.hand == side]
+        own = [hands[n] for n in rows]
+        if view is None:
+            found |= {n: _judge([hand], *_as_frame(hand))[0] for n, hand in zip(rows, own)}
+        elif own:
+            seen = view.of(side)
+            found |= zip(rows, _judge(own, np.asarray(seen.readings, np.float32), seen.camera))
+    return [found[n] for n in range(len(hands))]
 
 
 def _judge(hands: Sequence[Hand], readings: NDArray[np.float32], camera: Camera) -> list[Hand]:
-    fits, center = (
-        DepthFit.concatenate([hand.the_fit for hand in hands]),
-        [hand.mirrored_center_mm for hand in hands],
-    )
-    mirror = np.stack([mirror_of(hand.hand) for hand in hands])
-    evidence = evidence_of(hands[0].the_model, fits, np.stack(center), mirror, readings, camera)
+    """Hands of one side, by an image in their view."""
+    fits = DepthFit.concatenate([hand.the_fit for hand in hands])
+    center = np.stack([hand.view_center_mm for hand in hands])
+    evidence = evidence_of(hands[0].the_model, fits, center, readings, camera)
     found = judged(evidence)
     return [
         replace(
@@ -232,17 +253,13 @@ def _judge(hands: Sequence[Hand], readings: NDArray[np.float32], camera: Camera)
 
 def _as_frame(hand: Hand) -> tuple[NDArray[np.float32], Camera]:
     """A hand's crop as a depth image in mm, and its camera."""
-    first, scale = (
-        each[0]
-        for each in crop_scale(hand.center_uvd[None], hand.cube_mm, hand.camera, len(hand.crop))
-    )
-    (fx, fy), (u0, v0) = (
-        scale * (hand.camera.fx, hand.camera.fy),
-        first + scale * (hand.camera.u0, hand.camera.v0),
-    )
-    depth, size = hand.center_uvd[2] + hand.crop * (hand.cube_mm / 2), len(hand.crop)
+    camera, size = hand.view_camera, len(hand.view_crop)
+    offset, factor = crop_scale(hand.view_uvd[None], hand.cube_mm, camera, size)
+    (fx, fy), (u0, v0) = factor[0] * (camera.fx, camera.fy), factor[0] * (camera.u0, camera.v0)
+    u0, v0 = offset[0] + (u0, v0)
+    depth = hand.view_uvd[2] + hand.view_crop * (hand.cube_mm / 2)
     return depth.astype(np.float32), replace(
-        hand.camera, fx=fx, fy=fy, u0=u0, v0=v0, width=size, height=size
+        camera, fx=fx, fy=fy, u0=u0, v0=v0, width=size, height=size
     )
 
 

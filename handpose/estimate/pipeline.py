@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from handpose.body.joint_formats.frames import palm_frame
 from handpose.body.nyu import CENTER_IN_PALM
-from handpose.body.sides import Side, as_right, mirror_of
+from handpose.body.sides import Side, SideView, camera_of
 from handpose.estimate.estimator import Candidate, HandEstimator
 from handpose.estimate.hand import Hand
 from handpose.estimate.nets import network_joints, the_hand_layer
@@ -73,21 +73,19 @@ class HandPipeline:
 
         Raises NetlibError.
         """
-        candidates = [Candidate(center_uvd, side, crop=crop) for side in self.sides]
+        candidates = [Candidate.of_side(side, crop, center_uvd, camera) for side in self.sides]
         return _likelier(self.estimator.estimate(candidates, camera, self.plan))
 
-    def in_frame(
-        self, depth: NDArray[np.generic], camera: Camera, start: Array, *, unmoved_too: bool = False
-    ) -> Hand:
-        """The hand at a place ``start`` (3,), px, px, mm, in a frame (height, width) in mm.
+    def in_frame(self, frame: SideView, place: Array, *, unmoved_too: bool = False) -> Hand:
+        """The hand at a place (3,) in a frame, px, px, mm in its view.
 
-        unmoved_too  the crop about the start competes with that about the palm, because some hands
+        unmoved_too  the crop about the place competes with that about the palm, because some hands
                      are lost on the way
 
         Raises DataError for a place outside the image, or if the hand is predicted behind the
         camera; NetlibError.
         """
-        hand = self._select(self._candidates(depth, camera, start, unmoved_too), camera, depth)
+        hand = self._select(self._candidates(frame, place, unmoved_too), frame)
         if not (hand.xyz[:, 2] > 0).all():
             raise DataError(
                 f"a pose is predicted in which a joint is at a depth of {hand.xyz[:, 2].min():.0f} mm, "
@@ -95,63 +93,65 @@ class HandPipeline:
             )
         return hand
 
-    def palm_at(
-        self, depth: NDArray[np.generic], camera: Camera, start: Array, side: Side
-    ) -> Array:
-        """The centre (3,) of the palm that is predicted from a start.
+    def palm_at(self, view: SideView, start: Array) -> Array:
+        """The centre (3,) of the palm that is predicted from a start in a view.
 
         Raises DataError outside the image.
         """
-        candidate = Candidate(start, side, crop=clear_crop(depth, start, self.cube_mm, camera))
-        return self._moved_to_palm(depth, camera, candidate).center_uvd
+        return self._moved_to_palm(view, self._candidate(view, start)).center_uvd
 
-    def _candidates(
-        self, depth: NDArray[np.generic], camera: Camera, start: Array, unmoved_too: bool
-    ) -> list[Candidate]:
-        """The crops about the palms that are predicted from a start, once for each side."""
+    def _candidate(self, view: SideView, place: Array) -> Candidate:
+        """The crop about a place. Raises DataError outside the image."""
+        crop = clear_crop(view.depth, place, self.cube_mm, view.camera)
+        return Candidate(place, view.side, crop=crop)
+
+    def _candidates(self, frame: SideView, place: Array, unmoved_too: bool) -> list[Candidate]:
+        """The crops about the palms that are predicted from a place, once for each side."""
         candidates: list[Candidate] = []
-        crop = clear_crop(depth, start, self.cube_mm, camera)
         for side in self.sides:
-            unmoved = Candidate(start, side, crop=crop)
-            moved = self._moved_to_palm(depth, camera, unmoved)
+            view = frame.of(side)
+            unmoved = self._candidate(view, frame.pixel_in(side, place))
+            moved = self._moved_to_palm(view, unmoved)
             both = unmoved_too and self.plan is not None and moved is not unmoved
             candidates += [unmoved, moved] if both else [moved]
         return candidates
 
-    def _moved_to_palm(
-        self, depth: NDArray[np.generic], camera: Camera, candidate: Candidate
-    ) -> Candidate:
+    def _moved_to_palm(self, view: SideView, candidate: Candidate) -> Candidate:
         """The crop moved to the palm that is predicted in it; the unchanged candidate if it is
         already there.
         """
-        start, side = candidate.center_uvd, candidate.side
+        start, camera = candidate.center_uvd, view.camera
         for _ in range(self.refine):
-            joints = network_joints(self.net, as_right(candidate.crop, side))
-            palm = recenter(joints, self.skeleton, candidate.center_uvd, self.cube_mm, camera, side)
+            joints = network_joints(self.net, candidate.crop)
+            palm = recenter(joints, self.skeleton, candidate.center_uvd, self.cube_mm, camera)
             if np.array_equal(palm, candidate.center_uvd):
                 break
             distance = np.linalg.norm(camera.unproject(palm) - camera.unproject(start))
             if not (distance < MAX_MOVE_MM and palm[2] > self.cube_mm / 2):
                 break
             try:
-                crop = clear_crop(depth, palm, self.cube_mm, camera)
+                candidate = self._candidate(view, palm)
             except DataError:  # outside the image
                 break
-            candidate = replace(candidate, crop=crop, center_uvd=palm)
         return candidate
 
-    def _select(
-        self, candidates: list[Candidate], camera: Camera, depth: NDArray[np.generic]
-    ) -> Hand:
+    def _select(self, candidates: list[Candidate], frame: SideView) -> Hand:
         """The hand of the crop whose fast fit is the least uncertain, as either side."""
+        camera = camera_of(frame.camera, frame.side)
         if self.plan is None or len(candidates) == 1:
-            return self.estimator.estimate(candidates[:1], camera, self.plan, depth)[0]
-        fast = list(zip(self.estimator.estimate(candidates, camera, FAST, depth), candidates))
-        place = min(fast, key=lambda found: found[0].uncertainty)[1]
+            return self.estimator.estimate(candidates[:1], camera, self.plan, frame)[0]
+        fast = list(zip(self.estimator.estimate(candidates, camera, FAST, frame), candidates))
+        best = min(fast, key=lambda found: found[0].uncertainty)[1]
         hands = {_key(candidate): hand for hand, candidate in fast} if self.plan is FAST else {}
-        sides = [replace(place, side=side) for side in self.sides]
+        view = frame.of(best.side)
+        sides = [
+            best
+            if side == best.side
+            else self._candidate(frame.of(side), view.pixel_in(side, best.center_uvd))
+            for side in self.sides
+        ]
         left = [candidate for candidate in sides if _key(candidate) not in hands]
-        hands |= zip(map(_key, left), self.estimator.estimate(left, camera, self.plan, depth))
+        hands |= zip(map(_key, left), self.estimator.estimate(left, camera, self.plan, frame))
         return _likelier([hands[_key(candidate)] for candidate in sides])
 
 
@@ -172,28 +172,17 @@ def _likelier(sides: Sequence[Hand]) -> Hand:
 
 
 def recenter(
-    joints: ArrayLike,
-    skeleton: Skeleton,
-    center_uvd: ArrayLike,
-    cube_mm: float,
-    camera: Camera,
-    side: Side = "right",
+    joints: ArrayLike, skeleton: Skeleton, center_uvd: ArrayLike, cube_mm: float, camera: Camera
 ) -> Array:
-    """The crop centre (3,) for joints predicted in the crop at ``center_uvd``, as in the
-    training crops.
-
-    joints  (K, 3) half-cubes from the crop centre; those of a left hand mirrored
-    side    of the hand
+    """The crop centre (3,) for the joints (K, 3) of a right hand that are predicted in the crop at
+    ``center_uvd``, in half-cubes from there, as in the training crops.
 
     For nets trained with NYU's centres; those of other data sets are elsewhere in the palm
     (ICVL's at its joint). Raises DataError if the skeleton has no palm.
     """
     if "palm" not in skeleton.joint_names:
         raise DataError(f"skeleton {skeleton.name!r} has no joint 'palm' to move the crop to")
-    mirror = mirror_of(side)
     hand = np.asarray(joints, dtype=np.float64).reshape(-1, 3)
     palm = hand[skeleton.joint_names.index("palm")]
     move = rounded(palm * cube_mm / 2 + palm_frame(hand, skeleton) @ CENTER_IN_PALM, PLACE_STEP_MM)
-    return camera.project(
-        camera.unproject(np.asarray(center_uvd, dtype=np.float64)) + move * mirror
-    )
+    return camera.project(camera.unproject(np.asarray(center_uvd, dtype=np.float64)) + move)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.body.nyu import CUBE_MM
-from handpose.body.sides import SIDES, SOUGHT_SIDES, Side, SoughtSide
+from handpose.body.sides import SIDES, SOUGHT_SIDES, Side, SideView, SoughtSide, mirror_of, pixel_of
 from handpose.estimate.finder import Finder, FoundHand
 from handpose.estimate.hand import MIN_CONFIDENCE, Hand, as_one_side
 from handpose.estimate.nets import cube_of, is_hand, the_hand_layer
@@ -151,6 +151,7 @@ class Predictor:
         """
         depth = self._readings(depth)
         camera = sized(self.camera, depth.shape, "depth image")
+        frame = SideView("right", camera, depth, depth).of(self.sides[0])
         if center is None and not self.is_hand:
             raise DataError(
                 f"skeleton {self.skeleton.name!r} is not a hand, and only hands are searched for"
@@ -158,10 +159,12 @@ class Predictor:
         if center is not None:
             place = _center(center)
             start = place if len(place) == 3 else depth_around(depth, *place)
-            return self._judged(depth, camera, start, False).given(self.min_confidence)
-        found = self._found(depth, camera)
+            place = pixel_of(start, camera, frame.side)
+            return self._judged(frame, place, False).given(self.min_confidence)
+        found = self._found(frame)
+        mirror = mirror_of(frame.side)
         hands = [
-            self._judged(depth, camera, camera.project(one.middle), True, one.presence)
+            self._judged(frame, frame.camera.project(one.middle * mirror), True, one.presence)
             for one in (found if self.plan is not None else found[:1])
         ]
         return max(hands, key=lambda hand: hand.presence * max(hand.chance, 0.01)).given(
@@ -169,27 +172,22 @@ class Predictor:
         )
 
     def _judged(
-        self,
-        depth: NDArray[np.generic],
-        camera: Camera,
-        start: Array,
-        unmoved_too: bool,
-        presence: float = np.nan,
+        self, frame: SideView, place: Array, unmoved_too: bool, presence: float = np.nan
     ) -> Hand:
-        """The hand at a start (3,), px, px, mm, as one side."""
-        found = self.pipeline.in_frame(depth, camera, start, unmoved_too=unmoved_too)
+        """The hand at a place (3,) in a frame, px, px, mm in its view, as one side."""
+        found = self.pipeline.in_frame(frame, place, unmoved_too=unmoved_too)
         return dataclasses.replace(as_one_side(found), presence=presence)
 
-    def _found(self, depth: NDArray[np.generic], camera: Camera) -> list[FoundHand]:
+    def _found(self, frame: SideView) -> list[FoundHand]:
         """The hands that the finder finds, the most certain first.
 
         Raises DataError without any, or a finder.
         """
         if self.finder is None:
             raise DataError("this predictor has no finder; give the hand's place (center)")
-        if not (depth > 0).any():  # type: ignore[operator]
+        if not (frame.depth > 0).any():  # type: ignore[operator]
             raise DataError("no depth anywhere in the image")
-        found = self.finder.hands(depth, camera, most=MOST)
+        found = self.finder.hands_in(frame, most=MOST)
         if not found:
             raise DataError(
                 "no hand is seen in this frame; if there is one, give its place (center)"

@@ -6,13 +6,12 @@ Everything is in mm from the crop's centre, in camera axes (x right, y up, z awa
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from handpose.body.sides import MIRROR, Side
 from handpose.frames.cameras import Camera, Floats
 from handpose.frames.crops import crop_scale, window
 from netlib.blob import Array
@@ -62,20 +61,6 @@ class Observation:
             }
         )
 
-    def mirrored(self, which: NDArray[np.bool_]) -> Observation:
-        """The frames ``which`` (N,), each with its own crop, mirrored along x, so that left hands
-        become right ones.
-        """
-        flip = np.where(which[:, None], MIRROR.astype(np.float32), np.float32(1))
-        changed = {name: getattr(self, name) * flip[:, :, None] for name in ("points", "rays")}
-        changed |= {"center": self.center * flip, "offset": self.offset.copy()}
-        changed["offset"][which, 0] = self.outside.shape[-1] - 1 - self.offset[which, 0]
-        for name in ("outside", "nearest"):
-            crops = getattr(self, name)
-            changed[name] = crops.copy()
-            changed[name][self.frame[which]] = crops[self.frame[which], :, ::-1]
-        return Observation(**(vars(self) | changed))
-
     def thinned(self, every: int) -> Observation:
         """The observations with every ``every``-th point."""
         few = {
@@ -87,96 +72,70 @@ class Observation:
 
 @dataclass(frozen=True)
 class HandCrops:
-    """Crops of N hands.
+    """Crops of N right hands, or of left ones in the views in which these are right hands.
 
-    Networks and body models know right hands, so left hands are mirrored here, once, along x.
-
-    Results for the mirrored crops are in mirrored camera axes (``sides.mirror_of``).
-
-    crops       (N, S, S) in [-1, 1], not mirrored
-    center_uvd  (N, 3) px, px, mm: the crops' centres, not mirrored
-    camera      of the frames
+    crops       (N, S, S) in [-1, 1]
+    center_uvd  (N, 3) px, px, mm: the crops' centres
+    cameras     of the frames, one or N that differ in the principal point alone
     cube_mm     edge of the crops' cubes
-    mirrored    (N,) True for left hands
     shown       (N, S, S) instead of the crops for the network, or None
     """
 
     crops: NDArray[np.floating]
     center_uvd: Array
-    camera: Camera
+    cameras: Camera | Sequence[Camera]
     cube_mm: float
-    mirrored: NDArray[np.bool_]
     shown: NDArray[np.floating] | None = None
-
-    @classmethod
-    def of_sides(
-        cls,
-        crops: NDArray[np.floating],
-        center_uvd: ArrayLike,
-        camera: Camera,
-        cube_mm: float,
-        sides: Side | Sequence[Side] = "right",
-    ) -> HandCrops:
-        """Crops of hands of these sides, one for all or one for each."""
-        each = [sides] * len(crops) if isinstance(sides, str) else sides
-        mirrored = np.array([side == "left" for side in each], dtype=bool)
-        return cls(
-            crops,
-            np.asarray(center_uvd, dtype=np.float64).reshape(-1, 3),
-            camera,
-            cube_mm,
-            mirrored,
-        )
 
     def __len__(self) -> int:
         return len(self.crops)
 
     def take(self, rows: slice) -> HandCrops:
         """Some of the crops."""
-        own = {name: getattr(self, name)[rows] for name in ("crops", "center_uvd", "mirrored")}
-        return replace(self, **own, shown=None if self.shown is None else self.shown[rows])
+        return HandCrops(
+            self.crops[rows],
+            self.center_uvd[rows],
+            self.cameras if isinstance(self.cameras, Camera) else self.cameras[rows],
+            self.cube_mm,
+            None if self.shown is None else self.shown[rows],
+        )
 
     @property
-    def as_right(self) -> NDArray[np.floating]:
-        """(N, S, S) with left hands mirrored: the network's input."""
-        shown = self.crops if self.shown is None else self.shown
-        if not self.mirrored.any():
-            return shown
-        crops = shown.copy()
-        crops[self.mirrored] = shown[self.mirrored][:, :, ::-1]
-        return crops
+    def network_input(self) -> NDArray[np.floating]:
+        """(N, S, S): what the network is shown."""
+        return self.crops if self.shown is None else self.shown
 
     def observe(self, points: int) -> Observation:
-        """The crops as observations of right hands, sampled at this number of points.
-
-        Raises DataError.
-        """
-        seen = observe(self.crops, self.center_uvd, self.camera, self.cube_mm, points)
-        return seen.mirrored(self.mirrored) if self.mirrored.any() else seen
+        """The crops as observations, sampled at this number of points. Raises DataError."""
+        return observe(self.crops, self.center_uvd, self.cameras, self.cube_mm, points)
 
 
 def observe(
     crops: NDArray[np.floating],
     center_uvd: ArrayLike,
-    camera: Camera,
+    cameras: Camera | Sequence[Camera],
     cube_mm: ArrayLike,
     points: int = 400,
 ) -> Observation:
     """The observations of crops (N, S, S) in [-1, 1]. Raises DataError.
 
     center_uvd  (N, 3) crop centres in px, px, mm
+    cameras     one, or N that differ in the principal point alone
     cube_mm     edges of their cubes, one or (N,)
     """
     if crops.ndim != 3 or crops.shape[1] != crops.shape[2]:
         raise DataError(f"crops of shape {crops.shape}, expected (N, size, size)")
     N, S, _ = crops.shape
     uvd = np.asarray(center_uvd, dtype=np.float64).reshape(N, 3)
-    center = camera.unproject(uvd)
+    each = [cameras] * N if isinstance(cameras, Camera) else cameras
+    camera = each[0]
+    u0, v0 = (np.array([getattr(own, name) for own in each]) for name in ("u0", "v0"))
+    center = np.stack([own.unproject(at) for own, at in zip(each, uvd)])
     half = np.broadcast_to(np.asarray(cube_mm, dtype=np.float64) / 2, N)
     picked = window(uvd, 2 * half, camera, S)
     first, scale = crop_scale(uvd, 2 * half, camera, S)
-    x = ((picked.columns - camera.u0) / camera.fx).astype(np.float32)
-    y = ((camera.v0 - picked.rows) / camera.fy).astype(np.float32)
+    x = ((picked.columns - u0[:, None]) / camera.fx).astype(np.float32)
+    y = ((v0[:, None] - picked.rows) / camera.fy).astype(np.float32)
     inside = (picked.columns >= 0)[:, None, :] & (picked.rows >= 0)[:, :, None]
     inside &= np.abs(crops) < BACKGROUND
 
@@ -197,7 +156,7 @@ def observe(
         known[n, : len(seen)] = 1
         outside[n] = outline * np.float32(2 * half[n] / S)
         nearest[n] = cv2.erode(crops[n].astype(np.float32), _CROSS) * np.float32(half[n])
-    middle = np.array([camera.u0, camera.v0])
+    middle = np.stack([u0, v0], axis=1)
     focal = np.array([camera.fx, camera.fy])
     return Observation(
         surface,

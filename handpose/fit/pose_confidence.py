@@ -311,22 +311,19 @@ def evidence_of(
     model: CapsuleModel,
     fits: DepthFit,
     center_mm: Array,
-    mirror: Array,
     readings: NDArray[np.floating],
     camera: Camera,
 ) -> Evidence:
-    """What one image (height, width) in mm, 0 without a reading, shows of N fits.
-
-    center_mm   (N, 3) their origins, in the axes of the fits
-    mirror      (N, 3) factors of these axes: those of the camera if all are 1
+    """What one image (height, width) in mm, 0 without a reading, shows of N fits with the
+    origins ``center_mm`` (N, 3).
     """
     fingers, none = model.fingers, np.zeros(len(fits))
-    capsules = model.capsules(fits.x, center_mm).mirrored(mirror)
+    capsules = model.capsules(fits.x, center_mm)
     parts = () if fingers is None else tuple(fingers.capsules)
     whole, *of_fingers = support_of_parts(capsules, model.surface.limbs, parts, readings, camera)
     seen = np.array([part.seen for part in of_fingers]).reshape(len(parts), len(fits)).T
     guessed = 1 - seen.mean(axis=1) if parts else none
-    in_camera = (fits.joints + center_mm[:, None]) * mirror[:, None]
+    in_camera = fits.joints + center_mm[:, None]
     depths = joint_depths(in_camera, readings, camera)
     signs = pose_signs(fits.signs, depths, model.surface.mean_penetration(capsules), guessed)
     behind = before = np.zeros(seen.shape)

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -68,6 +68,10 @@ class Camera:
         """
         near = self.is_too_near(depth)
         return np.where(near, depth.dtype.type(0), depth) if near.any() else depth
+
+    def mirrored(self) -> Camera:
+        """The camera of the mirror images of its frames, whose columns are in reverse order."""
+        return replace(self, u0=self.width - 1 - self.u0)
 
     def project(self, xyz: ArrayLike) -> Array:
         """Points (..., 3) x, y, z in mm to (..., 3) u, v in pixels and d in mm."""

@@ -97,19 +97,6 @@ def crop_pixels(
     return np.asarray(first + factor * np.asarray(uvd, dtype=np.float64)[..., :2] + 0.5)
 
 
-def mirror_shift(center_uvd: ArrayLike, cube_mm: float, camera: Camera = NYU) -> float:
-    """The x in half-cubes by which joints move that a network predicts in the mirror image of a
-    crop about (3,).
-
-    The window begins at whole pixels, so the centre is not between columns 63 and 64, but at 64.3
-    to 65.2, where networks learn to expect it. In the mirror image it is as far to the left: 6 mm
-    in CVAR's crops. A fit corrects this itself: from moved starts, accurate fits of synthetic hands
-    are 0.1 mm better, tracked hands of CVAR are not.
-    """
-    column = crop_pixels(np.reshape(center_uvd, (1, 1, 3)), center_uvd, cube_mm, camera)[0, 0, 0]
-    return float((2 * column - (SIZE - 1)) / (SIZE / 2))
-
-
 def crop_scale(
     center_uvd: ArrayLike, cube_mm: ArrayLike, camera: Camera = NYU, size: int = SIZE
 ) -> tuple[Array, Array]:

@@ -227,7 +227,7 @@ def fit_all(
         own = np.flatnonzero(half == unit)
         for rows in blocks(len(own), MAX_CROPS):
             crops = np.stack(crops_of(net, own[rows]))
-            hands = HandCrops.of_sides(crops, centers[own[rows]], camera, 2 * float(unit))
+            hands = HandCrops(crops, centers[own[rows]], camera, 2 * float(unit))
             found = fit_crops(deploy, fitter, hands, plan)
             joints[own[rows]] = found.joints / unit
             done += len(crops)

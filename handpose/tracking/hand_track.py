@@ -7,15 +7,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from handpose.body.sides import Side, mirror_of
+from handpose.body.sides import Side, SideView, mirror_of
 from handpose.estimate.estimator import SearchRegion
 from handpose.estimate.finder import Finder, FoundHand
 from handpose.estimate.hand import Hand
 from handpose.fit.body import WorldPose
 from handpose.fit.pose_confidence import side_chance, side_evidence
-from handpose.frames.cameras import Camera
 from handpose.tracking.pose_estimator import PoseEstimator
 from handpose.tracking.present_hands import LATER_S, LOOK, SAME_MM, SOON_S
 from handpose.tracking.sizing import SizeKeeper
@@ -82,16 +80,14 @@ class SideState:
 class FrameHands:
     """The hands that a finder finds in a frame; it looks once, when it is first asked.
 
-    depth         (height, width) mm
+    view          the frame
     min_presence  of a hand
     is_known      True once it has looked
     """
 
-    def __init__(
-        self, finder: Finder, depth: NDArray[np.float32], camera: Camera, min_presence: float
-    ) -> None:
-        self.depth = depth
-        self._find = functools.cache(lambda: finder.hands(depth, camera, min_presence, MOST_FOUND))
+    def __init__(self, finder: Finder, view: SideView, min_presence: float) -> None:
+        self.view = view
+        self._find = functools.cache(lambda: finder.hands_in(view, min_presence, MOST_FOUND))
         self.is_known = False
 
     @property
@@ -227,10 +223,10 @@ class HandTrack:
         regions = []
         for estimate in estimates:
             side, near = estimate.hand, frame.near(estimate.center_mm)
-            start = (
-                estimate.center_uvd if near is None else self._estimator.camera.project(near.middle)
-            )
-            center = self._estimator.palm_at(frame.depth, start, side)
+            view, start = frame.view.of(side), estimate.view_uvd
+            if near is not None:
+                start = view.camera.project(near.middle * mirror_of(side))
+            center = self._estimator.palm_at(view, start)
             regions.append(SearchRegion(center, side, self.sides[side].estimate.body, self.size))
         return regions or [
             self._region(side, seen.estimate.body) for side, seen in self.sides.items()
@@ -274,8 +270,8 @@ class HandTrack:
 
 
 def _mean_joint(estimate: Hand) -> Array:
-    """The mean (3,) of the joints in mm, in the axes of the fit."""
-    return np.asarray(estimate.xyz.mean(axis=0) * mirror_of(estimate.hand))
+    """The mean (3,) of the joints in mm, in the view of its side."""
+    return np.asarray((estimate.view_center_mm + estimate.view_joints_mm).mean(axis=0))
 
 
 def _best(estimates: Sequence[Hand]) -> dict[Side, Hand]:

@@ -44,7 +44,7 @@ def _as_sides(
 ) -> list[TrackedHand]:
     """The hand in the states of its sides, of these probabilities."""
     found = [seen.estimate for seen in sides]
-    center = np.stack([hand.mirrored_center_mm for hand in found])
+    center = np.stack([hand.view_center_mm for hand in found])
     mirror = np.stack([mirror_of(hand.hand) for hand in found])
     raw = variables_of(model, [seen.estimate.body for seen in sides], center, track.size)
     x = variables_of(model, [seen.smooth for seen in sides], center, track.size) if smooth else raw

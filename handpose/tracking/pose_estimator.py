@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from handpose.body.render import Capsules, in_front, normalise_depth, render_crop
-from handpose.body.sides import Side, mirror_of
+from handpose.body.sides import Side, SideView, camera_of, mirror_of
 from handpose.estimate.estimator import Candidate, SearchRegion
 from handpose.estimate.hand import Hand
 from handpose.estimate.pipeline import recenter
@@ -53,104 +53,95 @@ class PoseEstimator:
         self._around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))
 
     def estimate(
-        self,
-        depth: Floats,
-        regions: Sequence[SearchRegion],
-        plan: Plan | None = None,
-        readings: Floats | None = None,
+        self, frame: SideView, regions: Sequence[SearchRegion], plan: Plan | None = None
     ) -> list[Hand | None]:
         """The hand in each region; None if it is outside the image. Raises NetlibError.
 
-        plan      of the fit; by default the predictor's
-        readings  the image with those readings that are nearer than the camera measures: what is in
-                  front of a region's cube and of the expected body hides a part of it. By default
-                  it is background
+        What is in front of a region's cube and of the expected body hides a part of it.
+
+        plan  of the fit; by default the predictor's
         """
         candidates: dict[int, Candidate] = {}
         for i, region in enumerate(regions):
             with contextlib.suppress(DataError):  # outside the image
-                candidates[i] = self._candidate(depth, region, readings)
-        judging = depth if readings is None else readings
+                candidates[i] = self._candidate(frame.of(region.side), region)
         hands = self._pipeline.estimator.estimate(
-            list(candidates.values()), self.camera, plan or self.plan, judging
+            list(candidates.values()), self.camera, plan or self.plan, frame
         )
         found = dict(zip(candidates, hands))
         return [found.get(i) for i in range(len(regions))]
 
-    def _candidate(self, depth: Floats, region: SearchRegion, readings: Floats | None) -> Candidate:
-        """A region with its crop. Raises DataError outside the image."""
-        shown = clear_crop(depth, region.center_uvd, self.cube_mm, self.camera)
-        if readings is None or region.before is None:
+    def _candidate(self, view: SideView, region: SearchRegion) -> Candidate:
+        """A region of a view with its crop. Raises DataError outside the image."""
+        shown = clear_crop(view.depth, region.center_uvd, self.cube_mm, view.camera)
+        if region.before is None:
             return Candidate(**vars(region), crop=shown)
-        crop = self._with_unknown(
-            shown, readings, region, self._capsules(region.before, region.side)
-        )
+        crop = self._with_unknown(shown, view, region.center_uvd, self._capsules(region.before))
         return Candidate(**vars(region), crop=crop, shown=None if crop is shown else shown)
 
-    def _with_unknown(
-        self, shown: Floats, readings: Floats, region: SearchRegion, body: Capsules
-    ) -> Floats:
-        """A region's crop with the pixels at the near face that do not show what an expected
+    def _with_unknown(self, shown: Floats, view: SideView, uvd: Array, body: Capsules) -> Floats:
+        """A crop about a place with the pixels at the near face that do not show what an expected
         body has there.
 
         These have readings of something in front of it, or none although the body was read.
         """
-        limbs, uvd, crop = self.model.surface.limbs, region.center_uvd, shown
-        seen = support(body, limbs, readings, self.camera)
+        limbs, readings, camera = self.model.surface.limbs, view.readings, view.camera
+        crop, seen = shown, support(body, limbs, np.asarray(readings, np.float32), camera)
         if seen.hidden[0] >= HIDING:
-            crop = with_hidden(crop, readings, uvd, self.cube_mm, self.camera)
+            crop = with_hidden(crop, readings, uvd, self.cube_mm, camera)
         missing = seen.missing[0] >= UNREAD and seen.outside[0] < LEAVING
-        if missing and self._explained(shown, body, uvd) >= EXPLAINED:
-            own = self._rendered(body.chosen(~limbs), uvd) < 1
+        if missing and self._explained(shown, body, uvd, camera) >= EXPLAINED:
+            own = self._rendered(body.chosen(~limbs), uvd, camera) < 1
             around = cv2.dilate(own.astype(np.uint8), self._around) > 0
-            crop = np.where(
-                around & unread(readings, uvd, self.cube_mm, self.camera), np.float32(-1), crop
-            )
+            is_unread = unread(readings, uvd, self.cube_mm, camera)
+            crop = np.where(around & is_unread, np.float32(-1), crop)
         return crop
 
-    def _explained(self, crop: Floats, body: Capsules, center_uvd: Array) -> float:
+    def _explained(self, crop: Floats, body: Capsules, center_uvd: Array, camera: Camera) -> float:
         """The share of a crop's readings that are on the surface of an expected body;
         0 without any.
         """
         seen = crop < BACKGROUND
-        on = seen & (
-            np.abs(crop - self._rendered(body, center_uvd)) <= APART_MM / (self.cube_mm / 2)
-        )
+        apart = np.abs(crop - self._rendered(body, center_uvd, camera))
+        on = seen & (apart <= APART_MM / (self.cube_mm / 2))
         return float(on.sum() / max(seen.sum(), 1))
 
-    def _rendered(self, capsules: Capsules, center_uvd: Array) -> Floats:
+    def _rendered(self, capsules: Capsules, center_uvd: Array, camera: Camera) -> Floats:
         """What a crop (S, S) about a centre (3,) would show of capsules; 1 without a surface."""
         d, cube = center_uvd[2:], self.cube_mm
-        image = render_crop(in_front(capsules, d - cube / 2), center_uvd[None], cube, self.camera)
+        image = render_crop(in_front(capsules, d - cube / 2), center_uvd[None], cube, camera)
         return normalise_depth(image, d, cube)[0]
 
     def center_of(self, body: WorldPose, side: Side) -> Array:
-        """The crop centre (3,) of a body, px, px, mm."""
-        center = body.place + body.rotation @ self._middle
-        return self.camera.project(center * mirror_of(side))
+        """The crop centre (3,) of a body of this side, px, px, mm in its view."""
+        camera = camera_of(self.camera, side)
+        return camera.project(body.place + body.rotation @ self._middle)
 
-    def reason(self, depth: Floats, body: WorldPose, side: Side, confidence: float) -> str:
-        """The reason why a hand that was expected as this body is not in an image, with
-        all readings, mm.
+    def reason(self, view: SideView, body: WorldPose, confidence: float) -> str:
+        """The reason why a hand that was expected as this body is not in its view of a frame.
 
         confidence  of the best pose found there
         """
         joints = self.model.joints(crop_variables(self.model, body, body.place)[None])[0]
-        seen = support(self._capsules(body, side), self.model.surface.limbs, depth, self.camera)
-        xyz, center = (joints + body.place) * mirror_of(side), self.center_of(body, side)
-        return reason(depth, self.camera, xyz, center, self.cube_mm, seen, confidence)
+        readings = np.asarray(view.readings, np.float32)
+        seen = support(self._capsules(body), self.model.surface.limbs, readings, view.camera)
+        frame = view.of("right")  # as the camera sees it: the reason names its edges
+        xyz = (joints + body.place) * mirror_of(view.side)
+        center = view.pixel_in("right", self.center_of(body, view.side))
+        shown = np.asarray(frame.readings, np.float32)
+        return reason(shown, frame.camera, xyz, center, self.cube_mm, seen, confidence)
 
-    def _capsules(self, body: WorldPose, side: Side) -> Capsules:
-        """The surface of a body in camera axes."""
+    def _capsules(self, body: WorldPose) -> Capsules:
+        """The surface of a body in its view."""
         x = crop_variables(self.model, body, body.place)[None]
-        return self.model.capsules(x, body.place[None]).mirrored(mirror_of(side))
+        return self.model.capsules(x, body.place[None])
 
-    def palm_at(self, depth: Floats, start: Array, side: Side) -> Array:
-        """The crop centre (3,) that the network gives from a start, px, px, mm; the start
+    def palm_at(self, view: SideView, start: Array) -> Array:
+        """The crop centre (3,) that the network gives from a start in a view, px, px, mm; the start
         outside the image.
         """
         try:
-            return self._pipeline.palm_at(depth, self.camera, start, side)
+            return self._pipeline.palm_at(view, start)
         except DataError:
             return start
 

@@ -64,9 +64,9 @@ class SizeKeeper:
         )
         self._estimates = []
         crops, uvd = (
-            np.stack(values) for values in zip(*((s.crop, s.center_uvd) for s in estimates))
+            np.stack(values) for values in zip(*((s.view_crop, s.view_uvd) for s in estimates))
         )
-        hands = HandCrops.of_sides(crops, uvd, estimator.camera, estimator.cube_mm, estimate.hand)
+        hands = HandCrops(crops, uvd, estimate.view_camera, estimator.cube_mm)
         seen = hands.observe(FAST.points)
         x = np.stack([s.x for s in estimates])
         size = float(np.exp(np.median(x[:, SIZE])))

@@ -19,7 +19,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from handpose.body.sides import Side
+from handpose.body.sides import Side, SideView, mirror_of
 from handpose.estimate.estimator import SearchRegion
 from handpose.estimate.finder import APART_MM, FoundHand
 from handpose.estimate.hand import MIN_CONFIDENCE, MIN_PRESENCE, Hand
@@ -27,7 +27,7 @@ from handpose.estimate.nets import refuse_other_bodies
 from handpose.estimate.packaged import load_predictor
 from handpose.estimate.predictor import Predictor, check_probability, check_whole
 from handpose.fit.search import ACCURATE, Fit, Plan
-from handpose.frames.cameras import Camera, Floats
+from handpose.frames.cameras import Camera
 from handpose.frames.crops import check_size
 from handpose.frames.images import check_unit, depth_image, without_dropouts
 from handpose.frames.recording import DepthFrame
@@ -138,22 +138,20 @@ class Tracker:
         Raises UnitError for the first frame with readings if these are in metres or negative.
         """
         before = self._time
-        readings, depth, time = self._accept(frame)
-        found = FrameHands(self.finder, depth, self.camera, STILL * self.min_presence)
-        self._follow(found, readings, time)
+        view, time = self._accept(frame)
+        found = FrameHands(self.finder, view, STILL * self.min_presence)
+        self._follow(found, time)
         self._drop_doubles()
         pause = LATER_S if self.tracks else SOON_S
         due = found.is_known or time - self._searched >= pause or time - before > AHEAD_S
         if due and sum(track.best.estimate.chance >= SURE for track in self.tracks) < self.limit:
             self._searched = time
-            self._search(found, readings, time)
+            self._search(found, time)
             self._drop_doubles()
         return self._sure(self._report(frame.number, time))
 
-    def _accept(self, frame: DepthFrame) -> tuple[Floats, Floats, float]:
-        """Check a frame; returns its readings (H, W) in mm, those that the camera can
-        measure, and its time.
-        """
+    def _accept(self, frame: DepthFrame) -> tuple[SideView, float]:
+        """Check a frame; returns it, as the first side that is sought sees it, and its time."""
         readings, time = np.asarray(depth_image(frame.depth), dtype=np.float32), frame.time
         check_size(readings, self.camera)
         if not self._read:
@@ -164,41 +162,36 @@ class Tracker:
                 f"frame {frame.number} is of {time:g} s, after one of {self._time:g} s; times must ascend"
             )
         self._time = time
-        readings = without_dropouts(readings)
-        return readings, without_dropouts(self.camera.in_range(readings)), time
+        raw = SideView("right", self.camera, readings, readings).of(self.predictor.sides[0])
+        every = without_dropouts(np.ascontiguousarray(raw.readings))
+        depth = without_dropouts(self.camera.in_range(every))
+        return SideView(raw.side, raw.camera, depth, every), time
 
-    def _follow(self, found: FrameHands, readings: Floats, time: float) -> None:
-        """Find every hand where it is expected.
-
-        readings  the image with those readings that are nearer than the camera measures
-        """
-        tracks, depth = self.tracks, found.depth
+    def _follow(self, found: FrameHands, time: float) -> None:
+        """Find every hand where it is expected."""
+        tracks, view = self.tracks, found.view
         regions = {track.id: track.regions(time) for track in tracks}
-        estimates = self._estimates(depth, readings, regions)
+        estimates = self._estimates(view, regions)
         others = {
             track.id: track.other_regions(found, estimates[track.id], time) for track in tracks
         }
-        again = self._estimates(depth, readings, others, AGAIN)
+        again = self._estimates(view, others, AGAIN)
         for track in tracks:
             seen, more = estimates[track.id], again[track.id]
             if not track.take(seen, more, time):
                 confidence = max((one.chance for one in [*seen, *more]), default=0.0)
                 track.reason = self.estimator.reason(
-                    readings, track.best.expected(time), track.hand, confidence
+                    view.of(track.hand), track.best.expected(time), confidence
                 )
                 if track.credit <= 0:
                     track.end(track.reason)
 
     def _estimates(
-        self,
-        depth: Floats,
-        readings: Floats,
-        regions: dict[int, list[SearchRegion]],
-        plan: Plan | None = None,
+        self, view: SideView, regions: dict[int, list[SearchRegion]], plan: Plan | None = None
     ) -> dict[int, list[Hand]]:
         """The poses in those regions of several hands, by their ids, that are in the image."""
         every = [region for own in regions.values() for region in own]
-        estimates = iter(self.estimator.estimate(depth, every, plan, readings))
+        estimates = iter(self.estimator.estimate(view, every, plan))
         return {
             id: [one for one in itertools.islice(estimates, len(own)) if one]
             for id, own in regions.items()
@@ -230,7 +223,7 @@ class Tracker:
             track.identify(other.id, other)
             self.known[track.id] = track
 
-    def _search(self, found: FrameHands, readings: Floats, time: float) -> None:
+    def _search(self, found: FrameHands, time: float) -> None:
         """Begin to follow the hands that the finder sees and that have a sure pose."""
         for track in self.tracks:
             track.look(found)
@@ -242,7 +235,7 @@ class Tracker:
             if len(self.tracks) == self.limit:
                 break
             place.wait(time, at_once=not self.tracks)
-            seen = self._seen_at(place.hand, found.depth, readings, self.size)
+            seen = self._seen_at(place.hand, found.view, self.size)
             confidence = max((one.chance for one in seen), default=0.0)
             if place.presence * confidence >= ENOUGH_BOTH and (
                 confidence >= BESIDE or not self.tracks
@@ -289,22 +282,23 @@ class Tracker:
             if least.evidence < place.presence:
                 least.end("another hand is more present")
 
-    def _seen_at(
-        self, hand: FoundHand, depth: Floats, readings: Floats, size: float | None
-    ) -> list[Hand]:
+    def _seen_at(self, hand: FoundHand, view: SideView, size: float | None) -> list[Hand]:
         """The poses of a found hand as one of each side; none if a fast fit has
         little confidence.
         """
         try:
-            start = self.camera.project(hand.middle)
-            first = self.predictor.pipeline.in_frame(depth, self.camera, start, unmoved_too=True)
+            start = view.camera.project(hand.middle * mirror_of(view.side))
+            first = self.predictor.pipeline.in_frame(view, start, unmoved_too=True)
         except DataError:  # outside the image, or behind the camera
             return []
         if first.chance < ENOUGH_FIRST:
             return []
         sides = self.predictor.sides if hand.side is None else (hand.side,)
-        regions = [SearchRegion(first.center_uvd, side, size=size) for side in sides]
-        return [one for one in self.estimator.estimate(depth, regions, ACCURATE, readings) if one]
+        seen = view.of(first.hand)
+        regions = [
+            SearchRegion(seen.pixel_in(side, first.view_uvd), side, size=size) for side in sides
+        ]
+        return [one for one in self.estimator.estimate(view, regions, ACCURATE) if one]
 
     def _report(self, number: int, time: float) -> TrackedFrame:
         """The hands that were seen in this frame, however sure, and those that are lost."""
@@ -349,4 +343,5 @@ class Tracker:
     def _middle(self, track: HandTrack) -> Array:
         """The hand's position (3,) in mm, camera axes."""
         estimate = track.best.estimate
-        return self.camera.unproject(self.estimator.center_of(estimate.body, estimate.hand))
+        place = self.estimator.center_of(estimate.body, estimate.hand)
+        return np.asarray(estimate.view_camera.unproject(place) * mirror_of(estimate.hand))

@@ -10,11 +10,9 @@ from typing import Any
 import numpy as np
 
 from handpose.body.joint_formats.formats import FORMATS, FormatName
-from handpose.body.sides import as_right
 from handpose.estimate.hand import Hand
 from handpose.estimate.nets import hand_poses
 from handpose.estimate.predictor import Predictor
-from handpose.frames.crops import mirror_shift
 from handpose.frames.inspection import Inspection
 from handpose.output.drawing import hands, strokes, surface
 from handpose.output.drawing.tracks import Painter
@@ -211,16 +209,8 @@ def _on_page(image: str, found: Hand, predictor: Predictor) -> dict[str, Any]:
     if found.fit is not None:
         inputs, size, thickness = found.whole_inputs, found.size, found.thickness
     else:
-        inputs, size, thickness = (
-            hand_poses(predictor.net, as_right(found.crop, found.hand)[None]).inputs[0],
-            1.0,
-            1.0,
-        )
-        if found.hand == "left":
-            along_x = prior_file.translations(
-                predictor.skeleton, int(np.argmin(predictor.skeleton.parents))
-            )[0]
-            inputs[along_x] += mirror_shift(found.center_uvd, found.cube_mm, found.camera)
+        poses = hand_poses(predictor.net, found.view_crop[None])
+        inputs, size, thickness = poses.inputs[0], 1.0, 1.0
     return hand(
         Path(image).name,
         in_words(found, predictor).partition(";")[0],

@@ -2,10 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from handpose.body.sides import MIRROR, SIDES, as_right, mirror_of
+from handpose.body.sides import (
+    MIRROR,
+    SIDES,
+    Side,
+    SideView,
+    as_right,
+    camera_of,
+    mirror_of,
+    pixel_of,
+)
+from handpose.frames.cameras import ICVL
 
 
 def test_mirror() -> None:
@@ -21,3 +33,27 @@ def test_images(shape: tuple[int, ...]) -> None:
     images = np.arange(np.prod(shape), dtype=np.float32).reshape(shape)
     np.testing.assert_array_equal(as_right(images, "right"), images)
     np.testing.assert_array_equal(as_right(images, "left"), np.flip(images, -1))
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_the_view_of_a_side_shows_the_same_points(side: Side) -> None:
+    """A pixel of the frame is the mirrored point in the view of a left hand."""
+    depth = np.random.default_rng(0).uniform(400, 900, (240, 320)).astype(np.float32)
+    frame = SideView("right", ICVL, depth, depth)
+    view = frame.of(side)
+    uvd = np.array([40.0, 100.0, depth[100, 40]])
+    u, v, d = view_uvd = frame.pixel_in(side, uvd)
+    assert view.depth[int(v), int(u)] == view.readings[int(v), int(u)] == d
+    expected = ICVL.unproject(uvd) * mirror_of(side)
+    np.testing.assert_allclose(view.camera.unproject(view_uvd), expected, atol=1e-9)
+    np.testing.assert_allclose(pixel_of(uvd, ICVL, side), view_uvd)
+    assert camera_of(ICVL, side) == view.camera
+
+
+def test_a_view_and_back_is_the_frame() -> None:
+    depth = np.arange(12.0).reshape(3, 4)
+    frame = SideView("right", replace(ICVL, width=4, height=3), depth, depth + 1)
+    again = frame.of("left").of("right")
+    np.testing.assert_array_equal(again.depth, depth)
+    np.testing.assert_array_equal(again.readings, depth + 1)
+    assert again.camera == frame.camera and frame.of("right") is frame

@@ -46,7 +46,7 @@ def scene() -> Scene:
 
 def fits(predictor: Predictor, scene: Scene, count: int, **options: Any) -> DepthFit:
     """The fits of the first frames."""
-    hands = HandCrops.of_sides(scene.depth[:count], scene.center_uvd[:count], NYU, 300.0)
+    hands = HandCrops(scene.depth[:count], scene.center_uvd[:count], NYU, 300.0)
     return fit_crops(predictor.net, predictor.fitter, hands, FAST, **options)
 
 
@@ -62,17 +62,6 @@ def test_blocks_change_nothing(
     apart = np.linalg.norm(parts.joints - whole.joints, axis=2).max(axis=1)  # mm
     assert np.median(apart) < 0.1 and (apart < 1).mean() >= 0.7
     assert whole.x.shape == (10, predictor.fitter.model.variables)
-
-
-def test_left_hands_in_the_mirror(predictor: Predictor, scene: Scene) -> None:
-    """A mirrored crop, taken as a left hand, gives nearly the same pose; the crops
-    differ by a pixel.
-    """
-    uvd = scene.center_uvd[:8] * (-1, 1, 1) + (2 * NYU.u0, 0, 0)
-    mirrored = HandCrops.of_sides(scene.depth[:8, :, ::-1], uvd, NYU, 300.0, "left")
-    left = fit_crops(predictor.net, predictor.fitter, mirrored, FAST)
-    apart = np.linalg.norm(left.joints - fits(predictor, scene, 8).joints, axis=2).mean(axis=1)
-    assert np.median(apart) < 8
 
 
 def test_a_known_size(predictor: Predictor, scene: Scene) -> None:

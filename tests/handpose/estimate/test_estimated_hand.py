@@ -7,16 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from handpose.body.sides import MIRROR, SIDES, Side, mirror_of
+from handpose.body.sides import MIRROR, SIDES, Side
 from handpose.estimate.hand import Hand, as_one_side, judge
 from handpose.fit.body import SIZE, THICKNESS, CapsuleModel
 from handpose.fit.depth_fit import DepthFit
 from handpose.frames.cameras import NYU
 from handpose.frames.crops import crop
 from handpose.sequences.recordings import render_image
+from tests.support.views import frame_of
 
 CENTER = np.array([NYU.u0 + 40, NYU.v0, 700.0])
-CROP, WALL = np.zeros((128, 128), np.float32), np.full((NYU.height, NYU.width), 700.0)
+CROP = np.linspace(-1, 1, 128 * 128, dtype=np.float32).reshape(128, 128)
+WALL = np.full((NYU.height, NYU.width), 700.0)
 
 
 def fitted(model: CapsuleModel, side: Side, cost: float = 2.5) -> Hand:
@@ -32,7 +34,7 @@ def fitted(model: CapsuleModel, side: Side, cost: float = 2.5) -> Hand:
         signs=np.array([[1.0, 2, 3, 4, 5]]),
         start=np.zeros(1, int),
     )
-    return Hand(side, CROP, CENTER, 300.0, NYU, fit.network[0] * mirror_of(side), fit, model)
+    return Hand(side, CROP, CENTER, 300.0, NYU, fit.network[0], fit, model)
 
 
 def test_a_hand_in_three_units() -> None:
@@ -73,18 +75,20 @@ def test_values_of_the_fit(model: CapsuleModel) -> None:
 
 @pytest.mark.parametrize("side", SIDES)
 def test_a_left_hand_is_mirrored_back(model: CapsuleModel, side: Side) -> None:
-    """Joints and surface are in camera axes; the pose in space is in the axes of the fit."""
+    """Joints, place and surface are in camera axes; the pose in space is in the side's view."""
     found, right = fitted(model, side), fitted(model, "right")
     mirror = MIRROR if side == "left" else np.ones(3)
     np.testing.assert_allclose(found.joints_mm, right.joints_mm * mirror)
-    np.testing.assert_allclose(found.network_mm, right.network_mm * mirror)
+    np.testing.assert_array_equal(found.network_mm, right.network_mm)
     np.testing.assert_allclose(found.capsules().a, right.capsules().a * mirror)
     np.testing.assert_allclose(
         found.capsules(in_space=True).a, found.capsules().a + found.center_mm, atol=1e-6
     )
     np.testing.assert_allclose(found.body.others, right.body.others)
-    moved = found.body.place - found.mirrored_center_mm
+    moved = found.body.place - found.view_center_mm
     np.testing.assert_allclose(moved, right.body.place - right.center_mm, atol=1e-9)
+    np.testing.assert_allclose(found.center_mm, NYU.unproject(found.center_uvd), atol=1e-9)
+    np.testing.assert_array_equal(found.crop, CROP[:, ::-1] if side == "left" else CROP)
 
 
 def test_before_it_is_judged(model: CapsuleModel) -> None:
@@ -93,7 +97,7 @@ def test_before_it_is_judged(model: CapsuleModel) -> None:
     assert np.isnan([found.confidence, found.error_mm, *found.finger_error_mm]).all()
     assert found.chance == 1 and found.selection_cost == found.cost and empty.chance == 0
     assert np.isnan(as_one_side(replace(found, other=found)).confidence)
-    known, same = judge([found, found], WALL)
+    known, same = judge([found, found], frame_of(WALL, NYU))
     assert known.chance == known.confidence and known.selection_cost == known.error_mm
     assert known.evidence is not None and len(known.evidence.signs) == 1
     assert (same.error_mm, same.confidence) == (known.error_mm, known.confidence)
@@ -105,7 +109,7 @@ def test_the_side_lowers_the_confidence(model: CapsuleModel, cost: float, chance
     other is far away.
     """
     other = fitted(model, "left", cost)
-    [alone] = judge([fitted(model, "right")], WALL)
+    [alone] = judge([fitted(model, "right")], frame_of(WALL, NYU))
     assert as_one_side(alone) is alone
     doubtful = as_one_side(replace(alone, other=other))
     assert doubtful.confidence == pytest.approx(chance * alone.confidence)
@@ -127,7 +131,21 @@ def test_a_crop_alone_shows_what_its_frame_shows(model: CapsuleModel) -> None:
     """
     hand = fitted(model, "right")
     frame = render_image(hand.capsules(in_space=True), NYU, background=1500.0)[0]
-    shown = replace(hand, crop=crop(frame, CENTER, 300.0, NYU))
-    [whole], [alone] = judge([shown], frame), judge([shown], None)
+    shown = replace(hand, view_crop=crop(frame, CENTER, 300.0, NYU))
+    [whole], [alone] = judge([shown], frame_of(frame, NYU)), judge([shown], None)
     assert alone.error_mm == pytest.approx(whole.error_mm, rel=0.1)
     assert alone.confidence == pytest.approx(whole.confidence, abs=0.05)
+
+
+def test_hands_of_both_sides_are_judged_in_their_order(model: CapsuleModel) -> None:
+    """Each by the frame as its side sees it: as its mirror image by the mirrored frame."""
+    right, left = fitted(model, "right"), fitted(model, "left")
+    shown = render_image(right.capsules(in_space=True), NYU, background=1500.0)[0]
+    frame, mirrored = frame_of(shown, NYU), frame_of(shown[:, ::-1], NYU.mirrored())
+    first, other, last = judge([left, right, left], frame)
+    [alone] = judge([right], frame)
+    assert [first.hand, other.hand, last.hand] == ["left", "right", "left"]
+    assert other.error_mm == alone.error_mm and first.error_mm == last.error_mm
+    in_mirror = replace(left, camera=NYU.mirrored())
+    [same] = judge([in_mirror], mirrored)
+    assert same.error_mm == pytest.approx(alone.error_mm)

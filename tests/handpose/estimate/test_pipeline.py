@@ -9,11 +9,12 @@ import pytest
 
 import netlib
 from handpose.body.nyu import CENTER_IN_PALM, CUBE_MM
-from handpose.body.sides import SIDES, Side, mirror_of
+from handpose.body.sides import Side, mirror_of
 from handpose.estimate import pipeline
 from handpose.estimate.packaged import load_predictor
 from handpose.estimate.pipeline import MAX_MOVE_MM, palm_frame, recenter
 from handpose.estimate.predictor import PALM_MM, Predictor, depth_around
+from handpose.fit.search import Fit
 from handpose.frames.cameras import KINECT2, NYU, Camera
 from handpose.frames.crops import clear_crop, crop_pixels
 from handpose.synthetic.pose_prior import BodySampler
@@ -24,6 +25,7 @@ from netlib.proto import prototxt, schema
 from tests.handpose.estimate.conftest import some_crop
 from tests.support.bad_input import bad_inputs
 from tests.support.packaged_hand import EXACT, SKELETON
+from tests.support.views import frame_of
 
 HAND = SKELETON
 CENTRED = EXACT.but(center_jitter=0, center_jitter_wide=0)  # all centres at one place of a palm
@@ -65,7 +67,9 @@ def test_the_crop_goes_to_the_palm(
     np.testing.assert_allclose(
         found.center_mm, KINECT2.unproject(start) + refine * beside, atol=1e-3
     )
-    np.testing.assert_array_equal(found.crop, clear_crop(frame, found.center_uvd, CUBE_MM, KINECT2))
+    view = frame_of(frame, KINECT2).of(hand)
+    cut = clear_crop(view.depth, found.view_uvd, CUBE_MM, view.camera)
+    np.testing.assert_array_equal(found.view_crop, cut)
 
 
 def test_a_crop_as_in_training_stays(fixed: Callable[..., netlib.Net], frame: np.ndarray) -> None:
@@ -99,21 +103,19 @@ def test_a_hand_beside_the_start(frame: np.ndarray) -> None:
     predictor = load_predictor(KINECT2, fit="fast", hand="right")
     for beside in ((0, 0, 0), (25, 0, 0)):
         start = KINECT2.project(np.array([30.0, -20, 700]) + beside)
-        found = predictor.pipeline.in_frame(frame, KINECT2, start, unmoved_too=True)
+        found = predictor.pipeline.in_frame(frame_of(frame, KINECT2), start, unmoved_too=True)
         assert np.linalg.norm(found.center_mm - (30, -20, 700)) < 60
         assert found.fit is not None and found.camera == KINECT2
     with pytest.raises(DataError, match="lies outside the image"):
-        predictor.pipeline.in_frame(frame, KINECT2, KINECT2.project(np.array([9000.0, 0, 700])))
+        outside = KINECT2.project(np.array([9000.0, 0, 700]))
+        predictor.pipeline.in_frame(frame_of(frame, KINECT2), outside)
 
 
 def test_the_other_hand(seeing: netlib.Net) -> None:
-    """A left hand is the mirror image of the prediction for the mirrored crop, moved to where the
-    crop's centre is.
-    """
+    """A left hand is the mirror image of the prediction for the mirrored crop."""
     left = Predictor(seeing, hand="left").in_crop(some_crop())
     right = Predictor(seeing).in_crop(some_crop()[:, ::-1])
-    moved = (left.joints - right.joints * (-1, 1, 1)).reshape(-1, 3)
-    np.testing.assert_allclose(moved, np.broadcast_to((moved[0, 0], 0, 0), moved.shape), atol=1e-12)
+    np.testing.assert_array_equal(left.joints, right.joints * (-1, 1, 1))
     np.testing.assert_array_equal(left.crop, some_crop())
 
 
@@ -124,7 +126,7 @@ def test_either_hand_is_where_it_is_seen(
     """A net that finds a small thing where training crops show it puts it at its place in space,
     for both sides.
 
-    A pixel of the crop is 2.3 mm; without ``mirror_shift`` the left hand is 6 mm off.
+    A pixel of the crop is 2.3 mm.
     """
     place, depth = np.array([40.0, 30.0, 700.0]), np.full((424, 512), 2000.0, np.float32)
     u, v, _ = KINECT2.project(place)
@@ -151,22 +153,17 @@ def test_weights_that_are_not_finite(fixed: Callable[..., netlib.Net]) -> None:
         Predictor(net).in_crop(some_crop())
 
 
-def test_a_left_hand_is_the_mirror_image_of_a_right_one(frame: np.ndarray) -> None:
-    """Mirrored images have nearly the same expected error, also with an off-centre
-    principal point.
-    """
-    part, scores = frame[:, 150:400], []
-    for depth, u0, hand in (
-        (part, KINECT2.u0 - 150, "right"),
-        (part[:, ::-1], 249 - (KINECT2.u0 - 150), "left"),
-    ):
-        camera = Camera("part", KINECT2.fx, KINECT2.fy, u0, KINECT2.v0, 250, 424)
-        predictor = load_predictor(camera, fit="accurate", hand=hand)  # type: ignore[arg-type]
-        center = camera.project(np.array([30.0, -20, 700]) * mirror_of(hand))
-        found = predictor.in_frame(np.ascontiguousarray(depth), center)
-        assert found.fit is not None and found.camera == camera
-        scores.append(found.error_mm)
-    assert scores[0] == pytest.approx(scores[1], rel=0.25)
+@pytest.mark.parametrize("fit", ["fast", "accurate"])
+def test_a_left_hand_is_the_mirror_image_of_a_right_one(frame: np.ndarray, fit: Fit) -> None:
+    """In the mirrored image, also with an off-centre principal point."""
+    camera = Camera("part", KINECT2.fx, KINECT2.fy, KINECT2.u0 - 150, KINECT2.v0, 250, 424)
+    part, place = frame[:, 150:400], np.array([30.0, -20, 700])
+    center = camera.project(place)
+    right = load_predictor(camera, fit=fit, hand="right").in_frame(part, center)
+    in_mirror = load_predictor(camera.mirrored(), fit=fit, hand="left")
+    left = in_mirror.in_frame(part[:, ::-1], (249 - center[0], *center[1:]))
+    np.testing.assert_allclose(left.xyz, right.xyz * (-1, 1, 1), atol=1e-9)
+    assert (left.error_mm, left.confidence) == pytest.approx((right.error_mm, right.confidence))
 
 
 # --------------------------------------------------------------------------------- crops and places
@@ -229,14 +226,12 @@ def moved(inputs, sampler, by):
     return sampler.kinematics.joints(result)
 
 
-@pytest.mark.parametrize("side", SIDES)
-def test_a_crop_beside_moves_to_the_place_of_training(hands, side):
-    """The centre moves by its error, also for a mirrored hand with mirrored joints."""
+def test_a_crop_beside_moves_to_the_place_of_training(hands):
+    """The centre moves by its error."""
     inputs, centers, sampler = hands
-    mirror = mirror_of(side)
     off = np.array([25.0, -40.0, 30.0])
-    for joints, center in zip(moved(inputs, sampler, off * mirror), centers):
-        found = recenter(joints, sampler.skeleton, NYU.project(center - off), CUBE_MM, NYU, side)
+    for joints, center in zip(moved(inputs, sampler, off), centers):
+        found = recenter(joints, sampler.skeleton, NYU.project(center - off), CUBE_MM, NYU)
         assert NYU.unproject(found) == pytest.approx(center, abs=1e-9)
 
 

@@ -81,7 +81,9 @@ def test_nothing_to_be_seen_is_no_hand(fitter: DepthFitter, scene: Scene) -> Non
 def test_the_wrong_hand_explains_less(fitter: DepthFitter, scene: Scene) -> None:
     """From the true pose, every right hand costs less as a right hand than as its mirror image."""
     right = fitter.fit(scene.seen, [scene.truth] * 4, ACCURATE)
-    left = fitter.fit(scene.seen.mirrored(np.ones(12, bool)), [scene.truth] * 4, ACCURATE)
+    uvd = scene.center_uvd * (-1, 1, 1) + (NYU.width - 1, 0, 0)
+    in_mirror = observe(scene.crops[:, :, ::-1], uvd, NYU.mirrored(), 300.0)
+    left = fitter.fit(in_mirror, [scene.truth] * 4, ACCURATE)
     assert (right.cost < left.cost).all()
 
 

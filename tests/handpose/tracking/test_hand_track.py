@@ -10,14 +10,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from handpose.body.sides import SIDES, Side
+from handpose.body.sides import SIDES, Side, SideView
 from handpose.estimate.finder import FoundHand
 from handpose.estimate.hand import Hand
 from handpose.fit.body import WorldPose
 from handpose.fit.depth_fit import DepthFit
-from handpose.frames.cameras import NYU, Camera
+from handpose.frames.cameras import NYU
 from handpose.tracking.hand_track import FIRST_CREDIT, MOST_CREDIT, FrameHands, HandTrack
 from handpose.tracking.sizing import SizeKeeper
+from tests.support.views import frame_of
 
 FRAME = 1 / 30
 SECOND = 30  # frames
@@ -32,7 +33,7 @@ class Estimator:
         """The place of the body."""
         return body.place
 
-    def palm_at(self, depth: np.ndarray, start: np.ndarray, side: Side) -> np.ndarray:
+    def palm_at(self, view: Any, start: np.ndarray) -> np.ndarray:
         """The start, 2 mm to the right."""
         return start + (2, 0, 0)
 
@@ -47,7 +48,8 @@ def frame_with(presence: float | None) -> Any:
             else FoundHand(presence, place + (7, 0, 0), 0.5, np.ones((1, 1), bool))
         )
 
-    return SimpleNamespace(depth=np.zeros((1, 1), np.float32), near=near)
+    view = SimpleNamespace(camera=Estimator.camera)
+    return SimpleNamespace(view=SimpleNamespace(of=lambda side: view), near=near)
 
 
 SEEN, UNSEEN = frame_with(0.8), frame_with(None)
@@ -76,7 +78,7 @@ def estimate(
         error_mm=error,
         confidence=confidence,
     )
-    vars(hand).update(body=WorldPose(place, np.eye(3), np.zeros(4)), center_mm=place)
+    vars(hand).update(body=WorldPose(place, np.eye(3), np.zeros(4)), view_center_mm=place)
     return hand
 
 
@@ -260,7 +262,7 @@ def test_a_second_look() -> None:
     regions = undecided.other_regions(SEEN, both(x=20), 1.0)
     assert [(region.center_uvd[0], region.side) for region in regions] == [
         (29, "right"),
-        (29, "left"),
+        (15, "left"),
     ]
     assert all(region.before is undecided.sides[region.side].estimate.body for region in regions)
 
@@ -338,12 +340,12 @@ def test_how_sure_it_is_that_it_is_a_hand() -> None:
 def test_the_finder_looks_once_in_a_frame() -> None:
     looks: list[float] = []
 
-    def look(depth: np.ndarray, camera: Camera, min_presence: float, most: int) -> list[Any]:
+    def look(view: SideView, min_presence: float, most: int) -> list[Any]:
         looks.append(min_presence)
         return [SimpleNamespace(middle=np.array([x, 0, 600])) for x in (0, 90, 400)]
 
-    finder: Any = SimpleNamespace(hands=look)
-    frame = FrameHands(finder, np.zeros((2, 3), np.float32), NYU, 0.3)
+    finder: Any = SimpleNamespace(hands_in=look)
+    frame = FrameHands(finder, frame_of(np.zeros((2, 3), np.float32), NYU), 0.3)
     assert not looks and not frame.is_known
     assert frame.near(np.array([60.0, 0, 600])) is frame.hands[1] and frame.is_known
     assert frame.near(np.array([250.0, 0, 600])) is None and looks == [0.3]

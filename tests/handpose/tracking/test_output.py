@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from handpose.body.sides import SIDES, Side, mirror_of
+from handpose.body.sides import SIDES, Side, mirror_of, pixel_of
 from handpose.estimate.hand import Hand, judge
 from handpose.fit.body import SIZE, CapsuleModel
 from handpose.fit.depth_fit import DepthFit
@@ -16,6 +16,7 @@ from handpose.frames.cameras import NYU
 from handpose.sequences.recordings import render_image
 from handpose.tracking.output import tracked_hand
 from handpose.tracking.track import TrackedHand, joints_of
+from tests.support.views import frame_of
 
 CENTER = np.array([350.0, 200, 650])  # px, px, mm
 EMPTY = np.zeros((NYU.height, NYU.width), np.float32)
@@ -24,9 +25,8 @@ EMPTY = np.zeros((NYU.height, NYU.width), np.float32)
 def image_of(model: CapsuleModel, side: Side = "right") -> np.ndarray:
     """The depth image of this pose as a hand of this side, in front of a wall."""
     mirror = mirror_of(side)[None]
-    capsules = model.capsules(variables(model)[None], NYU.unproject(CENTER) * mirror).mirrored(
-        mirror
-    )
+    x, origin = variables(model)[None], NYU.unproject(CENTER) * mirror
+    capsules = model.capsules(x, origin).mirrored(mirror)
     return render_image(capsules, NYU, background=1500.0)[0]
 
 
@@ -49,9 +49,16 @@ def state(
     signs = np.array([[30.0, 2, 0.2, 5, 10]])
     fit = DepthFit(model.joints(x), model.joints(x), one, one, x, signs, one)
     hand = Hand(
-        side, np.zeros((128, 128), np.float32), CENTER, 300.0, NYU, np.zeros((31, 3)), fit, model
+        side,
+        np.zeros((128, 128), np.float32),
+        pixel_of(CENTER, NYU, side),
+        300.0,
+        NYU,
+        np.zeros((31, 3)),
+        fit,
+        model,
     )
-    [seen] = [hand] if readings is None else judge([hand], readings)
+    [seen] = [hand] if readings is None else judge([hand], frame_of(readings, NYU))
     return SimpleNamespace(
         estimate=seen, smooth=seen.body._replace(place=seen.body.place + (apart, 0, 0)), time=time
     )
@@ -93,7 +100,8 @@ def test_a_hand(model: CapsuleModel, side: Side, apart: float | None) -> None:
     np.testing.assert_allclose(again, hand.xyz, atol=1e-9)
     np.testing.assert_allclose(hand.bones, 0.95 * model.skeleton.bones)
     np.testing.assert_allclose(hand.origin_mm, origin)
-    assert (hand.id, hand.hand, hand.cube_mm) == (4, side, 300) and hand.center_uvd is CENTER
+    assert (hand.id, hand.hand, hand.cube_mm) == (4, side, 300)
+    np.testing.assert_allclose(hand.center_uvd, CENTER)
     assert (hand.side_confidence, hand.other, hand.presence) == (1, None, max(0.5, hand.confidence))
     assert (hand.raw_xyz is None) == (hand.poses is None) == (apart is None)
     if hand.raw_xyz is not None:
