@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -38,16 +39,27 @@ CLEAR = 0.1  # mean ratio that decides before the maximum
 MAX_SIDE_CONFIDENCE = 0.99  # of a side that is not decided
 
 
+@dataclass(frozen=True)
 class SideState:
-    """The state of a hand as one side: its last pose, its velocity (V,) (``WorldPose``),
-    and its filter.
+    """The state of a hand as one side: its last pose, the time of that in s, its smoothed pose, and
+    its velocity (V,) (``WorldPose``).
+
+    asked  s, when the network predicted it last
     """
 
-    def __init__(self, estimate: Hand, time: float) -> None:
-        self.estimate, self.time = estimate, time
-        self.velocity: Array | None = None
-        self.filter = PoseFilter()
-        self.smooth = self.filter(estimate.body, time, estimate.error_mm)
+    estimate: Hand
+    time: float
+    asked: float
+    smooth: WorldPose
+    filter: PoseFilter
+    velocity: Array | None = None
+
+    @classmethod
+    def first(cls, estimate: Hand, time: float) -> SideState:
+        """The state with the first pose."""
+        filter = PoseFilter()
+        smooth = filter(estimate.body, time, estimate.error_mm)
+        return cls(estimate, time, time, smooth, filter)
 
     def expected(self, time: float) -> WorldPose:
         """The expected body at a time."""
@@ -55,8 +67,8 @@ class SideState:
             return self.estimate.body
         return self.estimate.body.moved(KEPT * min(time - self.time, AHEAD_S) * self.velocity)
 
-    def take(self, estimate: Hand, time: float) -> None:
-        """Add a pose.
+    def then(self, estimate: Hand, time: float, asked: bool) -> SideState:
+        """The state after one more pose, for which the network was ``asked`` or not.
 
         A pose whose fit did not start from the expected one changes only the velocity of the place,
         to that of the mean of the joints; and nothing if it is too far away.
@@ -65,16 +77,28 @@ class SideState:
         if estimate.is_tracked:
             new = self.estimate.body.step_to(estimate.body) / (time - self.time)
         elif np.linalg.norm(way) <= MAX_JUMP_MM:
-            new = (
-                np.zeros(6 + len(estimate.body.others))
-                if self.velocity is None
-                else self.velocity.copy()
-            )
+            unknown = np.zeros(6 + len(estimate.body.others))
+            new = unknown if self.velocity is None else self.velocity.copy()
             new[:3] = way / (time - self.time)
+        velocity = self.velocity
         if new is not None:
-            self.velocity = new if self.velocity is None else NEW * new + (1 - NEW) * self.velocity
-        self.estimate, self.time = estimate, time
-        self.smooth = self.filter(estimate.body, time, estimate.error_mm)
+            velocity = new if velocity is None else NEW * new + (1 - NEW) * velocity
+        smooth = self.filter(estimate.body, time, estimate.error_mm)
+        return SideState(
+            estimate, time, time if asked else self.asked, smooth, self.filter, velocity
+        )
+
+
+class Compared(NamedTuple):
+    """How often both sides were compared, and the sum of the evidence: above 0 for a right hand."""
+
+    times: int
+    evidence: float
+
+    @property
+    def mean(self) -> float:
+        """The mean evidence for the likelier side."""
+        return abs(self.evidence) / self.times
 
 
 class FrameHands:
@@ -105,18 +129,15 @@ class FrameHands:
 class HandTrack:
     """One hand of a recording: its state while it is tracked, and what is kept while it is lost.
 
-    id          of the hand; -1 until it has one
-    is_tracked  False while it is lost
-    sides       state for each side; both until the side is decided
-    time        s, of its last pose
-    credit      s, for which it may go on without a pose
-    size        relative to the skeleton, once it is known
-    sizes       estimates the size
-    decided     the side that was decided last, or None
-    begun       s, of its first pose
-    since       s, when it was reported last
-    reason      why it was lost
-    presence    by the finder, mean of its last looks
+    id        of the hand; -1 until it has one
+    sides     state for each side; both until the side is decided
+    time      s, of its last pose
+    begun     s, of its first pose
+    credit    s, for which it may go on without a pose; it is lost without any
+    reason    why it has no pose, or is lost
+    sizes     the size of the hand, and how it is estimated
+    decided   the side that was decided last, or None
+    presence  by the finder, mean of its last looks
     """
 
     def __init__(
@@ -129,27 +150,33 @@ class HandTrack:
         presence: float = 1.0,
     ) -> None:
         """``side_prior``: prior evidence for a right hand (above 0) or a left one."""
-        self.id, self.is_tracked = -1, True
-        self.time = self.since = time
-        self.credit = FIRST_CREDIT
-        self.size, self.sizes = size, SizeKeeper(estimator)
-        self.decided: Side | None = None
-        self.reason = ""
+        self.id, self.credit, self.reason = -1, FIRST_CREDIT, ""
+        self.time = self.begun = self._looked = time
+        self.sizes = SizeKeeper(estimator, size)
+        self.presence = presence
         self._estimator = estimator
         best = _best(estimates)
-        self.sides = {side: SideState(estimate, time) for side, estimate in best.items()}
-        self.presence = presence
-        self._seen = self._asked = self._looked = time
-        self._evidence, self._compared, self.begun = side_prior, 0, time
+        self._compared = Compared(0, side_prior)
+        self.sides = {side: SideState.first(estimate, time) for side, estimate in best.items()}
+        self.decided: Side | None = self.hand if self.is_decided else None
         self._compare(best, time)
-        self._keep_side()
 
     def identify(self, id: int, before: HandTrack | None = None) -> None:
         """Give the hand its id; if it is one that was lost, with what is known of it."""
         self.id = id
         if before is not None:
-            self.size, self.sizes = before.size, before.sizes
+            self.sizes = before.sizes
             self.decided = self.decided or before.decided
+
+    @property
+    def size(self) -> float | None:
+        """Its size relative to the skeleton, once it is known."""
+        return self.sizes.size
+
+    @property
+    def is_tracked(self) -> bool:
+        """False while it is lost."""
+        return self.credit > 0
 
     @property
     def evidence(self) -> float:
@@ -163,14 +190,14 @@ class HandTrack:
 
     def end(self, reason: str) -> None:
         """Stop tracking the hand."""
-        self.is_tracked, self.reason = False, reason
+        self.credit, self.reason = 0.0, reason
 
     @property
     def hand(self) -> Side:
         """The more likely side."""
         if self.is_decided:
             return next(iter(self.sides))
-        return "right" if self._evidence >= 0 else "left"
+        return "right" if self._compared.evidence >= 0 else "left"
 
     @property
     def best(self) -> SideState:
@@ -187,7 +214,7 @@ class HandTrack:
         """The probability of the more likely side; 1 once it is decided."""
         if self.is_decided:
             return 1.0
-        mean = abs(self._evidence) / max(self._compared, MIN_COMPARED)
+        mean = abs(self._compared.evidence) / max(self._compared.times, MIN_COMPARED)
         return min(side_chance(mean), MAX_SIDE_CONFIDENCE)
 
     @property
@@ -195,13 +222,16 @@ class HandTrack:
         """The mean (3,) of its joints in mm, camera axes."""
         return np.asarray(self.best.estimate.xyz.mean(axis=0))
 
-    def regions(self, time: float) -> list[SearchRegion]:
-        """The search regions in a frame; with and without the network, whose last
-        use is recorded.
+    def asks_network(self, time: float, before: float) -> bool:
+        """Whether the network predicts the hand in the frame at a time, after one at ``before``."""
+        was_missing = self.time < before
+        return was_missing or not self.is_decided or time - self.best.asked >= LATER_S
+
+    def regions(self, time: float, before: float) -> list[SearchRegion]:
+        """The search regions in a frame at a time, after one at ``before``, with and without the
+        network.
         """
-        asked = self.time < self._seen or not self.is_decided or time - self._asked >= LATER_S
-        self._asked = time if asked else self._asked
-        regions = []
+        asked, regions = self.asks_network(time, before), []
         for side, seen in self.sides.items():
             region = self._region(side, seen.expected(time))
             regions.append(region if asked else replace(region, moved_mm=seen.estimate.moved_mm))
@@ -219,7 +249,6 @@ class HandTrack:
         pause = LATER_S if self.is_decided and sure >= ENOUGH else SOON_S
         if (self.is_decided and sure >= SURE) or time - self._looked < pause:
             return []
-        self._looked = time
         regions = []
         for estimate in estimates:
             side, near = estimate.hand, frame.near(estimate.center_mm)
@@ -232,26 +261,26 @@ class HandTrack:
             self._region(side, seen.estimate.body) for side, seen in self.sides.items()
         ]
 
-    def take(self, estimates: Sequence[Hand], others: Sequence[Hand], time: float) -> bool:
-        """Add the poses found in its regions and in others, the best for each side; True if one
-        is good enough.
+    def take(
+        self, estimates: Sequence[Hand], others: Sequence[Hand] | None, time: float, before: float
+    ) -> bool:
+        """Add the poses found in its regions and in others, the best for each side, in a frame at a
+        time after one at ``before``; True if one is good enough.
+
+        others  None if there were no other regions
         """
-        seconds, self._seen = time - self._seen, time
-        best = _best([*estimates, *others])
+        seconds, asked = time - before, self.asks_network(time, before)
+        self._looked = self._looked if others is None else time
+        best = _best([*estimates, *(others or ())])
         self._compare(best, time)
         own = [best[side] for side in self.sides if side in best]
         if max((estimate.chance for estimate in own), default=0.0) < ENOUGH:
             self.credit -= seconds
             return False
         for estimate in own:
-            self.sides[estimate.hand].take(estimate, time)
+            self.sides[estimate.hand] = self.sides[estimate.hand].then(estimate, time, asked)
         self.time, self.credit = time, min(self.credit + 2 * seconds, MOST_CREDIT)
-        self._keep_side()
         return True
-
-    def _keep_side(self) -> None:
-        if self.is_decided:
-            self.decided = self.hand
 
     def _region(self, side: Side, body: WorldPose) -> SearchRegion:
         return SearchRegion(self._estimator.center_of(body, side), side, body, self.size)
@@ -261,12 +290,13 @@ class HandTrack:
         ratio = _evidence_of(best)
         if self.is_decided or ratio is None:
             return
-        self._evidence += ratio
-        self._compared += 1
-        seconds, mean = time - self.begun, abs(self._evidence) / self._compared
-        enough = seconds >= MIN_COMPARED_S and self._compared >= MIN_COMPARED
-        if enough and (mean > CLEAR or seconds >= MAX_COMPARED_S):
+        times, evidence = self._compared
+        self._compared = Compared(times + 1, evidence + ratio)
+        seconds = time - self.begun
+        enough = seconds >= MIN_COMPARED_S and self._compared.times >= MIN_COMPARED
+        if enough and (self._compared.mean > CLEAR or seconds >= MAX_COMPARED_S):
             self.sides = {self.hand: self.best}
+            self.decided = self.hand
 
 
 def _mean_joint(estimate: Hand) -> Array:

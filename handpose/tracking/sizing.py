@@ -43,21 +43,26 @@ def checked(size: float) -> float:
 
 
 class SizeKeeper:
-    """Collects poses of one hand until its size can be estimated."""
+    """Collects poses of one hand until its size can be estimated.
 
-    def __init__(self, estimator: PoseEstimator) -> None:
+    size  relative to the skeleton; None until it is known
+    """
+
+    def __init__(self, estimator: PoseEstimator, size: float | None = None) -> None:
+        self.size = size
         self._estimator = estimator
         self._estimates: list[Hand] = []
         self._time = -np.inf
 
-    def take(self, estimate: Hand, time: float) -> float | None:
-        """The size, relative to the skeleton, as soon as it is known, otherwise None."""
-        if estimate.chance < CONFIDENT or time - self._time < EVERY:
-            return None
+    def take(self, estimate: Hand, time: float) -> None:
+        """Add a pose of a frame, from which the size may follow."""
+        is_known = self.size is not None
+        if is_known or estimate.chance < CONFIDENT or time - self._time < EVERY:
+            return
         self._estimates = [*(one for one in self._estimates if one.hand == estimate.hand), estimate]
         self._time = time
         if len(self._estimates) < FRAMES:
-            return None
+            return
         estimates, estimator = (
             sorted(self._estimates, key=lambda one: one.uncertainty)[:BEST],
             self._estimator,
@@ -71,7 +76,9 @@ class SizeKeeper:
         x = np.stack([s.x for s in estimates])
         size = float(np.exp(np.median(x[:, SIZE])))
         middle = np.clip(np.log(size), np.log(MIN_SIZE) - NEAR[0], np.log(MAX_SIZE) - NEAR[-1])
-        return size_of(estimator.fitter, seen, x, sizes=np.exp(middle + NEAR), deviation=POPULATION)
+        self.size = size_of(
+            estimator.fitter, seen, x, sizes=np.exp(middle + NEAR), deviation=POPULATION
+        )
 
 
 def size_of(

@@ -140,7 +140,7 @@ class Tracker:
         before = self._time
         view, time = self._accept(frame)
         found = FrameHands(self.finder, view, STILL * self.min_presence)
-        self._follow(found, time)
+        self._follow(found, time, before)
         self._drop_doubles()
         pause = LATER_S if self.tracks else SOON_S
         due = found.is_known or time - self._searched >= pause or time - before > AHEAD_S
@@ -167,24 +167,23 @@ class Tracker:
         depth = without_dropouts(self.camera.in_range(every))
         return SideView(raw.side, raw.camera, depth, every), time
 
-    def _follow(self, found: FrameHands, time: float) -> None:
-        """Find every hand where it is expected."""
+    def _follow(self, found: FrameHands, time: float, before: float) -> None:
+        """Find every hand where it is expected, in a frame after one at the time ``before``."""
         tracks, view = self.tracks, found.view
-        regions = {track.id: track.regions(time) for track in tracks}
+        regions = {track.id: track.regions(time, before) for track in tracks}
         estimates = self._estimates(view, regions)
         others = {
             track.id: track.other_regions(found, estimates[track.id], time) for track in tracks
         }
         again = self._estimates(view, others, AGAIN)
         for track in tracks:
-            seen, more = estimates[track.id], again[track.id]
-            if not track.take(seen, more, time):
-                confidence = max((one.chance for one in [*seen, *more]), default=0.0)
+            seen = estimates[track.id]
+            more = again[track.id] if others[track.id] else None
+            if not track.take(seen, more, time, before):
+                confidence = max((one.chance for one in [*seen, *(more or ())]), default=0.0)
                 track.reason = self.estimator.reason(
                     view.of(track.hand), track.best.expected(time), confidence
                 )
-                if track.credit <= 0:
-                    track.end(track.reason)
 
     def _estimates(
         self, view: SideView, regions: dict[int, list[SearchRegion]], plan: Plan | None = None
@@ -305,11 +304,10 @@ class Tracker:
         hands, lost = [], []
         for id, track in sorted(self.known.items()):
             if not (track.is_tracked and track.time == time):
-                lost.append(LostHand(id, track.decided, track.since, track.reason))
+                lost.append(LostHand(id, track.decided, track.time, track.reason))
                 continue
-            track.since = time
             if track.is_decided:
-                track.size = track.size or track.sizes.take(track.best.estimate, time)
+                track.sizes.take(track.best.estimate, time)
             hands.append(
                 tracked_hand(track, self.estimator.model, smooth=self.smooth, surface=self.surface)
             )
@@ -338,7 +336,7 @@ class Tracker:
         a ``new`` one.
         """
         lost = [id for id in self._lost() if self.known[id].decided in (side, None)]
-        return max(lost, key=lambda id: self.known[id].since) if lost else new
+        return max(lost, key=lambda id: self.known[id].time) if lost else new
 
     def _middle(self, track: HandTrack) -> Array:
         """The hand's position (3,) in mm, camera axes."""

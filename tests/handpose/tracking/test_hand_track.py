@@ -97,7 +97,9 @@ def followed(one: HandTrack, estimates: list[list[Hand]], first: int = 1) -> Han
     estimated again.
     """
     for n, seen in enumerate(estimates, first):
-        assert one.take([own for own in seen if own.hand in one.sides], seen, n * FRAME)
+        assert one.take(
+            [own for own in seen if own.hand in one.sides], seen, n * FRAME, (n - 1) * FRAME
+        )
     return one
 
 
@@ -126,12 +128,16 @@ def test_the_mean_decides_which_hand_it_is(
         followed(one, [both(right=costs[n][0], left=costs[n][1])], n)
         if one.is_decided:
             break
-        assert set(one.sides) == {region.side for region in one.regions(n * FRAME)} == set(SIDES)
+        assert (
+            set(one.sides)
+            == {region.side for region in one.regions(n * FRAME, (n - 1) * FRAME)}
+            == set(SIDES)
+        )
         assert 0.5 <= one.side_confidence < 1 and one.decided is None
     assert abs(n - decided) <= 1
     other = both(right=1.0 if side == "left" else 9.0, left=1.0 if side == "right" else 9.0)
     followed(one, [other] * SECOND, n + 1)
-    assert list(one.sides) == [side] == [region.side for region in one.regions(9.0)]
+    assert list(one.sides) == [side] == [region.side for region in one.regions(9.0, 9.0 - FRAME)]
     assert one.hand == one.decided == one.best.estimate.hand == side and one.side_confidence == 1
 
 
@@ -145,7 +151,7 @@ def test_a_side_that_is_not_seen_says_nothing() -> None:
     assert one.hand == one.best.estimate.hand == "left" and 0.5 < one.side_confidence < 0.7
     nothing = both(right=np.inf, left=np.inf, confidence=0)
     for n in range(31, 99):
-        assert not one.take(nothing, nothing, n * FRAME)
+        assert not one.take(nothing, nothing, n * FRAME, (n - 1) * FRAME)
     assert not one.is_decided
 
 
@@ -155,7 +161,7 @@ def test_only_one_side_is_looked_for() -> None:
     assert (
         one.is_decided
         and one.decided == "left"
-        and [region.size for region in one.regions(FRAME)] == [1.1]
+        and [region.size for region in one.regions(FRAME, 0.0)] == [1.1]
     )
 
 
@@ -180,7 +186,7 @@ def moving(x: Sequence[float]) -> HandTrack:
 
 def expected_x(one: HandTrack, frame: int) -> float:
     """Where the only hand is looked for."""
-    (region,) = one.regions(frame * FRAME)
+    (region,) = one.regions(frame * FRAME, (frame - 1) * FRAME)
     assert region.before is not None and region.before.place[0] == region.center_uvd[0]
     return float(region.center_uvd[0])
 
@@ -233,16 +239,20 @@ def test_the_network_is_asked_now_and_then() -> None:
     """
     one, asked = track([estimate()]), []
     for n in range(1, 31):
-        (region,) = one.regions(n * FRAME)
+        (region,) = one.regions(n * FRAME, (n - 1) * FRAME)
         asked.append(region.moved_mm is None)
         assert asked[-1] or region.moved_mm == 3
         followed(one, [[estimate()]], n)
     assert 0 < sum(asked) < 15
-    assert not one.take([estimate(confidence=0.1)], [], 31 * FRAME)
-    assert one.regions(32 * FRAME)[0].moved_mm is None, "it had no pose in the frame before"
+    assert not one.take([estimate(confidence=0.1)], [], 31 * FRAME, 30 * FRAME)
+    assert one.regions(32 * FRAME, 31 * FRAME)[0].moved_mm is None, (
+        "it had no pose in the frame before"
+    )
     undecided = track(both())
     assert all(
-        region.moved_mm is None for n in range(1, 9) for region in undecided.regions(n * FRAME)
+        region.moved_mm is None
+        for n in range(1, 9)
+        for region in undecided.regions(n * FRAME, (n - 1) * FRAME)
     )
 
 
@@ -254,9 +264,11 @@ def test_a_second_look() -> None:
     assert one.other_regions(SEEN, [estimate()], 1.0) == []
     (first,) = one.other_regions(SEEN, unsure, 1.0)
     assert (first.center_uvd[0], first.side, first.size) == (29, "right", 0.9)
-    assert one.other_regions(SEEN, unsure, 1.0 + FRAME) == []
-    assert [region.center_uvd[0] for region in one.other_regions(UNSEEN, unsure, 4.0)] == [22]
-    assert [region.center_uvd[0] for region in one.other_regions(UNSEEN, [], 9.0)] == [5]
+    assert [region.center_uvd[0] for region in one.other_regions(UNSEEN, unsure, 1.0)] == [22]
+    assert [region.center_uvd[0] for region in one.other_regions(UNSEEN, [], 1.0)] == [5]
+    one.take(unsure, [], 1.0, 1.0 - FRAME)
+    assert one.other_regions(SEEN, unsure, 1.0 + FRAME) == [], "it looked a moment ago"
+    assert one.other_regions(SEEN, unsure, 1.0 + SECOND * FRAME) != []
     # both sides get a second region, however certain the estimates are
     undecided = track(both(x=5))
     regions = undecided.other_regions(SEEN, both(x=20), 1.0)
@@ -278,7 +290,7 @@ def test_second_looks_are_rare(confidence: float, least: int, most: int) -> None
     for n in range(1, 301):
         regions = one.other_regions(SEEN, seen, n * FRAME)
         looks += bool(regions)
-        one.take(seen, seen if regions else [], n * FRAME)
+        one.take(seen, seen if regions else None, n * FRAME, (n - 1) * FRAME)
     assert least <= looks <= most
 
 
@@ -288,14 +300,14 @@ def test_of_several_looks_the_best_counts() -> None:
     """
     one = track(both())
     assert one.take(
-        [estimate(x=1, error=9)], [estimate(x=2, error=4), estimate(x=3, error=6)], FRAME
+        [estimate(x=1, error=9)], [estimate(x=2, error=4), estimate(x=3, error=6)], FRAME, 0.0
     )
     assert (
         one.sides["right"].estimate.body.place[0] == 2
         and one.sides["left"].estimate.body.place[0] == 0
     )
     assert one.time == one.sides["right"].time == FRAME and one.sides["left"].time == 0
-    assert one.take([estimate(x=4, error=1)], [estimate(x=5)], 2 * FRAME)
+    assert one.take([estimate(x=4, error=1)], [estimate(x=5)], 2 * FRAME, FRAME)
     assert one.sides["right"].estimate.body.place[0] == 4
 
 
@@ -310,7 +322,9 @@ def test_losing(seen: list[Hand]) -> None:
     one = moving([0, 1])
     assert one.credit == pytest.approx(FIRST_CREDIT + 2 * FRAME)
     smooth = one.best.smooth.place[0]
-    assert not one.take(seen, seen, 2 * FRAME) and one.credit == pytest.approx(FIRST_CREDIT + FRAME)
+    assert not one.take(seen, seen, 2 * FRAME, FRAME) and one.credit == pytest.approx(
+        FIRST_CREDIT + FRAME
+    )
     assert (
         one.time == FRAME
         and one.best.estimate.body.place[0] == 1
@@ -318,7 +332,7 @@ def test_losing(seen: list[Hand]) -> None:
     )
     followed(one, [[estimate(x=2)]] * 60, 3)
     assert one.time == 62 * FRAME and one.credit == MOST_CREDIT
-    assert not one.take(seen, seen, 63 * FRAME + MOST_CREDIT) and one.credit < 0
+    assert not one.take(seen, seen, 63 * FRAME + MOST_CREDIT, 62 * FRAME) and one.credit < 0
 
 
 def test_smoothing_begins_with_the_first_pose() -> None:

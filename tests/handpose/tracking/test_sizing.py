@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from handpose.body.render import normalise_depth, render_crop
-from handpose.body.sides import Side
+from handpose.body.sides import Side, camera_of
 from handpose.estimate.hand import Hand
 from handpose.fit.body import SIZE, TYPICAL_SIZE, CapsuleModel
 from handpose.fit.depth_fit import DepthFitter
@@ -52,8 +52,7 @@ def estimates(
     )
     x += np.random.default_rng(0).normal(0, 0.03, x.shape)
     x[:, SIZE] = np.log(fitted) + np.random.default_rng(1).normal(0, 0.05, len(x))
-    if side == "left":
-        crops, uvd = crops[:, :, ::-1], uvd * (-1, 1, 1) + (2 * NYU.u0, 0, 0)
+    camera = camera_of(NYU, side)
     fits: Any = [SimpleNamespace(x=row[None], uncertainty=np.ones(1)) for row in x]
     return [
         Hand(
@@ -61,7 +60,7 @@ def estimates(
             crop,
             center,
             300.0,
-            NYU,
+            camera,
             np.zeros((31, 3)),
             fit,
             model,
@@ -73,16 +72,19 @@ def estimates(
 
 
 def kept(model: CapsuleModel, hands: Sequence[Hand], every: float = 0.2) -> list[tuple[int, float]]:
-    """The sizes that a keeper returns, with the number of poses until then."""
+    """The sizes that a keeper finds, with the number of poses until then."""
     keeper = SizeKeeper(SimpleNamespace(fitter=DepthFitter(model), camera=NYU, cube_mm=300.0))  # type: ignore[arg-type]
-    sizes = [keeper.take(hand, n * every) for n, hand in enumerate(hands)]
-    return [(n, size) for n, size in enumerate(sizes, 1) if size is not None]
+    sizes: list[float | None] = []
+    for n, hand in enumerate(hands):
+        keeper.take(hand, n * every)
+        sizes.append(keeper.size)
+    return [(n, size) for n, size in enumerate(sizes, 1) if size is not None][:1]
 
 
 @pytest.mark.parametrize(("side", "other"), [("right", "left"), ("left", "right")])
 def test_the_size_of_a_hand(model: CapsuleModel, poses: Poses, side: Side, other: Side) -> None:
-    """The size is returned once, after enough frames; earlier sights as the other
-    side do not count.
+    """The size is known after enough frames, and remains; earlier sights as the other side do not
+    count.
     """
     hands = estimates(model, poses, side=side)
     [(count, size)] = kept(model, hands)
