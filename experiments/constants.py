@@ -90,12 +90,11 @@ NOT_TUNED = {
         "fit.support": "ALONG ACROSS",
         "tracking.hand_track": "MOST_FOUND MAX_SIDE_CONFIDENCE",
         "tracking.later_frames": "MAX_UNDECIDED AHEAD",
-        "tracking.pose_estimator": "ARM_PLACES",
         "tracking.sizing": "POPULATION",
         "tracking.smoothing": "NO_SPEED",
         "tracking.summary": "LENGTH_MM",
-        "tracking.tracker": "MAX_HANDS AGAIN",
-        "estimate.estimator": "MAX_CROPS",
+        "tracking.tracker": "MAX_HANDS AGAIN ARM_PLACES",
+        "estimate.crop_fits": "MAX_CROPS",
         "estimate.finder": "FOCAL_PX VOTE_MM BEYOND_MM MIDDLE_MM STRIDE MAX_PIXELS CHANCE_STEP MIN_VOTES OUTPUTS",
         "estimate.nets": "SIZES",
         "estimate.predictor": "CROP_DEPTH_MM MOST MAX_REFINE",
@@ -264,7 +263,7 @@ def tracked_labels(
     if mirrored:
         camera = dataclasses.replace(camera, u0=camera.width - 1 - camera.u0)
     tracker = load_tracker(camera, seed=seed, **options)
-    fingers = tracker.estimator.model.fingers
+    fingers = tracker.model.fingers
     assert fingers is not None  # the packaged body is a hand
     for frame, label in itertools.zip_longest(recording, labels):
         if frame is None or label is None:

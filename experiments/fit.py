@@ -26,7 +26,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.body.sides import SIDES
-from handpose.estimate.estimator import Candidate, HandEstimator, fit_starts
+from handpose.estimate.candidates import Candidate
+from handpose.estimate.crop_fits import fit_starts
+from handpose.estimate.estimator import HandEstimator
 from handpose.estimate.nets import refuse_other_bodies, skeleton_to_fit, trained
 from handpose.estimate.packaged import SYNTHETIC_HAND, checked_content, read_card
 from handpose.fit.depth_fit import DepthFitter
@@ -119,7 +121,7 @@ def measure(
 def _fit(
     net: Net, fitter: DepthFitter, scene: Scene, joints: Array, plan: Plan, hands: bool
 ) -> FitFigures:
-    estimator = HandEstimator(net, scene.cube_mm, fitter)
+    estimator = HandEstimator(net, scene.cube_mm, fitter=fitter)
     right, left = (
         [
             Candidate.of_side(side, crop, center, scene.camera)

@@ -1,5 +1,11 @@
-"""Estimate hands in crops: the network predicts a pose in every crop, and the fit moves it until it
-explains the depth.
+"""Estimate hands at places in depth frames, and in crops.
+
+    start       a place where a hand may be: a finder's, or a given centre (``predictor``)
+    crops       the place is cropped, and the crop is moved to the palm that the network
+                predicts in it
+    network     predicts a pose in every crop
+    fit         moves the pose until it explains the depth (``handpose.fit``)
+    selection   between the sides, and between the crops, by the uncertainty of the fit
 
 The network and the capsule model know right hands, so each crop is of the view in which its hand is
 one (``SideView``). Many crops are processed together, because the arrays of one are so small that
@@ -8,76 +14,189 @@ most of the time would be overhead.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.body.sides import Side, SideView, as_right, camera_of, pixel_of
+from handpose.body.sides import Side, SideView, camera_of
+from handpose.estimate.candidates import Candidate, SearchRegion
+from handpose.estimate.crop_fits import fit_crops
+from handpose.estimate.expected import ExpectedBodies
 from handpose.estimate.hand import Hand, judge
-from handpose.estimate.nets import hand_poses, network_joints
-from handpose.fit.body import SIZE, CapsuleModel, WorldPose, crop_variables
-from handpose.fit.depth_fit import DepthFit, DepthFitter
-from handpose.fit.joint_starts import near_joints
+from handpose.estimate.nets import network_joints, the_hand_layer
+from handpose.estimate.palm import recenter
+from handpose.fit.body import CapsuleModel, crop_variables
+from handpose.fit.depth_fit import DepthFitter
 from handpose.fit.observation import HandCrops
-from handpose.fit.rounding import NETWORK_STEP, rounded
-from handpose.fit.search import Plan, turned_back
+from handpose.fit.search import FAST, Plan
 from handpose.frames.cameras import Camera
+from handpose.frames.crops import clear_crop
 from netlib.blob import Array
+from netlib.errors import DataError
 from netlib.net import Net
-from netlib.system.memory import blocks
 
-MAX_CROPS = 128  # number of crops in one pass of the network
-
-
-@dataclass(frozen=True)
-class SearchRegion:
-    """A place where a hand may be.
-
-    center_uvd  (3,) px, px, mm: centre of its crop, in the view of the side
-    side        assumed side of the hand
-    before      the body expected from earlier frames, or None
-    size        of the hand, if known
-    moved_mm    distance of the last fit from the network's joints; None runs the network again
-    """
-
-    center_uvd: Array
-    side: Side
-    before: WorldPose | None = None
-    size: float | None = None
-    moved_mm: float | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class Candidate(SearchRegion):
-    """A region and its crop.
-
-    crop        (128, 128) in [-1, 1]
-    shown       (128, 128) the crop for the network, if it is another one
-    """
-
-    crop: NDArray[np.float32]
-    shown: NDArray[np.float32] | None = None
-
-    @classmethod
-    def of_side(
-        cls, side: Side, crop: NDArray[np.float32], center_uvd: Array, camera: Camera
-    ) -> Candidate:
-        """A crop of a camera's frame, taken as a hand of this side."""
-        return cls(pixel_of(center_uvd, camera, side), side, crop=as_right(crop, side))
+# A crop moves no farther than this from its start, which is in the hand: a prediction farther
+# away is wrong.
+MAX_MOVE_MM = 60.0
 
 
 class HandEstimator:
-    """Predicts and fits hands in crops.
+    """Estimates the hands at places in frames, and in crops.
 
     net      with the input blob depth and a HandModel
     cube_mm  edge of the crops' cubes
+    sides    of the hands that are assumed at every place
+    refine   maximum number of moves of a crop to the palm predicted in it
     fitter   of the net's body; None leaves the joints to the network
+    plan     of the fit; None without a fitter
     """
 
-    def __init__(self, net: Net, cube_mm: float, fitter: DepthFitter | None) -> None:
-        self.net, self.cube_mm, self.fitter = net, cube_mm, fitter
+    def __init__(
+        self,
+        net: Net,
+        cube_mm: float,
+        sides: tuple[Side, ...] = ("right",),
+        refine: int = 0,
+        fitter: DepthFitter | None = None,
+        plan: Plan | None = None,
+    ) -> None:
+        self.net, self.cube_mm, self.sides = net, cube_mm, sides
+        self.skeleton = the_hand_layer(net).skeleton
+        self.refine, self.fitter, self.plan = refine, fitter, plan
+
+    @cached_property
+    def expected(self) -> ExpectedBodies:
+        """The bodies that are expected from earlier frames; an error without a fitter."""
+        return ExpectedBodies(self.the_fitter.model, self.cube_mm)
+
+    @property
+    def the_fitter(self) -> DepthFitter:
+        """The fitter; an error without one."""
+        assert self.fitter is not None, "an estimator without a fitter"
+        return self.fitter
+
+    # -------------------------------------------------------------------------------------- a hand
+
+    def in_crop(self, crop: NDArray[np.float32], camera: Camera, center_uvd: Array) -> Hand:
+        """The hand in one crop (128, 128), of the side whose fit is least uncertain.
+
+        Raises NetlibError.
+        """
+        candidates = [Candidate.of_side(side, crop, center_uvd, camera) for side in self.sides]
+        return _likelier(self.estimate(candidates, camera, self.plan))
+
+    def in_frame(self, frame: SideView, place: Array, *, unmoved_too: bool = False) -> Hand:
+        """The hand at a place (3,) in a frame, px, px, mm in its view.
+
+        unmoved_too  the crop about the place competes with that about the palm, because some hands
+                     are lost on the way
+
+        Raises DataError for a place outside the image, or if the hand is predicted behind the
+        camera; NetlibError.
+        """
+        hand = self._select(self._candidates(frame, place, unmoved_too), frame)
+        if not (hand.xyz[:, 2] > 0).all():
+            raise DataError(
+                f"a pose is predicted in which a joint is at a depth of {hand.xyz[:, 2].min():.0f} mm, "
+                "behind the camera"
+            )
+        return hand
+
+    def palm_at(self, view: SideView, start: Array) -> Array:
+        """The crop centre (3,) that the network gives from a start in a view, px, px, mm; the start
+        outside the image.
+        """
+        try:
+            return self._moved_to_palm(view, self._candidate(view, start)).center_uvd
+        except DataError:
+            return start
+
+    def _candidate(self, view: SideView, place: Array) -> Candidate:
+        """The crop about a place. Raises DataError outside the image."""
+        crop = clear_crop(view.depth, place, self.cube_mm, view.camera)
+        return Candidate(place, view.side, crop=crop)
+
+    def _candidates(self, frame: SideView, place: Array, unmoved_too: bool) -> list[Candidate]:
+        """The crops about the palms that are predicted from a place, once for each side."""
+        candidates: list[Candidate] = []
+        for side in self.sides:
+            view = frame.of(side)
+            unmoved = self._candidate(view, frame.pixel_in(side, place))
+            moved = self._moved_to_palm(view, unmoved)
+            both = unmoved_too and self.plan is not None and moved is not unmoved
+            candidates += [unmoved, moved] if both else [moved]
+        return candidates
+
+    def _moved_to_palm(self, view: SideView, candidate: Candidate) -> Candidate:
+        """The crop moved to the palm that is predicted in it; the unchanged candidate if it is
+        already there.
+        """
+        start, camera = candidate.center_uvd, view.camera
+        for _ in range(self.refine):
+            joints = network_joints(self.net, candidate.crop)
+            palm = recenter(joints, self.skeleton, candidate.center_uvd, self.cube_mm, camera)
+            if np.array_equal(palm, candidate.center_uvd):
+                break
+            distance = np.linalg.norm(camera.unproject(palm) - camera.unproject(start))
+            if not (distance < MAX_MOVE_MM and palm[2] > self.cube_mm / 2):
+                break
+            try:
+                candidate = self._candidate(view, palm)
+            except DataError:  # outside the image
+                break
+        return candidate
+
+    def _select(self, candidates: list[Candidate], frame: SideView) -> Hand:
+        """The hand of the crop whose fast fit is the least uncertain, as either side."""
+        camera = camera_of(frame.camera, frame.side)
+        if self.plan is None or len(candidates) == 1:
+            return self.estimate(candidates[:1], camera, self.plan, frame)[0]
+        fast = list(zip(self.estimate(candidates, camera, FAST, frame), candidates))
+        best = min(fast, key=lambda found: found[0].uncertainty)[1]
+        hands = {_key(candidate): hand for hand, candidate in fast} if self.plan is FAST else {}
+        view = frame.of(best.side)
+        sides = [
+            best
+            if side == best.side
+            else self._candidate(frame.of(side), view.pixel_in(side, best.center_uvd))
+            for side in self.sides
+        ]
+        left = [candidate for candidate in sides if _key(candidate) not in hands]
+        hands |= zip(map(_key, left), self.estimate(left, camera, self.plan, frame))
+        return _likelier([hands[_key(candidate)] for candidate in sides])
+
+    # ---------------------------------------------------------------------------- hands together
+
+    def in_regions(
+        self, frame: SideView, regions: Sequence[SearchRegion], plan: Plan | None = None
+    ) -> list[Hand | None]:
+        """The hand in each region of a frame; None if it is outside the image. Raises NetlibError.
+
+        What is in front of a region's cube and of the expected body hides a part of it.
+
+        plan  of the fit; by default the estimator's
+        """
+        candidates: dict[int, Candidate] = {}
+        for i, region in enumerate(regions):
+            with contextlib.suppress(DataError):  # outside the image
+                candidates[i] = self._in_region(frame.of(region.side), region)
+        camera = camera_of(frame.camera, frame.side)
+        hands = self.estimate(list(candidates.values()), camera, plan or self.plan, frame)
+        found = dict(zip(candidates, hands))
+        return [found.get(i) for i in range(len(regions))]
+
+    def _in_region(self, view: SideView, region: SearchRegion) -> Candidate:
+        """A region of a view with its crop. Raises DataError outside the image."""
+        place, before = region.center_uvd, region.before
+        shown = clear_crop(view.depth, place, self.cube_mm, view.camera)
+        if before is None:
+            return Candidate(**vars(region), crop=shown)
+        crop = self.expected.with_unknown(shown, view, place, before)
+        return Candidate(**vars(region), crop=crop, shown=None if crop is shown else shown)
 
     def estimate(
         self,
@@ -171,54 +290,17 @@ class HandEstimator:
         )
 
 
-def fit_crops(
-    net: Net,
-    fitter: DepthFitter,
-    hands: HandCrops,
-    plan: Plan,
-    *,
-    size: float | Array | None = None,
-    before: Array | None = None,
-) -> DepthFit:
-    """Predict the hands in crops and fit them to the depth. Raises NetlibError.
+def _key(candidate: Candidate) -> tuple[object, ...]:
+    """The key of a crop within a frame: centre and side."""
+    return (*candidate.center_uvd, candidate.side)
 
-    hands     with cubes of twice the fitter's unit
-    size      of the hands relative to the skeleton, one or (N,), if it is known
-    before    x (N, V) expected from earlier frames, as for ``DepthFitter.fit``
+
+def _likelier(sides: Sequence[Hand]) -> Hand:
+    """The less uncertain hand of those of one crop, with the other side's, if any, as ``other``.
+
+    On 1,024 synthetic frames the uncertainty of a fast fit finds the right side in 99%, its cost in
+    93%. In 200 single real frames that of an accurate fit finds it in 170, the error that is
+    expected by the frame in 165.
     """
-    found = []
-    for rows in blocks(len(hands), MAX_CROPS):
-        part = hands.take(rows)
-        starts = fit_starts(net, fitter.model, part.network_input, plan.quarters)
-        found.append(
-            fitter.fit(
-                part.observe(plan.points),
-                starts,
-                plan,
-                size=None if size is None else np.broadcast_to(size, len(hands))[rows],
-                before=None if before is None else before[rows],
-            )
-        )
-    return DepthFit.concatenate(found)
-
-
-def fit_starts(
-    net: Net, model: CapsuleModel, crops: NDArray[np.floating], quarters: Sequence[int]
-) -> list[Array]:
-    """The variables (N, V) predicted in crops (N, S, S) of right hands, one array per quarter turn.
-
-    For each of ``quarters`` the crops are turned counter-clockwise by that number of quarter turns,
-    and predictions are turned back. Raises NetlibError.
-    """
-    poses = hand_poses(
-        net, np.concatenate([np.rot90(crops, quarter, (1, 2)) for quarter in quarters])
-    )
-    x = model.variables_of(rounded(poses.inputs, NETWORK_STEP))
-    size = rounded(np.log(poses.size), NETWORK_STEP)
-    x[:, SIZE] = np.clip(size, model.lower[SIZE], model.upper[SIZE])
-    if poses.joints is not None:
-        x = near_joints(model, x, rounded(poses.joints, NETWORK_STEP) * model.unit_mm)
-    return [
-        turned_back(model, rounded(turned, NETWORK_STEP), quarter)
-        for turned, quarter in zip(np.split(x, len(quarters)), quarters)
-    ]
+    best, *others = sorted(sides, key=lambda hand: hand.uncertainty)
+    return replace(best, other=others[0]) if others else best

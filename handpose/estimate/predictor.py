@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 
 from handpose.body.nyu import CUBE_MM
 from handpose.body.sides import SIDES, SOUGHT_SIDES, Side, SideView, SoughtSide, mirror_of, pixel_of
+from handpose.estimate.estimator import HandEstimator
 from handpose.estimate.finder import Finder, FoundHand
 from handpose.estimate.hand import MIN_CONFIDENCE, Hand, as_one_side
 from handpose.estimate.nets import cube_of, is_hand, the_hand_layer
-from handpose.estimate.pipeline import HandPipeline
 from handpose.fit.body import CapsuleModel
 from handpose.fit.depth_fit import DepthFitter
 from handpose.fit.search import PLANS, Fit
@@ -104,7 +104,7 @@ class Predictor:
         self.plan, self.fitter = PLANS.get(fit), None
         if self.plan is not None:
             self.fitter = fitter or DepthFitter(CapsuleModel(self.skeleton, self.cube_mm / 2))
-        self.pipeline = HandPipeline(
+        self.estimator = HandEstimator(
             net, self.cube_mm, self.sides, self.refine, self.fitter, self.plan
         )
         self.min_confidence = min_confidence
@@ -134,7 +134,7 @@ class Predictor:
                 camera, width=round(2 * camera.u0), height=round(2 * camera.v0)
             )
         center = np.array([camera.u0, camera.v0, CROP_DEPTH_MM * max(1.0, self.cube_mm / CUBE_MM)])
-        found = as_one_side(self.pipeline.in_crop(crop, camera, center))
+        found = as_one_side(self.estimator.in_crop(crop, camera, center))
         return dataclasses.replace(found, in_frame=False).given(self.min_confidence)
 
     def in_frame(
@@ -175,7 +175,7 @@ class Predictor:
         self, frame: SideView, place: Array, unmoved_too: bool, presence: float = np.nan
     ) -> Hand:
         """The hand at a place (3,) in a frame, px, px, mm in its view, as one side."""
-        found = self.pipeline.in_frame(frame, place, unmoved_too=unmoved_too)
+        found = self.estimator.in_frame(frame, place, unmoved_too=unmoved_too)
         return dataclasses.replace(as_one_side(found), presence=presence)
 
     def _found(self, frame: SideView) -> list[FoundHand]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from handpose.body.nyu import CUBE_MM, EVALUATION_JOINTS
 from handpose.datasets import labels
-from handpose.estimate.estimator import MAX_CROPS, fit_crops
+from handpose.estimate.crop_fits import MAX_CROPS, fit_crops
 from handpose.estimate.nets import hand_layer, skeleton_to_fit
 from handpose.fit.depth_fit import DepthFitter
 from handpose.fit.observation import HandCrops

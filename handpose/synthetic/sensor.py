@@ -277,8 +277,8 @@ STEREO = Sensor(
     holes=(0.0, 0.01),
     spread=(0.0, 1.5),
 )
-DIM = 0.4  # share of frames in which dark things are not read, ...
-REACHES = (1.05, 6.0)  # ... and white ones up to this part of the farthest hand's depth (logarithm)
+DIM = 0.5  # share of frames in which dark things are not read, ...
+REACHES = (1.05, 4.0)  # ... and white ones up to this part of the farthest hand's depth (logarithm)
 HANDS_AT_MM = (300.0, 1200.0)  # instead, in frames without hands
 UNEVEN = 0.15  # deviation of that depth from place to place
 KINDS = (

@@ -10,12 +10,12 @@ from typing import NamedTuple
 import numpy as np
 
 from handpose.body.sides import Side, SideView, mirror_of
-from handpose.estimate.estimator import SearchRegion
+from handpose.estimate.candidates import SearchRegion
+from handpose.estimate.estimator import HandEstimator
 from handpose.estimate.finder import Finder, FoundHand
 from handpose.estimate.hand import Hand
 from handpose.fit.body import WorldPose
 from handpose.fit.pose_confidence import side_chance, side_evidence
-from handpose.tracking.pose_estimator import PoseEstimator
 from handpose.tracking.present_hands import LATER_S, LOOK, SAME_MM, SOON_S
 from handpose.tracking.sizing import SizeKeeper
 from handpose.tracking.smoothing import PoseFilter
@@ -142,7 +142,7 @@ class HandTrack:
 
     def __init__(
         self,
-        estimator: PoseEstimator,
+        estimator: HandEstimator,
         estimates: Sequence[Hand],
         time: float,
         size: float | None = None,
@@ -152,7 +152,7 @@ class HandTrack:
         """``side_prior``: prior evidence for a right hand (above 0) or a left one."""
         self.id, self.credit, self.reason = -1, FIRST_CREDIT, ""
         self.time = self.begun = self._looked = time
-        self.sizes = SizeKeeper(estimator, size)
+        self.sizes = SizeKeeper(estimator.the_fitter, size)
         self.presence = presence
         self._estimator = estimator
         best = _best(estimates)
@@ -283,7 +283,9 @@ class HandTrack:
         return True
 
     def _region(self, side: Side, body: WorldPose) -> SearchRegion:
-        return SearchRegion(self._estimator.center_of(body, side), side, body, self.size)
+        camera = self.sides[side].estimate.view_camera
+        center = self._estimator.expected.center_of(body, camera)
+        return SearchRegion(center, side, body, self.size)
 
     def _compare(self, best: dict[Side, Hand], time: float) -> None:
         """Add the evidence of a frame while the side is undecided, and decide it."""

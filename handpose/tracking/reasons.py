@@ -5,8 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from handpose.body.sides import SideView, mirror_of
+from handpose.estimate.expected import LEAVING, ExpectedBodies
+from handpose.fit.body import WorldPose
 from handpose.fit.observation import BACKGROUND
-from handpose.fit.support import Support
+from handpose.fit.support import Support, support
 from handpose.frames.cameras import Camera
 from handpose.frames.crops import crop
 from handpose.tracking.track import HIDDEN, LEFT
@@ -25,8 +28,23 @@ MIN_VISIBLE = 0.03  # minimum share of foreground in a crop
 # A reason is given from this share on: of the hand's own surface or its crop that is behind nearer
 # objects or without a reading, or of its joints that are outside the image.
 PART = 0.25
-# share of the surface outside the image: what is not read of the hand may be there, too
-LEAVING = 0.05
+
+
+def why_missing(
+    expected: ExpectedBodies, view: SideView, pose: WorldPose, confidence: float
+) -> str:
+    """The reason why a hand that was expected in this pose is not in its view of a frame.
+
+    confidence  of the best pose found there
+    """
+    readings = np.asarray(view.readings, np.float32)
+    limbs = expected.model.surface.limbs
+    seen = support(expected.capsules(pose), limbs, readings, view.camera)
+    frame = view.of("right")  # as the camera sees it: the reason names its edges
+    xyz = expected.joints(pose) * mirror_of(view.side)
+    center = view.pixel_in("right", expected.center_of(pose, view.camera))
+    shown = np.asarray(frame.readings, np.float32)
+    return reason(shown, frame.camera, xyz, center, expected.cube_mm, seen, confidence)
 
 
 def reason(

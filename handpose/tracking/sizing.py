@@ -18,7 +18,6 @@ from handpose.fit.depth_fit import DepthFitter
 from handpose.fit.objective import Objective
 from handpose.fit.observation import HandCrops, Observation
 from handpose.fit.search import FAST, Stage, data_cost, descend
-from handpose.tracking.pose_estimator import PoseEstimator
 from netlib.blob import Array
 from netlib.errors import DataError
 
@@ -48,9 +47,9 @@ class SizeKeeper:
     size  relative to the skeleton; None until it is known
     """
 
-    def __init__(self, estimator: PoseEstimator, size: float | None = None) -> None:
+    def __init__(self, fitter: DepthFitter, size: float | None = None) -> None:
         self.size = size
-        self._estimator = estimator
+        self._fitter = fitter
         self._estimates: list[Hand] = []
         self._time = -np.inf
 
@@ -63,21 +62,18 @@ class SizeKeeper:
         self._time = time
         if len(self._estimates) < FRAMES:
             return
-        estimates, estimator = (
-            sorted(self._estimates, key=lambda one: one.uncertainty)[:BEST],
-            self._estimator,
-        )
+        estimates = sorted(self._estimates, key=lambda one: one.uncertainty)[:BEST]
         self._estimates = []
         crops, uvd = (
             np.stack(values) for values in zip(*((s.view_crop, s.view_uvd) for s in estimates))
         )
-        hands = HandCrops(crops, uvd, estimate.view_camera, estimator.cube_mm)
+        hands = HandCrops(crops, uvd, estimate.view_camera, estimate.cube_mm)
         seen = hands.observe(FAST.points)
         x = np.stack([s.x for s in estimates])
         size = float(np.exp(np.median(x[:, SIZE])))
         middle = np.clip(np.log(size), np.log(MIN_SIZE) - NEAR[0], np.log(MAX_SIZE) - NEAR[-1])
         self.size = size_of(
-            estimator.fitter, seen, x, sizes=np.exp(middle + NEAR), deviation=POPULATION
+            self._fitter, seen, x, sizes=np.exp(middle + NEAR), deviation=POPULATION
         )
 
 

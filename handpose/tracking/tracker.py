@@ -20,7 +20,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from handpose.body.sides import Side, SideView, mirror_of
-from handpose.estimate.estimator import SearchRegion
+from handpose.estimate.candidates import SearchRegion
 from handpose.estimate.finder import APART_MM, FoundHand
 from handpose.estimate.hand import MIN_CONFIDENCE, MIN_PRESENCE, Hand
 from handpose.estimate.nets import refuse_other_bodies
@@ -33,7 +33,6 @@ from handpose.frames.images import check_unit, depth_image, without_dropouts
 from handpose.frames.recording import DepthFrame
 from handpose.tracking.hand_track import AHEAD_S, ENOUGH, SURE, FrameHands, HandTrack
 from handpose.tracking.output import tracked_hand
-from handpose.tracking.pose_estimator import PoseEstimator
 from handpose.tracking.present_hands import (
     LATER_S,
     SAME_MM,
@@ -43,7 +42,7 @@ from handpose.tracking.present_hands import (
     PresentPlace,
     Taken,
 )
-from handpose.tracking.reasons import NO_POSE
+from handpose.tracking.reasons import NO_POSE, why_missing
 from handpose.tracking.reporting import RECENT_S, SureHands
 from handpose.tracking.sizing import checked
 from handpose.tracking.track import LostHand, PresentHand, TrackedFrame, TrackHeader
@@ -51,6 +50,7 @@ from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
 
 MAX_HANDS = 100  # larger numbers of hands are invalid
+ARM_PLACES = 5  # along a forearm, where what is found is the arm
 # A place is fitted accurately only if a first fast fit has this confidence, and a hand is followed
 # from this product of presence and confidence on: in twelve real recordings true hands begin with
 # 0.31 or more, and all but a person's elbow has up to 0.25. Beside a followed hand another one
@@ -105,7 +105,7 @@ class Tracker:
         self.predictor, self.camera = predictor, predictor.camera
         self.limit, self.smooth, self.surface = hands, smooth, surface
         self.size = None if size is None else checked(size)
-        self.estimator = PoseEstimator(predictor, self.camera)
+        self.estimator, self.model = predictor.estimator, predictor.fitter.model
         self.finder, self.min_presence = predictor.finder, min_presence
         self.present = PresentHands(min_presence)
         self._searched = -np.inf  # s, when further hands were searched for
@@ -181,16 +181,15 @@ class Tracker:
             more = again[track.id] if others[track.id] else None
             if not track.take(seen, more, time, before):
                 confidence = max((one.chance for one in [*seen, *(more or ())]), default=0.0)
-                track.reason = self.estimator.reason(
-                    view.of(track.hand), track.best.expected(time), confidence
-                )
+                own, pose = view.of(track.hand), track.best.expected(time)
+                track.reason = why_missing(self.estimator.expected, own, pose, confidence)
 
     def _estimates(
         self, view: SideView, regions: dict[int, list[SearchRegion]], plan: Plan | None = None
     ) -> dict[int, list[Hand]]:
         """The poses in those regions of several hands, by their ids, that are in the image."""
         every = [region for own in regions.values() for region in own]
-        estimates = iter(self.estimator.estimate(view, every, plan))
+        estimates = iter(self.estimator.in_regions(view, every, plan))
         return {
             id: [one for one in itertools.islice(estimates, len(own)) if one]
             for id, own in regions.items()
@@ -263,10 +262,7 @@ class Tracker:
         for track in self.tracks:
             taken += [
                 Taken(track.place, np.inf),
-                *(
-                    Taken(place, track.evidence)
-                    for place in self.estimator.arm(track.best.estimate)
-                ),
+                *(Taken(place, track.evidence) for place in _arm(track.best.estimate)),
             ]
         return taken
 
@@ -287,7 +283,7 @@ class Tracker:
         """
         try:
             start = view.camera.project(hand.middle * mirror_of(view.side))
-            first = self.predictor.pipeline.in_frame(view, start, unmoved_too=True)
+            first = self.estimator.in_frame(view, start, unmoved_too=True)
         except DataError:  # outside the image, or behind the camera
             return []
         if first.chance < ENOUGH_FIRST:
@@ -297,7 +293,7 @@ class Tracker:
         regions = [
             SearchRegion(seen.pixel_in(side, first.view_uvd), side, size=size) for side in sides
         ]
-        return [one for one in self.estimator.estimate(view, regions, ACCURATE) if one]
+        return [one for one in self.estimator.in_regions(view, regions, ACCURATE) if one]
 
     def _report(self, number: int, time: float) -> TrackedFrame:
         """The hands that were seen in this frame, however sure, and those that are lost."""
@@ -308,9 +304,7 @@ class Tracker:
                 continue
             if track.is_decided:
                 track.sizes.take(track.best.estimate, time)
-            hands.append(
-                tracked_hand(track, self.estimator.model, smooth=self.smooth, surface=self.surface)
-            )
+            hands.append(tracked_hand(track, self.model, smooth=self.smooth, surface=self.surface))
         present = []
         likely = sorted(self.present.there, key=lambda place: not place.is_sure)
         for place in likely[: self.limit - len(self.tracks)]:
@@ -341,5 +335,14 @@ class Tracker:
     def _middle(self, track: HandTrack) -> Array:
         """The hand's position (3,) in mm, camera axes."""
         estimate = track.best.estimate
-        place = self.estimator.center_of(estimate.body, estimate.hand)
-        return np.asarray(estimate.view_camera.unproject(place) * mirror_of(estimate.hand))
+        camera = estimate.view_camera
+        place = camera.unproject(self.estimator.expected.center_of(estimate.body, camera))
+        return np.asarray(place * mirror_of(estimate.hand))
+
+
+def _arm(hand: Hand) -> Array:
+    """Positions (A, 3) in mm, camera axes, along the capsules of the surface alone: the forearm."""
+    capsules, limbs = hand.capsules(in_space=True), hand.the_model.surface.limbs
+    a, b = capsules.a[0, limbs], capsules.b[0, limbs]
+    places = a[:, None] + np.linspace(0, 1, ARM_PLACES)[:, None] * (b - a)[:, None]
+    return np.asarray(places.reshape(-1, 3))

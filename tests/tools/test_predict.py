@@ -14,7 +14,7 @@ import netlib
 from handpose import read_track
 from handpose.body.model import FINGERS
 from handpose.body.nyu import EVALUATION_JOINTS
-from handpose.estimate import packaged, pipeline, predictor
+from handpose.estimate import packaged, predictor
 from handpose.frames.cameras import KINECT2
 from handpose.output.drawing.view import percent
 from handpose.output.tracks import joint_values
@@ -282,7 +282,7 @@ def test_centers(frame):
 def test_the_crop_is_moved_as_often_as_refine_says(frame, monkeypatch):
     cameras = []
     monkeypatch.setattr(
-        pipeline, "recenter", lambda *given: cameras.append(given[-1]) or given[2] + (5, 0, 0)
+        estimating, "recenter", lambda *given: cameras.append(given[-1]) or given[2] + (5, 0, 0)
     )
     for hand, times, way in (("left", 1, -1), ("right", 3, 1), ("right", 0, 1)):
         options = ["--center", "250,200,700", "--hand", hand, "--refine", str(times)]

@@ -1,4 +1,4 @@
-"""handpose/estimate/estimator.py: the fits of crops"""
+"""handpose/estimate/crop_fits.py: the fits of crops"""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import netlib
-from handpose.estimate.estimator import fit_crops, fit_starts
+from handpose.estimate.crop_fits import fit_crops, fit_starts
 from handpose.estimate.nets import best_fit, hand_poses
 from handpose.estimate.packaged import load_predictor
 from handpose.estimate.predictor import Predictor
@@ -57,7 +57,7 @@ def test_blocks_change_nothing(
     to other minima.
     """
     whole = fits(predictor, scene, 10)
-    monkeypatch.setattr("handpose.estimate.estimator.MAX_CROPS", 4)
+    monkeypatch.setattr("handpose.estimate.crop_fits.MAX_CROPS", 4)
     parts = fits(predictor, scene, 10)
     apart = np.linalg.norm(parts.joints - whole.joints, axis=2).max(axis=1)  # mm
     assert np.median(apart) < 0.1 and (apart < 1).mean() >= 0.7

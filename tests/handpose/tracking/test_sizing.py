@@ -73,7 +73,7 @@ def estimates(
 
 def kept(model: CapsuleModel, hands: Sequence[Hand], every: float = 0.2) -> list[tuple[int, float]]:
     """The sizes that a keeper finds, with the number of poses until then."""
-    keeper = SizeKeeper(SimpleNamespace(fitter=DepthFitter(model), camera=NYU, cube_mm=300.0))  # type: ignore[arg-type]
+    keeper = SizeKeeper(DepthFitter(model))
     sizes: list[float | None] = []
     for n, hand in enumerate(hands):
         keeper.take(hand, n * every)

@@ -1,4 +1,4 @@
-"""handpose/estimate/pipeline.py, through a predictor, for crops and for places in frames."""
+"""handpose/estimate/estimator.py, through a predictor, for crops and for places in frames."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 import netlib
+from handpose.body.joint_formats.frames import palm_frame
 from handpose.body.nyu import CENTER_IN_PALM, CUBE_MM
 from handpose.body.sides import Side, mirror_of
-from handpose.estimate import pipeline
+from handpose.estimate.estimator import MAX_MOVE_MM
 from handpose.estimate.packaged import load_predictor
-from handpose.estimate.pipeline import MAX_MOVE_MM, palm_frame, recenter
+from handpose.estimate.palm import recenter
 from handpose.estimate.predictor import PALM_MM, Predictor, depth_around
 from handpose.fit.search import Fit
 from handpose.frames.cameras import KINECT2, NYU, Camera
@@ -46,7 +47,7 @@ def test_a_crop_at_rest_is_looked_at_once(
     """A crop that does not move is evaluated once, for any limit on the moves."""
     looks: list[int] = []
     monkeypatch.setattr(
-        pipeline,
+        estimating,
         "recenter",
         lambda joints, skeleton, center, *rest: looks.append(1) or center.copy(),
     )
@@ -103,12 +104,12 @@ def test_a_hand_beside_the_start(frame: np.ndarray) -> None:
     predictor = load_predictor(KINECT2, fit="fast", hand="right")
     for beside in ((0, 0, 0), (25, 0, 0)):
         start = KINECT2.project(np.array([30.0, -20, 700]) + beside)
-        found = predictor.pipeline.in_frame(frame_of(frame, KINECT2), start, unmoved_too=True)
+        found = predictor.estimator.in_frame(frame_of(frame, KINECT2), start, unmoved_too=True)
         assert np.linalg.norm(found.center_mm - (30, -20, 700)) < 60
         assert found.fit is not None and found.camera == KINECT2
     with pytest.raises(DataError, match="lies outside the image"):
         outside = KINECT2.project(np.array([9000.0, 0, 700]))
-        predictor.pipeline.in_frame(frame_of(frame, KINECT2), outside)
+        predictor.estimator.in_frame(frame_of(frame, KINECT2), outside)
 
 
 def test_the_other_hand(seeing: netlib.Net) -> None:

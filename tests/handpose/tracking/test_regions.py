@@ -1,4 +1,4 @@
-"""handpose/tracking/pose_estimator.py: the packaged network and fit, on frames of a known hand"""
+"""handpose/estimate/estimator.py and expected.py: regions of frames with a known hand"""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from handpose.body.sides import MIRROR, SideView
-from handpose.estimate.estimator import SearchRegion
+from handpose.estimate.candidates import SearchRegion
+from handpose.estimate.estimator import HandEstimator
+from handpose.estimate.expected import AROUND_MM
 from handpose.estimate.hand import Hand
 from handpose.estimate.packaged import load_predictor
 from handpose.estimate.predictor import Predictor
@@ -19,7 +21,6 @@ from handpose.frames.cameras import ICVL, Camera
 from handpose.frames.crops import SIZE, unread
 from handpose.sequences.acts import Act
 from handpose.sequences.recordings import Script, SyntheticRecording
-from handpose.tracking.pose_estimator import AROUND_MM, PoseEstimator
 from tests.handpose.tracking.conftest import Take
 from tests.support.views import frame_of
 
@@ -28,9 +29,9 @@ ASIDE = Camera("aside", 240.0, 241.0, 130.0, 110.0, 320, 240)
 
 
 @pytest.fixture(scope="module")
-def estimator(predictor: Predictor) -> PoseEstimator:
+def estimator(predictor: Predictor) -> HandEstimator:
     """An estimator for ICVL's camera."""
-    return PoseEstimator(predictor, ICVL)
+    return predictor.estimator
 
 
 @pytest.fixture
@@ -52,33 +53,33 @@ def error(estimate: Hand | None, shown: Take) -> float:
 
 
 def test_a_hand_is_seen(
-    estimator: PoseEstimator, frame: SideView, center: np.ndarray, shown: Take
+    estimator: HandEstimator, frame: SideView, center: np.ndarray, shown: Take
 ) -> None:
     """A hand is estimated with a small error and a high confidence, by both plans."""
     for plan in (None, ACCURATE):
-        (estimate,) = estimator.estimate(frame, [SearchRegion(center, "right")], plan)
+        (estimate,) = estimator.in_regions(frame, [SearchRegion(center, "right")], plan)
         assert estimate is not None and error(estimate, shown) < 15
         assert estimate.confidence > 0.7 and estimate.selection_cost < 15
         np.testing.assert_allclose(estimate.center_mm, ICVL.unproject(center))
 
 
 def test_the_wrong_hand_is_doubted(
-    estimator: PoseEstimator, frame: SideView, center: np.ndarray
+    estimator: HandEstimator, frame: SideView, center: np.ndarray
 ) -> None:
     """The expected error of the wrong side is larger than that of the right one."""
-    right, left = estimator.estimate(
+    right, left = estimator.in_regions(
         frame, [SearchRegion(center, side) for side in ("right", "left")]
     )
     assert right is not None and left is not None and right.error_mm < left.error_mm
 
 
 def test_places_of_all_kinds_together(
-    estimator: PoseEstimator, frame: SideView, center: np.ndarray
+    estimator: HandEstimator, frame: SideView, center: np.ndarray
 ) -> None:
     """Estimates are in the order of the regions, equal those of single regions, and are
     None out of sight.
     """
-    (before,) = estimator.estimate(frame, [SearchRegion(center, "right")])
+    (before,) = estimator.in_regions(frame, [SearchRegion(center, "right")])
     assert before is not None
     regions = [
         SearchRegion(FAR_OFF, "left"),
@@ -90,18 +91,20 @@ def test_places_of_all_kinds_together(
         SearchRegion(center + (2, 0, 0), "right", before.body),
         SearchRegion(FAR_OFF, "right", before.body),
     ]
-    together = estimator.estimate(frame, regions)
+    together = estimator.in_regions(frame, regions)
     assert [estimate is None for estimate in together] == [True] + [False] * 6 + [True]
     for region, estimate in zip(regions[1:-1], together[1:-1]):
-        (alone,) = estimator.estimate(frame, [region])
+        (alone,) = estimator.in_regions(frame, [region])
         assert estimate is not None and alone is not None and estimate.hand == region.side
         np.testing.assert_allclose(estimate.xyz, alone.xyz, atol=3)
-    assert estimator.estimate(frame, []) == [] and estimator.estimate(frame, regions[:1]) == [None]
+    assert estimator.in_regions(frame, []) == [] and estimator.in_regions(frame, regions[:1]) == [
+        None
+    ]
 
 
-def test_a_known_size(estimator: PoseEstimator, frame: SideView, center: np.ndarray) -> None:
+def test_a_known_size(estimator: HandEstimator, frame: SideView, center: np.ndarray) -> None:
     """Each region can have its own known size."""
-    estimates = estimator.estimate(
+    estimates = estimator.in_regions(
         frame, [SearchRegion(center, "right", size=size) for size in (0.9, 1.1)]
     )
     assert [estimate.size for estimate in estimates if estimate] == pytest.approx(
@@ -110,7 +113,7 @@ def test_a_known_size(estimator: PoseEstimator, frame: SideView, center: np.ndar
 
 
 def test_from_the_pose_before(
-    estimator: PoseEstimator,
+    estimator: HandEstimator,
     frame: SideView,
     center: np.ndarray,
     shown: Take,
@@ -119,31 +122,31 @@ def test_from_the_pose_before(
     """From a previous pose, also about another centre, the network does not run if its last
     error is given.
     """
-    (first,) = estimator.estimate(frame, [SearchRegion(center, "right")])
+    (first,) = estimator.in_regions(frame, [SearchRegion(center, "right")])
     assert first is not None
-    monkeypatch.setattr("handpose.estimate.estimator.fit_starts", None)  # any call raises an error
+    monkeypatch.setattr("handpose.estimate.crop_fits.fit_starts", None)  # any call raises an error
     where = ((0, 0, 0), (0, 0, 0), (8, -6, 20))
     regions = [
         SearchRegion(center + by, "right", first.body, None, moved)
         for by, moved in zip(where, (1.0, 25.0, 25.0))
     ]
-    near, far, aside = estimator.estimate(frame, regions)
+    near, far, aside = estimator.in_regions(frame, regions)
     assert near is not None and far is not None and aside is not None
     assert not first.is_tracked and near.is_tracked and far.is_tracked and aside.is_tracked
     assert max(error(estimate, shown) for estimate in (near, far, aside)) < 15
     assert near.moved_mm >= 1 and far.moved_mm >= 25 and far.error_mm > near.error_mm
     with pytest.raises(TypeError):
-        estimator.estimate(frame, [SearchRegion(center, "right", first.body)])
+        estimator.in_regions(frame, [SearchRegion(center, "right", first.body)])
 
 
-def test_does_it_go_on(estimator: PoseEstimator, frame: SideView, center: np.ndarray) -> None:
+def test_does_it_go_on(estimator: HandEstimator, frame: SideView, center: np.ndarray) -> None:
     """``is_tracked`` is true only if the previous pose wins against the network's."""
-    (first,) = estimator.estimate(frame, [SearchRegion(center, "right")])
+    (first,) = estimator.in_regions(frame, [SearchRegion(center, "right")])
     assert first is not None
     far = first.body._replace(
         others=-first.body.others, rotation=first.body.rotation @ np.diag([-1.0, 1, -1])
     )
-    again, anew = estimator.estimate(
+    again, anew = estimator.in_regions(
         frame, [SearchRegion(center, "right", body) for body in (first.body, far)]
     )
     assert again is not None and again.is_tracked and anew is not None and not anew.is_tracked
@@ -156,27 +159,27 @@ def test_a_left_hand_is_the_mirror_image() -> None:
     )
     depth, center = recording.frame(20).depth, recording.truth(20).hands[0].center_uvd
     in_mirror = ASIDE.mirrored()
-    right, left = (
-        PoseEstimator(load_predictor(own, fit="accurate"), own) for own in (ASIDE, in_mirror)
-    )
-    (one,) = right.estimate(frame_of(depth, ASIDE), [SearchRegion(center, "right")])
+    right, left = (load_predictor(own, fit="accurate").estimator for own in (ASIDE, in_mirror))
+    (one,) = right.in_regions(frame_of(depth, ASIDE), [SearchRegion(center, "right")])
     mirrored = frame_of(depth[:, ::-1], in_mirror)
-    (other,) = left.estimate(mirrored, [SearchRegion(center, "left")])
+    (other,) = left.in_regions(mirrored, [SearchRegion(center, "left")])
     assert one is not None and other is not None
     np.testing.assert_allclose(other.xyz * MIRROR, one.xyz, atol=1e-9)
     np.testing.assert_allclose(
-        left.center_of(other.body, "left"), right.center_of(one.body, "right"), atol=1e-9
+        left.expected.center_of(other.body, ASIDE),
+        right.expected.center_of(one.body, ASIDE),
+        atol=1e-9,
     )
 
 
 def test_where_the_next_crop_is(
-    estimator: PoseEstimator, frame: SideView, center: np.ndarray
+    estimator: HandEstimator, frame: SideView, center: np.ndarray
 ) -> None:
     """The next centre is near the middle of the palm, by the fit and by the network."""
-    (estimate,) = estimator.estimate(frame, [SearchRegion(center + (10, 0, 0), "right")])
+    (estimate,) = estimator.in_regions(frame, [SearchRegion(center + (10, 0, 0), "right")])
     assert estimate is not None
     for found in (
-        estimator.center_of(estimate.body, "right"),
+        estimator.expected.center_of(estimate.body, ICVL),
         estimator.palm_at(frame, center + (10, 0, 0)),
     ):
         assert np.linalg.norm(ICVL.unproject(found) - ICVL.unproject(center)) < 25
@@ -185,50 +188,51 @@ def test_where_the_next_crop_is(
 
 
 @given(place=st.tuples(st.floats(-200, 200), st.floats(-150, 150), st.floats(400, 900)))
-def test_crops_move_with_the_body(estimator: PoseEstimator, place: tuple[float, ...]) -> None:
-    """The centre moves as far as the body; in its own view a left hand's is that of a right one."""
-    body = WorldPose(np.array(place), np.eye(3), np.zeros(len(estimator.model.root_motion.others)))
-    moved = body._replace(place=body.place + (10, 20, -30))
-    first, second = (ICVL.unproject(estimator.center_of(one, "right")) for one in (body, moved))
-    np.testing.assert_allclose(second - first, (10, 20, -30), atol=1e-6)
-    np.testing.assert_allclose(
-        ICVL.mirrored().unproject(estimator.center_of(body, "left")), first, atol=1e-6
+def test_crops_move_with_the_body(estimator: HandEstimator, place: tuple[float, ...]) -> None:
+    """The centre moves as far as the body."""
+    body = WorldPose(
+        np.array(place), np.eye(3), np.zeros(len(estimator.the_fitter.model.root_motion.others))
     )
+    moved = body._replace(place=body.place + (10, 20, -30))
+    first, second = (
+        ICVL.unproject(estimator.expected.center_of(one, ICVL)) for one in (body, moved)
+    )
+    np.testing.assert_allclose(second - first, (10, 20, -30), atol=1e-6)
 
 
 def test_the_network_sees_no_covering(
-    estimator: PoseEstimator, frame: SideView, center: np.ndarray, shown: Take
+    estimator: HandEstimator, frame: SideView, center: np.ndarray, shown: Take
 ) -> None:
     """What is in front of the cube hides the hand for the fit; for the network it is background."""
-    (whole,) = estimator.estimate(frame, [SearchRegion(center, "right")])
+    (whole,) = estimator.in_regions(frame, [SearchRegion(center, "right")])
     assert whole is not None
     half, gone = np.array(frame.depth), np.array(frame.depth)
     half[: int(center[1])] = 100
     gone[: int(center[1])] = 2200
     region = SearchRegion(center, "right", whole.body)
-    (behind,) = estimator.estimate(frame_of(ICVL.in_range(half), ICVL, half), [region])
-    (among,) = estimator.estimate(frame_of(gone, ICVL), [region])
+    (behind,) = estimator.in_regions(frame_of(ICVL.in_range(half), ICVL, half), [region])
+    (among,) = estimator.in_regions(frame_of(gone, ICVL), [region])
     assert among is not None and behind is not None
     np.testing.assert_array_equal(among.network_mm, behind.network_mm)
     assert error(behind, shown) < error(among, shown)
 
 
 def test_what_is_not_read_around_the_hand_is_unknown(
-    estimator: PoseEstimator, frame: SideView, center: np.ndarray
+    estimator: HandEstimator, frame: SideView, center: np.ndarray
 ) -> None:
     """Without readings in one half, the crop is unknown up to AROUND_MM from the expected hand,
     and empty beyond.
     """
-    (whole,) = estimator.estimate(frame, [SearchRegion(center, "right")])
+    (whole,) = estimator.in_regions(frame, [SearchRegion(center, "right")])
     assert whole is not None
     half = np.array(frame.depth)
     half[:, : int(center[0])] = 0
-    candidate = estimator._candidate(
+    candidate = estimator._in_region(
         frame_of(half, ICVL), SearchRegion(center, "right", whole.body)
     )
     assert candidate.shown is not None
-    hand = estimator._capsules(whole.body).chosen(~estimator.model.surface.limbs)
-    beside = (estimator._rendered(hand, center, ICVL) == 1).astype(np.uint8)
+    hand = estimator.expected.capsules(whole.body).chosen(~estimator.the_fitter.model.surface.limbs)
+    beside = (estimator.expected._rendered(hand, center, ICVL) == 1).astype(np.uint8)
     away_mm = cv2.distanceTransform(beside, cv2.DIST_L2, 5) * estimator.cube_mm / SIZE
     is_unknown, is_unread = (
         candidate.crop != candidate.shown,

@@ -1,0 +1,50 @@
+"""Places where a hand may be, and crops of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.body.sides import Side, as_right, pixel_of
+from handpose.fit.body import WorldPose
+from handpose.frames.cameras import Camera
+from netlib.blob import Array
+
+
+@dataclass(frozen=True)
+class SearchRegion:
+    """A place where a hand may be.
+
+    center_uvd  (3,) px, px, mm: centre of its crop, in the view of the side
+    side        assumed side of the hand
+    before      the body expected from earlier frames, or None
+    size        of the hand, if known
+    moved_mm    distance of the last fit from the network's joints; None runs the network again
+    """
+
+    center_uvd: Array
+    side: Side
+    before: WorldPose | None = None
+    size: float | None = None
+    moved_mm: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Candidate(SearchRegion):
+    """A region and its crop.
+
+    crop        (128, 128) in [-1, 1]
+    shown       (128, 128) the crop for the network, if it is another one
+    """
+
+    crop: NDArray[np.float32]
+    shown: NDArray[np.float32] | None = None
+
+    @classmethod
+    def of_side(
+        cls, side: Side, crop: NDArray[np.float32], center_uvd: Array, camera: Camera
+    ) -> Candidate:
+        """A crop of a camera's frame, taken as a hand of this side."""
+        return cls(pixel_of(center_uvd, camera, side), side, crop=as_right(crop, side))

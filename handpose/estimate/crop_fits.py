@@ -1,0 +1,74 @@
+"""Predict hands in crops and fit them to the depth, many together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.estimate.nets import hand_poses
+from handpose.fit.body import SIZE, CapsuleModel
+from handpose.fit.depth_fit import DepthFit, DepthFitter
+from handpose.fit.joint_starts import near_joints
+from handpose.fit.observation import HandCrops
+from handpose.fit.rounding import NETWORK_STEP, rounded
+from handpose.fit.search import Plan, turned_back
+from netlib.blob import Array
+from netlib.net import Net
+from netlib.system.memory import blocks
+
+MAX_CROPS = 128  # number of crops in one pass of the network
+
+
+def fit_crops(
+    net: Net,
+    fitter: DepthFitter,
+    hands: HandCrops,
+    plan: Plan,
+    *,
+    size: float | Array | None = None,
+    before: Array | None = None,
+) -> DepthFit:
+    """Predict the hands in crops and fit them to the depth. Raises NetlibError.
+
+    hands     with cubes of twice the fitter's unit
+    size      of the hands relative to the skeleton, one or (N,), if it is known
+    before    x (N, V) expected from earlier frames, as for ``DepthFitter.fit``
+    """
+    found = []
+    for rows in blocks(len(hands), MAX_CROPS):
+        part = hands.take(rows)
+        starts = fit_starts(net, fitter.model, part.network_input, plan.quarters)
+        found.append(
+            fitter.fit(
+                part.observe(plan.points),
+                starts,
+                plan,
+                size=None if size is None else np.broadcast_to(size, len(hands))[rows],
+                before=None if before is None else before[rows],
+            )
+        )
+    return DepthFit.concatenate(found)
+
+
+def fit_starts(
+    net: Net, model: CapsuleModel, crops: NDArray[np.floating], quarters: Sequence[int]
+) -> list[Array]:
+    """The variables (N, V) predicted in crops (N, S, S) of right hands, one array per quarter turn.
+
+    For each of ``quarters`` the crops are turned counter-clockwise by that number of quarter turns,
+    and predictions are turned back. Raises NetlibError.
+    """
+    poses = hand_poses(
+        net, np.concatenate([np.rot90(crops, quarter, (1, 2)) for quarter in quarters])
+    )
+    x = model.variables_of(rounded(poses.inputs, NETWORK_STEP))
+    size = rounded(np.log(poses.size), NETWORK_STEP)
+    x[:, SIZE] = np.clip(size, model.lower[SIZE], model.upper[SIZE])
+    if poses.joints is not None:
+        x = near_joints(model, x, rounded(poses.joints, NETWORK_STEP) * model.unit_mm)
+    return [
+        turned_back(model, rounded(turned, NETWORK_STEP), quarter)
+        for turned, quarter in zip(np.split(x, len(quarters)), quarters)
+    ]

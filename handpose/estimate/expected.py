@@ -1,0 +1,95 @@
+"""A body that is expected from earlier frames: where it is, and what a crop shows of it."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from handpose.body.render import Capsules, in_front, normalise_depth, render_crop
+from handpose.body.sides import SideView
+from handpose.estimate.palm import recenter
+from handpose.fit.body import CapsuleModel, WorldPose, crop_variables, world_pose
+from handpose.fit.support import APART_MM, support
+from handpose.frames.cameras import NYU, Camera, Floats
+from handpose.frames.crops import BACKGROUND, SIZE, unread, with_hidden
+from netlib.blob import Array
+
+# The minimum share of an expected surface without a reading, and the minimum share of the crop's
+# readings that it explains: otherwise the hand itself has moved. In the ordinary frames of CVAR's
+# P1, P3, P4, P7 and of hpx the first is below 0.06 in 99% and at most 0.15, though 75% of a crop
+# are background without readings. The second was chosen on frames of P1, P4 and P6 of which a
+# part was not read.
+UNREAD, EXPLAINED = 0.15, 0.5
+AROUND_MM = 15.0  # pixels without a reading this close to it may be of it
+# minimum share of the expected surface behind nearer readings: fewer are reflections,
+# mostly next to it
+HIDING = 0.08
+# share of its surface outside the image: what is not read of the hand may be there, too
+LEAVING = 0.05
+
+
+class ExpectedBodies:
+    """Bodies of a model, in crops with cubes of edge ``cube_mm``."""
+
+    def __init__(self, model: CapsuleModel, cube_mm: float) -> None:
+        self.model, self.cube_mm = model, cube_mm
+        reach = 2 * round(AROUND_MM * SIZE / cube_mm) + 1
+        self._around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))
+        self._middle = self._middle_of_crops()
+
+    def capsules(self, pose: WorldPose) -> Capsules:
+        """The surface of a body in its view."""
+        x = crop_variables(self.model, pose, pose.place)[None]
+        return self.model.capsules(x, pose.place[None])
+
+    def joints(self, pose: WorldPose) -> Array:
+        """The joints (K, 3) of a body in mm, in its view."""
+        x = crop_variables(self.model, pose, pose.place)[None]
+        return np.asarray(self.model.joints(x)[0] + pose.place)
+
+    def center_of(self, pose: WorldPose, camera: Camera) -> Array:
+        """The crop centre (3,) of a body, px, px, mm of the camera of its view."""
+        return camera.project(pose.place + pose.rotation @ self._middle)
+
+    def with_unknown(self, shown: Floats, view: SideView, uvd: Array, pose: WorldPose) -> Floats:
+        """A crop of a view about a place (3,) with the pixels at the near face that do not show
+        what an expected body has there.
+
+        These have readings of something in front of it, or none although the body was read.
+        """
+        limbs, readings, camera = self.model.surface.limbs, view.readings, view.camera
+        body = self.capsules(pose)
+        crop, seen = shown, support(body, limbs, np.asarray(readings, np.float32), camera)
+        if seen.hidden[0] >= HIDING:
+            crop = with_hidden(crop, readings, uvd, self.cube_mm, camera)
+        missing = seen.missing[0] >= UNREAD and seen.outside[0] < LEAVING
+        if missing and self._explained(shown, body, uvd, camera) >= EXPLAINED:
+            own = self._rendered(body.chosen(~limbs), uvd, camera) < 1
+            around = cv2.dilate(own.astype(np.uint8), self._around) > 0
+            is_unread = unread(readings, uvd, self.cube_mm, camera)
+            crop = np.where(around & is_unread, np.float32(-1), crop)
+        return crop
+
+    def _explained(self, crop: Floats, body: Capsules, center_uvd: Array, camera: Camera) -> float:
+        """The share of a crop's readings that are on the surface of an expected body;
+        0 without any.
+        """
+        seen = crop < BACKGROUND
+        apart = np.abs(crop - self._rendered(body, center_uvd, camera))
+        on = seen & (apart <= APART_MM / (self.cube_mm / 2))
+        return float(on.sum() / max(seen.sum(), 1))
+
+    def _rendered(self, capsules: Capsules, center_uvd: Array, camera: Camera) -> Floats:
+        """What a crop (S, S) about a centre (3,) would show of capsules; 1 without a surface."""
+        d, cube = center_uvd[2:], self.cube_mm
+        image = render_crop(in_front(capsules, d - cube / 2), center_uvd[None], cube, camera)
+        return normalise_depth(image, d, cube)[0]
+
+    def _middle_of_crops(self) -> Array:
+        """The crop centre (3,) in mm, from the root's position and in its axes."""
+        model, far = self.model, np.array([0.0, 0.0, 1000.0])
+        x = np.zeros((1, model.variables))
+        root = world_pose(model, x[0], far)
+        joints = model.joints(x)[0] / (self.cube_mm / 2)
+        center = recenter(joints, model.skeleton, NYU.project(far), self.cube_mm, NYU)
+        return np.asarray(root.rotation.T @ (NYU.unproject(center) - root.place))
