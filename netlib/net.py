@@ -47,7 +47,7 @@ def next_seed() -> int | None:
     return None if _seeds is None else int(_seeds.integers(2**31))
 
 
-class Net:
+class Net(Graph):
     """A net of layers.
 
     ``Net(model, phase)`` or ``Net(model, weights, phase)``; ``model`` is a file or a parsed
@@ -102,19 +102,15 @@ class Net:
             phase_name, level or param.state.level, param.state.stage + tuple(stages or ())
         )
         self.phase = PHASES[self.state.phase]
-        self.name = param.name
         self.seed = next_seed() if seed is None else seed
         layers = tuple(select_layers(param, self.state))  # inputs are among them now
         self.param = schema.changed(param, layer=layers, input=(), input_dim=(), input_shape=())
         python_layer.check_allowed(self.param.layer, python_layers)
-        self.engine = engines.get(engine)
-        graph = Graph(self.param, self.state.phase, self.engine, self.dtype, self.seed, layer_hook)
-        self.blobs, self.params, self.losses = graph.blobs, graph.params, graph.losses
-        self.inputs, self.outputs, self.learnable = graph.inputs, graph.outputs, graph.learnable
-        self.connections, self.layer_dict = graph.connections, graph.layer_dict
-        self.layers = list(self.layer_dict.values())
+        super().__init__(
+            self.param, self.state.phase, engines.get(engine), self.dtype, self.seed, layer_hook
+        )
         self._learnable_values = sum(param.blob.count for param in self.learnable)
-        self._pass = PassState(self.name, self.engine, graph)
+        self._pass = PassState(self)
         self.one_thread = self._pass.one_thread
         if weights is not None:
             _, missing = self.copy_from(weights)

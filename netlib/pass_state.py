@@ -16,7 +16,7 @@ from functools import partial
 import numpy as np
 
 from netlib.blob import Array, Blob
-from netlib.engine import Connection, Engine, Missing, Step, check_memory, versions_of
+from netlib.engine import Connection, Missing, Step, check_memory, versions_of
 from netlib.errors import NetlibError
 from netlib.graph import Graph
 from netlib.layer import Layer
@@ -24,18 +24,19 @@ from netlib.snapshots import snapshot
 
 
 class PassState:
-    """The state of the passes of the net ``name``, whose loop runs the steps.
+    """The state of the passes of a net, whose loop runs the steps.
 
     steps        what a pass runs, in order (engine.py)
     one_thread   held while the net is in use
     is_reshaped  whether the steps fit the shapes; an interrupted reshape is repeated
     """
 
-    def __init__(self, name: str, engine: Engine, graph: Graph) -> None:
+    def __init__(self, graph: Graph) -> None:
         self.steps: Sequence[Step] = []
-        self.one_thread = OneThread(name)
+        self.one_thread = OneThread(graph.name)
         self.is_reshaped = False
-        self._name, self._engine, self._connections = name, engine, graph.connections
+        self._name, self._engine = graph.name, graph.engine
+        self._connections = graph.connections
         self._blobs, self._losses = graph.blobs, graph.losses
         named = [graph.blobs[name] for name in [*graph.inputs, *graph.outputs]]
         self._outside = named + [blob for blob, _, _ in graph.losses]
