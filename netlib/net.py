@@ -276,8 +276,8 @@ class Net(Graph):
         return self._pass.steps
 
     def store_all(self, wanted: bool = True) -> None:
-        """Store every blob from now on, as after the first access to one that is not stored; or
-        only the needed ones from the next full pass on.
+        """Store every blob from now on, as after the first access to an unstored one; or only
+        the needed ones from the next full pass on.
 
         Results differ in rounding. A solver state has which it was, so that a resume is exact.
         """

@@ -22,6 +22,12 @@ from netlib.graph import Graph
 from netlib.layer import Layer
 from netlib.snapshots import snapshot
 
+WHY_UNKNOWN = {
+    "data": "the data of blob %r is unknown: the last pass did not complete; run forward again",
+    "diff": "the diff of blob %r is unknown: it was not stored, and its backward pass did not complete "
+    "or a forward pass came after it; read it directly after backward",
+}
+
 
 class PassState:
     """The state of the passes of a net, whose loop runs the steps.
@@ -45,11 +51,12 @@ class PassState:
         self._seeded: dict[int, Array] = {}
         # versions of the blobs in the last complete forward pass of a layer
         self._ran: dict[Connection, tuple[int, ...]] = {}
-        # blobs of which neither memory nor a step has the values
-        self._unknown: dict[Blob, Unknown] = {}
-        self._writing: list[tuple[Unknown, str]] = []  # what the running step makes known
+        # "data", "diff" or both of blobs of which neither memory nor a step has the values
+        self._unknown: dict[Blob, set[str]] = {}
+        self._writing: list[tuple[Blob, str]] = []  # what the running step makes known
         self._writes_only_tops = all(_writes_only_tops(at.layer) for at in graph.connections)
-        self._is_at_once = False  # whether backward runs directly after forward
+        self._follows = False  # whether the next backward runs directly after forward
+        self._is_at_once = False  # whether the running one does
         self._is_running = False  # whether a pass has begun and not ended
         self._fits = False  # whether the check for memory has passed
         self._by_layer = False  # whether there is a step for each layer, so that a part can run
@@ -64,15 +71,15 @@ class PassState:
         """Context manager of a pass: in one thread; an unstored blob cannot be read meanwhile."""
         # the solver reports values that are not finite
         with self.one_thread, np.errstate(all="ignore"):
-            before, self._is_running, self._writing = self._is_running, True, []
+            self._is_running, self._writing = True, []
             try:
                 yield
             except BaseException:
-                for unknown, half in self._writing:  # the last step may not have written them
-                    unknown.halves.add(half)
+                for blob, half in self._writing:  # the last step may not have written them
+                    self._unknown[blob].add(half)
                 raise
             finally:
-                self._is_running = before
+                self._is_running = False
 
     @contextmanager
     def at_once(self) -> Iterator[None]:
@@ -80,11 +87,11 @@ class PassState:
 
         Only the layers can have written anything between the two.
         """
-        self._is_at_once = self._writes_only_tops
+        self._follows = self._writes_only_tops
         try:
             yield
         finally:
-            self._is_at_once = False
+            self._follows = False
 
     def begin_forward(self, first: int, last: int | None) -> None:
         """Prepare the steps for a forward pass of this range of layers."""
@@ -118,6 +125,7 @@ class PassState:
         """Prepare the steps for a backward pass of this range of layers; those that have not run
         forwards do.
         """
+        self._is_at_once, self._follows = self._follows, False
         if not self.is_reshaped:
             self.reshape()
         if (first, last) != (0, None):
@@ -230,39 +238,40 @@ class PassState:
 
         At any time the blobs that the old or the new ones do not store are watched.
         """
-        access = partial(_store, weakref.ref(self))
-        unstored = {blob for step in steps for blob in step.unstored}
-        for blob in unstored:
+        access = partial(_look, weakref.ref(self))
+        watched = {blob for step in steps for blob in step.unstored} | self._unknown.keys()
+        for blob in watched:
             blob.on_access = access
         self.steps = steps
         for blob in self._blobs.values():
-            if blob not in unstored:
-                blob.on_access = self._unknown.get(blob)
+            if blob not in watched:
+                blob.on_access = None
 
-    def store_for(self, blob: Blob, half: str) -> None:
+    def look(self, blob: Blob, half: str) -> None:
         """Store all blobs before the first access to an unstored one.
 
         Raises NetlibError during a pass, and if the value cannot be computed.
         """
+        if any(blob in step.unstored for step in self.steps):
+            self._store_before_access()
+        if half in self._unknown.get(blob, ()):
+            names = {other: name for name, other in self._blobs.items()}
+            raise NetlibError(WHY_UNKNOWN[half] % names[blob])
+
+    def _store_before_access(self) -> None:
         with self.one_thread:
             if self._is_running:
                 raise NetlibError(
-                    f"net {self._name!r}: a blob that is not stored is read during a pass; read it once "
+                    f"net {self._name!r}: an unstored blob is read during a pass; read it once "
                     "before, so that the net stores all blobs"
                 )
             self.store_all()
-            self._use(self.steps)  # again, if it was interrupted
-        if blob.on_access is not None:
-            blob.on_access(blob, half)
 
     # ------------------------------------------------------------------------------ what is missing
 
     def _note(self, missing: Missing) -> None:
         """Note what a step could not store."""
-        names = {blob: name for name, blob in self._blobs.items()}
-        self._unknown |= {
-            blob: Unknown(names[blob], set(halves)) for blob, halves in missing.halves.items()
-        }
+        self._unknown |= {blob: set(halves) for blob, halves in missing.halves.items()}
         for at in missing.layers:
             self._ran.pop(at, None)
 
@@ -274,10 +283,9 @@ class PassState:
         for at in step.connections:
             written, read = (at.top, at.bottom) if half == "data" else (at.bottom, at.top)
             for blob in written:
-                unknown = self._unknown.get(blob)
-                if unknown and half in unknown.halves and blob not in read:
-                    unknown.halves.discard(half)
-                    self._writing.append((unknown, half))
+                if half in self._unknown.get(blob, ()) and blob not in read:
+                    self._unknown[blob].discard(half)
+                    self._writing.append((blob, half))
 
 
 class OneThread:
@@ -300,31 +308,6 @@ class OneThread:
         self._lock.release()
 
 
-class Unknown:
-    """Called at each access to a blob of which neither memory nor a step has the values:
-    raises NetlibError.
-
-    halves  "data" and "diff", those of them that are unknown
-    """
-
-    def __init__(self, name: str, halves: set[str]) -> None:
-        self.name, self.halves = name, halves
-
-    def __call__(self, blob: Blob, half: str) -> None:
-        """Raise NetlibError if this half of the blob is unknown."""
-        if half not in self.halves:
-            return
-        if half == "data":
-            raise NetlibError(
-                f"the data of blob {self.name!r} is unknown: the last pass did not complete; "
-                "run forward again"
-            )
-        raise NetlibError(
-            f"the diff of blob {self.name!r} is unknown: it was not stored, and its backward pass did "
-            "not complete or a forward pass came after it; read it directly after backward"
-        )
-
-
 def _writes_only_tops(layer: Layer) -> bool:
     """Whether forward writes nothing that other layers read, except its tops.
 
@@ -334,11 +317,9 @@ def _writes_only_tops(layer: Layer) -> bool:
     return layer.type != "Python" and not (layer.moving and shares)
 
 
-def _store(state: weakref.ref[PassState], blob: Blob, half: str) -> None:
-    """Let a net store its blobs before an access to one of them. Raises NetlibError."""
+def _look(state: weakref.ref[PassState], blob: Blob, half: str) -> None:
+    """An access to a blob that its net watches. Raises NetlibError."""
     known = state()
     if known is None:
-        raise NetlibError(
-            "this blob was not stored and its net is gone; read it, or copy it, before"
-        )
-    known.store_for(blob, half)
+        raise NetlibError("this blob is unstored and its net is gone; read it, or copy it, before")
+    known.look(blob, half)

@@ -301,7 +301,7 @@ def test_an_unstored_blob_does_not_outlive_its_net(net_of: MakeNet) -> None:
     left = blobs()
     gc.collect()
     assert left["fc"].data.shape == (2, 10)
-    with pytest.raises(netlib.NetlibError, match="was not stored and its net is gone"):
+    with pytest.raises(netlib.NetlibError, match="is unstored and its net is gone"):
         left["c1"].data  # noqa: B018
 
 
@@ -617,7 +617,7 @@ def test_an_unstored_blob_cannot_be_read_during_a_pass(
         forward(bottom, top)
 
     monkeypatch.setattr(layer, "forward", looking)
-    with pytest.raises(NetlibError, match="a blob that is not stored is read during a pass"):
+    with pytest.raises(NetlibError, match="an unstored blob is read during a pass"):
         feed(net, batch(3))
     assert net.blobs["c1"].data.any()
     net.forward()
