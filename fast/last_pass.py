@@ -21,7 +21,6 @@ import numpy as np
 from fast.fast_layer import FastLayer
 from fast.parallel import zeros_for_blob
 from fast.plan import Run, uses_of
-from fast.traits import traits_of
 from netlib.blob import Array, Blob, Blobs
 from netlib.engine import Connection, Missing
 from netlib.layer import Layer
@@ -71,7 +70,7 @@ class LastPass:
 
     def __post_init__(self) -> None:
         uses, written = uses_of(self.run.order), set(self.run.written())
-        again = {blob for at in self.run.order for blob in read_again(at)}
+        again = self.run.read_again()
         self._read = [blob for blob in dict.fromkeys(self.run.read()) if uses[blob][0].reads]
         self._unwritten = [blob for blob in self._read if blob not in written]
         self._tops = [blob for blob in written if blob in again]
@@ -198,14 +197,6 @@ class LastPass:
             if at.needs_backward:
                 with at.errors:
                     at.layer.backward(at.top, at.propagate_down, at.bottom)
-
-
-def read_again(at: Connection) -> list[Blob]:
-    """The blobs whose data a layer's backward reads."""
-    if not at.needs_backward:
-        return []
-    traits = traits_of(at.layer)
-    return [*(at.bottom if traits.reads_bottom else []), *(at.top if traits.reads_top else [])]
 
 
 def is_same(a: Array, b: Array) -> bool:

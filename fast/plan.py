@@ -48,6 +48,16 @@ class Run:
         """The stored blobs that the run writes."""
         return [blob for at in self.connections for blob in at.top if blob not in self.unstored]
 
+    def read_again(self) -> set[Blob]:
+        """The blobs whose data backward reads."""
+        found: set[Blob] = set()
+        for at in self.order:
+            if at.needs_backward:
+                traits = traits_of(at.layer)
+                found.update(at.bottom if traits.reads_bottom else [])
+                found.update(at.top if traits.reads_top else [])
+        return found
+
     def differentiated(self) -> set[Blob]:
         """The blobs whose diffs backward computes."""
         running = [at for at in self.connections if at.needs_backward]

@@ -35,7 +35,7 @@ from numpy.typing import DTypeLike
 
 from fast import parallel
 from fast.fast_layer import FastLayer, is_fused
-from fast.last_pass import LastPass, read_again, with_params
+from fast.last_pass import LastPass, with_params
 from fast.parallel import buffer_of
 from fast.plan import Run, Use, uses_of
 from fast.tiles import FastBlob
@@ -176,7 +176,7 @@ class SlicedStep(Step):
         self.run, self.connections, self.unstored = run, run.connections, run.unstored
         self._users = uses_of(run.order)
         self._needs_backward = any(at.needs_backward for at in run.connections)
-        self._kept = {b for at in run.order for b in read_again(at)}
+        self._kept = run.read_again()
         self._sources = {} if self._needs_backward else self._copied()
         self._buffers = threading.local()
         self._shapes: list[tuple[int, ...]] = []
@@ -276,11 +276,9 @@ class SlicedStep(Step):
 
     def _written(self, blob: Blob) -> NetlibError:
         """The error for an input that a caller has written between forward and backward."""
-        at = next(at for at in self.connections if blob in at.bottom)
-        name, first = (
-            at.layer.spec.bottom[at.bottom.index(blob)],
-            self.connections[0].layer.spec.top[0],
-        )
+        at = self._user[blob]
+        name = at.layer.spec.bottom[at.bottom.index(blob)]
+        first = self.connections[0].layer.spec.top[0]
         return NetlibError(
             f"blob {name!r} was written between forward and backward, which would give the gradient of no pass: run "
             f"forward again, or read a blob such as {first!r} before, so that the net stores all blobs"
