@@ -95,11 +95,8 @@ class PassState:
 
     def begin_forward(self, first: int, last: int | None) -> None:
         """Prepare the steps for a forward pass of this range of layers."""
-        if not self.is_reshaped:
-            self.reshape()
-        if (first, last) != (0, None):
-            self.store_all()
-        elif self._stores_less:
+        self._begin(first, last)
+        if self._stores_less:
             self._by_layer = self.is_reshaped = False
             self._make_steps()
             self._stores_less = False
@@ -126,10 +123,7 @@ class PassState:
         forwards do.
         """
         self._is_at_once, self._follows = self._follows, False
-        if not self.is_reshaped:
-            self.reshape()
-        if (first, last) != (0, None):
-            self.store_all()
+        self._begin(first, last)
         if not all(map(self._is_ready, self.steps[first:last])):
             self._run_missing(first, last)
 
@@ -137,6 +131,13 @@ class PassState:
         """Run a step backwards."""
         self._will_write("diff", step)
         step.backward(self._is_at_once)
+
+    def _begin(self, first: int, last: int | None) -> None:
+        """Let the steps fit the shapes, with one for each layer to run a part."""
+        if not self.is_reshaped:
+            self.reshape()
+        if (first, last) != (0, None):
+            self.store_all()
 
     def _has_run(self, at: Connection) -> bool:
         """Whether forward of a layer has run with the current shapes."""
