@@ -282,10 +282,7 @@ class Net(Graph):
         Results differ in rounding. A solver state has which it was, so that a resume is exact.
         """
         with self.one_thread:
-            if wanted:
-                self._pass.store_all()
-            else:
-                self._pass.store_less()
+            self._pass.store_all(wanted)
 
     @property
     def stores_all(self) -> bool:

@@ -210,12 +210,12 @@ class PassState:
             self._use(new)
         self.is_reshaped = True
 
-    def store_all(self) -> None:
+    def store_all(self, wanted: bool = True) -> None:
         """From now on run a step for each layer, which stores all blobs, with the values of
-        the last pass.
+        the last pass; or store only the needed ones from the next full pass on.
         """
-        self._stores_less = False
-        if self._by_layer:
+        self._stores_less = self._by_layer and not wanted
+        if self._by_layer or not wanted:
             return
         self.is_reshaped = False  # until all is done
         by_layer = self._engine.steps_by_layer(self._connections)
@@ -224,10 +224,6 @@ class PassState:
                 self._note(step.store())
         self._use(by_layer)
         self._by_layer = self.is_reshaped = True
-
-    def store_less(self) -> None:
-        """Store only the needed blobs from the next full pass on."""
-        self._stores_less = self._by_layer
 
     @property
     def stores_all(self) -> bool:
