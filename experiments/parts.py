@@ -39,8 +39,8 @@ MECHANISMS: dict[str, tuple[str, Any]] = {
         "fast.engine.plan",
         lambda connections, stored: [*map(_whole, connections)],
     ),
-    "tiles between layers": ("fast.plan._agree_on_tiles", lambda order, hidden: {}),
-    "ReLU after the pooling": ("fast.plan._pool_first", lambda row, hidden: list(row)),
+    "tiles between layers": ("fast.plan._agree_on_tiles", lambda order, unstored: {}),
+    "ReLU after the pooling": ("fast.plan._pool_first", lambda row, unstored: list(row)),
     "windows without background": (
         "fast.convolution_tiles.WindowTiles.fits",
         staticmethod(lambda *sizes: False),

@@ -139,9 +139,6 @@ def _share_splits(connections: Sequence[Connection], apart: Iterable[Connection]
     for number, at in enumerate(connections):
         for blob in at.top if type(at.layer) is Split else []:
             if all(writers[one] <= number and one not in own for one in (at.bottom[0], blob)):
-                is_lost = blob.share_data(at.bottom[0])
-                for reader in connections if is_lost else []:
-                    if blob in reader.bottom:  # must run again before backward
-                        reader.ran_with = None
+                blob.share_data(at.bottom[0])
             else:
                 blob.unshare_data()

@@ -1,10 +1,10 @@
 """What the last pass of some layers read, so that blobs which it did not store can be
 computed at any time.
 
-A run in slices (slices.py) does not store its hidden blobs. ``LastPass`` copies what determines
-their values: the blobs that the run reads, the parameters, and for the gradients also the diffs of
+A run in slices (slices.py) does not store all blobs. ``LastPass`` copies what determines the values
+of the others: the blobs that the run reads, the parameters, and for the gradients also the diffs of
 its tops. A caller may therefore write or reshape any blob, and the solver may update the weights,
-before the first access to a hidden blob.
+before the first access to an unstored blob.
 
 The copies are complete. The values of a few places do not show whether a caller has written others.
 """
@@ -21,7 +21,6 @@ import numpy as np
 from fast.fast_layer import FastLayer
 from fast.parallel import zeros_for_blob
 from fast.plan import Run, uses_of
-from fast.traits import traits_of
 from netlib.blob import Array, Blob, Blobs
 from netlib.engine import Connection, Missing
 from netlib.layer import Layer
@@ -58,7 +57,7 @@ class LastPass:
     shapes   shapes of all blobs
     is_done  whether the forward pass is complete; None: none has begun
     back     the last backward of this pass, if any
-    late     the hidden blobs whose diffs are of an earlier pass
+    late     the unstored blobs whose diffs are of an earlier pass
     """
 
     run: Run
@@ -71,12 +70,12 @@ class LastPass:
 
     def __post_init__(self) -> None:
         uses, written = uses_of(self.run.order), set(self.run.written())
-        again = {blob for at in self.run.order for blob in read_again(at)}
+        again = self.run.read_again()
         self._read = [blob for blob in dict.fromkeys(self.run.read()) if uses[blob][0].reads]
         self._unwritten = [blob for blob in self._read if blob not in written]
         self._tops = [blob for blob in written if blob in again]
         self._params = [param for at in self.run.connections for param in at.layer.blobs]
-        self._differentiated = _differentiated(self.run)
+        self._differentiated = frozenset(self.run.differentiated().intersection(self.run.unstored))
         self._buffers: tuple[Copies, Copies] = {}, {}
 
     # ------------------------------------------------------------------------------------ recording
@@ -99,16 +98,18 @@ class LastPass:
         for blob, values in self.inputs.items():
             values[rows] = blob.data[rows]
 
-    def begin_backward(self) -> None:
+    def begin_backward(self, at_once: bool) -> None:
         """Prepare the copies of a backward pass; the parameters are copied if they have changed
-        since forward.
+        since forward, which they cannot have if backward runs ``at_once``.
         """
         tops, seeds = self._buffers
         tops, seeds = self._buffers = _like(self._tops, tops), _like(self.run.written(), seeds)
-        weights = [
-            values if is_same(param.data, values) else param.data.copy()
-            for param, values in zip(self._params, self.weights)
-        ]
+        weights = self.weights
+        if not at_once:
+            weights = [
+                values if is_same(param.data, values) else param.data.copy()
+                for param, values in zip(self._params, weights)
+            ]
         self.back = Backward(weights, tops, seeds)
 
     def copy_seeds(self, rows: slice) -> None:
@@ -136,24 +137,22 @@ class LastPass:
     # ------------------------------------------------------------------------------------ computing
 
     def store(self) -> Missing:
-        """Store the hidden blobs, with the values of the pass, and let the layers keep what their
+        """Store the unstored blobs, with the values of the pass, and let the layers keep what their
         backward reads.
 
-        A blob that has another number of values now keeps none, as after any reshape. Returns what
-        cannot be computed: the blobs of a pass that is not complete, and diffs of a pass before.
+        A blob that has another number of values now keeps none, as after any reshape. What cannot
+        be computed are the blobs of a pass that is not complete, and diffs of a pass before.
         """
         if self.is_done is None:
-            return {}
+            return Missing({})
+        if self._is_discarded():
+            return Missing({}, self.run.connections)
         late = self.late if self.back is None or self.back.is_done else self._differentiated
-        is_discarded = self._is_discarded()
-        if self.is_done and not is_discarded:
+        if self.is_done:
             self._store()
-            return dict.fromkeys(late, DIFF)
-        for at in self.run.connections:
-            at.ran_with = None
-        if is_discarded:
-            return {}
-        return {blob: DATA | DIFF if blob in late else DATA for blob in self.run.hidden}
+            return Missing(dict.fromkeys(late, DIFF))
+        halves = {blob: DATA | DIFF if blob in late else DATA for blob in self.run.unstored}
+        return Missing(halves, self.run.connections)
 
     def _store(self) -> None:
         """Repeat the pass with copies of the layers, and keep what it gives."""
@@ -163,20 +162,19 @@ class LastPass:
         connections = [_copied(at, blobs) for at in self.run.connections]
         self._compute(connections, blobs)
         diffs = self._differentiated if self.back is not None and self.back.is_done else ()
-        for blob in self.run.hidden:
+        for blob in self.run.unstored:
             blob.keep(data=blobs[blob].data)
             if blob in diffs:
                 blob.keep(diff=blobs[blob].diff)
         for at, computed in zip(self.run.connections, connections):
             _take_state(at.layer, computed.layer)
-            at.ran_with = tuple(self.shapes[blob] for blob in at.blobs)
 
     def _is_discarded(self) -> bool:
-        """Whether reshapes since the pass have discarded all hidden blobs, and what
+        """Whether reshapes since the pass have discarded all unstored blobs, and what
         the layers keep.
         """
         changed = {blob for blob, shape in self.shapes.items() if blob.count != math.prod(shape)}
-        return bool(changed) and changed.issuperset(self.run.hidden)
+        return bool(changed) and changed.issuperset(self.run.unstored)
 
     def _compute(self, connections: list[Connection], blobs: Mapping[Blob, Blob]) -> None:
         """Run these copies of the layers forwards, and backwards if the pass was."""
@@ -199,21 +197,6 @@ class LastPass:
             if at.needs_backward:
                 with at.errors:
                     at.layer.backward(at.top, at.propagate_down, at.bottom)
-
-
-def _differentiated(run: Run) -> frozenset[Blob]:
-    """The hidden blobs whose diffs backward computes."""
-    running = [at for at in run.connections if at.needs_backward]
-    down = {blob for at in running for blob, wanted in zip(at.bottom, at.propagate_down) if wanted}
-    return frozenset(down.intersection(run.hidden))
-
-
-def read_again(at: Connection) -> list[Blob]:
-    """The blobs whose data a layer's backward reads."""
-    if not at.needs_backward:
-        return []
-    traits = traits_of(at.layer)
-    return [*(at.bottom if traits.reads_bottom else []), *(at.top if traits.reads_top else [])]
 
 
 def is_same(a: Array, b: Array) -> bool:

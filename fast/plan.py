@@ -1,8 +1,8 @@
 """Plans of nets: the layers that run slice by slice together, their order, and the storage of
 blobs between them.
 
-A *run* is a sequence of batchwise layers. Blobs that only its layers read are *hidden*: they are
-not stored for the whole batch. Two optimisations apply to hidden blobs, both exact:
+A *run* is a sequence of batchwise layers. Blobs that only its layers read are *unstored*: the
+net does not store them. Two optimisations apply to unstored blobs, both exact:
 
 - A blob is tiled (tiles.py) if its writer and all its readers prefer the same tile.
 - A monotone layer in place (ReLU) before a max pooling is moved behind it, where it has a sixteenth
@@ -24,33 +24,48 @@ from netlib.engine import Connection
 class Run:
     """Layers to run slice by slice, or one layer to run whole.
 
-    order   the connections in execution order
-    hidden  blobs that only this run reads and writes
-    tiles   the tiles of hidden blobs
+    order     the connections in execution order
+    unstored  blobs that only this run reads and writes, so that they need not be stored
+    tiles     the tiles of unstored blobs
     """
 
     connections: list[Connection]
     order: list[Connection]
-    hidden: list[Blob]
+    unstored: list[Blob]
     tiles: dict[Blob, int]
     sliced: bool
 
     @property
     def key(self) -> tuple[object, ...]:
         """What makes two runs of one net equal."""
-        return *self.connections, *self.hidden, *self.tiles.items()
+        return *self.connections, *self.unstored, *self.tiles.items()
 
     def read(self) -> list[Blob]:
         """The stored blobs that the run reads."""
-        return [blob for at in self.connections for blob in at.bottom if blob not in self.hidden]
+        return [blob for at in self.connections for blob in at.bottom if blob not in self.unstored]
 
     def written(self) -> list[Blob]:
         """The stored blobs that the run writes."""
-        return [blob for at in self.connections for blob in at.top if blob not in self.hidden]
+        return [blob for at in self.connections for blob in at.top if blob not in self.unstored]
+
+    def read_again(self) -> set[Blob]:
+        """The blobs whose data backward reads."""
+        found: set[Blob] = set()
+        for at in self.order:
+            if at.needs_backward:
+                traits = traits_of(at.layer)
+                found.update(at.bottom if traits.reads_bottom else [])
+                found.update(at.top if traits.reads_top else [])
+        return found
+
+    def differentiated(self) -> set[Blob]:
+        """The blobs whose diffs backward computes."""
+        running = [at for at in self.connections if at.needs_backward]
+        return {blob for at in running for blob, down in zip(at.bottom, at.propagate_down) if down}
 
 
 def plan(connections: Sequence[Connection], stored: Set[Blob]) -> list[Run]:
-    """Arrange the layers of a net. The blobs in ``stored`` are never hidden."""
+    """Arrange the layers of a net. Those of ``stored`` are never unstored blobs."""
     runs: list[Run] = []
     row: list[Connection] = []  # consecutive layers that could run in slices together
     users = {key: len(uses) for key, uses in uses_of(connections).items()}
@@ -105,19 +120,19 @@ def _runs_for(row: list[Connection], users: Mapping[Blob, int], stored: Set[Blob
 
     ``users`` is the number of users of each blob.
     """
-    hidden = _hidden_blobs(row, users, stored)
+    unstored = _unstored_blobs(row, users, stored)
     # slices are not faster; includes the empty row
     if all(traits_of(at.layer).elementwise for at in row):
         return [whole(at) for at in row]
-    order = _pool_first(row, hidden)
-    tiles = _agree_on_tiles(order, hidden)
+    order = _pool_first(row, unstored)
+    tiles = _agree_on_tiles(order, unstored)
     # one slice saves no memory and copies the parameters
     if row[0].bottom[0].shape[0] == 1 and not tiles:
         return [whole(at) for at in row]
-    return [Run(row, order, hidden, tiles, sliced=True)]
+    return [Run(row, order, unstored, tiles, sliced=True)]
 
 
-def _hidden_blobs(
+def _unstored_blobs(
     row: list[Connection], users: Mapping[Blob, int], stored: Set[Blob]
 ) -> list[Blob]:
     """Blobs that only the layers of the row read and write."""
@@ -126,32 +141,32 @@ def _hidden_blobs(
     return [blob for blob in written if len(uses[blob]) == users[blob] and blob not in stored]
 
 
-def _pool_first(row: list[Connection], hidden: list[Blob]) -> list[Connection]:
-    """Move a monotone layer, in place on a hidden blob, behind the max pooling that reads it to
-    a hidden blob.
+def _pool_first(row: list[Connection], unstored: list[Blob]) -> list[Connection]:
+    """Move a monotone layer, in place on an unstored blob, behind the max pooling that reads it to
+    an unstored blob.
     """
-    secret, order = set(hidden), list(row)
+    order = list(row)
     for i in range(len(order) - 1):
         at, pool = order[i], order[i + 1]
-        if (
-            traits_of(at.layer).monotone
-            and at.bottom[0] is at.top[0]
-            and at.top[0] in secret
-            and traits_of(pool.layer).takes_maximum
-            and pool.bottom[0] is at.top[0]
-            and pool.top[0] in secret  # else a caller would find the wrong gradient in its diff
-            # backward reads the signs of the layer's output
-            and not _is_overwritten(pool.top[0], order[i + 2 :])
-        ):
-            moved = Connection(
-                at.layer,
-                Blobs(pool.top[:1]),
-                Blobs(pool.top[:1]),
-                at.propagate_down,
-                at.needs_backward,
-            )
-            order[i], order[i + 1] = pool, moved
+        # backward reads the signs of the layer's output
+        if not _may_follow(at, pool, unstored) or _is_overwritten(pool.top[0], order[i + 2 :]):
+            continue
+        blobs = Blobs(pool.top[:1])
+        moved = Connection(at.layer, blobs, blobs, at.propagate_down, at.needs_backward)
+        order[i], order[i + 1] = pool, moved
     return order
+
+
+def _may_follow(at: Connection, pool: Connection, unstored: list[Blob]) -> bool:
+    """Whether ``at`` is a monotone layer in place on an unstored blob, and ``pool`` the max pooling
+    that reads it.
+    """
+    blob = at.top[0]
+    if at.bottom[0] is not blob or pool.bottom[0] is not blob or blob not in unstored:
+        return False
+    if pool.top[0] not in unstored:  # a caller would find the wrong gradient in its diff
+        return False
+    return traits_of(at.layer).monotone and traits_of(pool.layer).takes_maximum
 
 
 def _is_overwritten(blob: Blob, later: list[Connection]) -> bool:
@@ -159,14 +174,14 @@ def _is_overwritten(blob: Blob, later: list[Connection]) -> bool:
     return any(top is blob and not traits_of(at.layer).monotone for at in later for top in at.top)
 
 
-def _agree_on_tiles(order: list[Connection], hidden: list[Blob]) -> dict[Blob, int]:
-    """Map hidden blobs to their tiles; a blob is tiled if its writer and all its readers prefer
+def _agree_on_tiles(order: list[Connection], unstored: list[Blob]) -> dict[Blob, int]:
+    """Map unstored blobs to their tiles; a blob is tiled if its writer and all its readers prefer
     the same tile.
     """
     tiles: dict[Blob, int] = {}
     uses = uses_of(order)
     # readers first, because their preference may depend on their tops
-    for blob in reversed(hidden):
+    for blob in reversed(unstored):
         wishes = [_wish(use, tiles) for use in uses[blob]]
         wanted = [wish for wish in wishes if wish != ANY]
         if wanted and wanted[0] is not None and all(wish == wanted[0] for wish in wanted):

@@ -7,7 +7,7 @@ after the other, so that the blobs of a slice stay in the processor's cache.
 
 Each slice has copies of the layers, with the same parameter values and with small blobs:
 
-- a blob that only this run reads and writes is *hidden*: its values are in working memory of the
+- a blob that only this run reads and writes is *unstored*: its values are in working memory of the
   thread, or in memory of the slice if backward needs them again, and it is not stored for the whole
   batch. At a caller's first access it is computed from copies of what the pass has read
   (last_pass.py); the net then stores all blobs;
@@ -35,13 +35,13 @@ from numpy.typing import DTypeLike
 
 from fast import parallel
 from fast.fast_layer import FastLayer, is_fused
-from fast.last_pass import DIFF, LastPass, read_again, with_params
+from fast.last_pass import LastPass, with_params
 from fast.parallel import buffer_of
 from fast.plan import Run, Use, uses_of
 from fast.tiles import FastBlob
 from fast.traits import traits_of
 from netlib.blob import Array, Blob, Blobs
-from netlib.engine import SHAPE, Connection, Missing, Step, shapes_of
+from netlib.engine import Connection, Missing, Step, versions_of
 from netlib.errors import NetlibError
 
 # Limit of a slice: the size of its largest blob, so that its blobs stay in the cache. Smaller
@@ -86,8 +86,8 @@ class Window(Blob):
         return self._whole.diff[self._rows]
 
 
-class Hidden(FastBlob):
-    """A blob of one slice.
+class SliceBlob(FastBlob):
+    """An unstored blob of one slice.
 
     Its diff, and its data unless kept, are valid only until the thread's next slice.
     """
@@ -147,13 +147,13 @@ class WholeStep(Step):
         super().__init__(at)
         # reshape of a Python layer may depend on more than shapes
         self._is_steady = at.layer.type != "Python"
-        # shapes after the last reshape of the layer
-        self._reshaped: tuple[tuple[int, ...], ...] | None = None
+        # versions of the blobs after the last reshape of the layer
+        self._reshaped: tuple[int, ...] | None = None
 
     def forward(self) -> None:
         """Reshape the tops if necessary and compute them, unless an earlier layer does."""
         at = self.at
-        fits = self._is_steady and self._reshaped == tuple(map(SHAPE, at.blobs))
+        fits = self._is_steady and self._reshaped == versions_of(at.blobs)
         fused = is_fused(at.layer)
         if not (fits and fused):
             with at.errors:
@@ -161,7 +161,7 @@ class WholeStep(Step):
                     at.layer.reshape(at.bottom, at.top)
                 if not fused:
                     at.layer.forward(at.bottom, at.top)
-        at.ran_with = self._reshaped = tuple(map(SHAPE, at.blobs))
+        self._reshaped = versions_of(at.blobs)
 
 
 class SlicedStep(Step):
@@ -173,24 +173,21 @@ class SlicedStep(Step):
 
     def __init__(self, run: Run) -> None:
         super().__init__(run.connections[0])
-        self.run, self.connections, self.unstored = run, run.connections, run.hidden
-        self._secret, self._users = set(run.hidden), uses_of(run.order)
+        self.run, self.connections, self.unstored = run, run.connections, run.unstored
+        self._users = uses_of(run.order)
         self._needs_backward = any(at.needs_backward for at in run.connections)
-        self._kept = {b for at in run.order for b in read_again(at)}
+        self._kept = run.read_again()
         self._sources = {} if self._needs_backward else self._copied()
         self._buffers = threading.local()
         self._shapes: list[tuple[int, ...]] = []
         self._lanes: list[Lane] = []
         self._recent: dict[tuple[tuple[int, ...], ...], list[Lane]] = {}
         self._whole: list[WholeStep] = []  # if the layers run on the whole batch
-        self._has_run = False  # whether the slices have the state of a complete forward pass
+        self._is_done = False  # whether the slices have the state of a complete forward pass
         self.last = LastPass(run) if self._is_recorded() else None
-        read, self._outputs = run.read(), run.written()
-        down = {
-            b for at in run.connections for b, wanted in zip(at.bottom, at.propagate_down) if wanted
-        }
+        self._outputs, down = run.written(), run.differentiated()
         self._blobs = list(dict.fromkeys(b for at in run.connections for b in at.blobs))
-        self._gradients = [b for b in read if b in down] + self._outputs  # whose diff is used
+        self._gradients = [b for b in run.read() if b in down] + self._outputs  # whose diff is used
         self._user = {b: at for at in reversed(run.connections) for b in at.blobs}
 
     def _is_recorded(self) -> bool:
@@ -200,21 +197,20 @@ class SlicedStep(Step):
         keeps = any(traits_of(at.layer).keeps for at in self.connections)
         return bool(self.unstored) or (self._needs_backward and keeps)
 
-    def has_run(self) -> bool:
-        """Whether backward can run."""
-        return self._has_run and super().has_run()
+    def has_state(self) -> bool:
+        """Whether the last forward pass of the slices is complete."""
+        return self._is_done
 
     def pieces(self) -> list[list[Connection]]:
         """The layers of every slice in execution order."""
-        self._reshape()
+        self.prepare()
         return [piece.connections for lane in self._lanes for piece in lane] or [
             [step.at] for step in self._whole
         ]
 
     def forward(self) -> None:
         """Run the layers forwards on all slices."""
-        self._reshape()
-        self._has_run = False
+        self._is_done = False
         if self.last is not None:
             self.last.begin()
         for blob in self._outputs:
@@ -223,9 +219,7 @@ class SlicedStep(Step):
         parallel.run([partial(self._forward, lane) for lane in self._lanes])
         for step in self._whole:
             step.forward()
-        for at in self.connections:
-            at.ran_with = shapes_of(at.blobs)
-        self._has_run = True
+        self._is_done = True
         if self.last is not None:
             self.last.is_done = True
 
@@ -248,7 +242,7 @@ class SlicedStep(Step):
         for step in reversed(self._whole):
             step.backward()
         if self.last is not None:
-            self.last.begin_backward()
+            self.last.begin_backward(at_once)
         for blob in self._gradients:
             with self._user[blob].errors:
                 blob.diff  # noqa: B018
@@ -275,18 +269,16 @@ class SlicedStep(Step):
                         at.layer.backward(at.top, at.propagate_down, at.bottom)
 
     def store(self) -> Missing:
-        """Store the hidden blobs of the last pass, and let the layers keep what they
+        """Store the unstored blobs of the last pass, and let the layers keep what they
         need for backward.
         """
-        return {} if self.last is None else self.last.store()
+        return (self.lost or Missing({})) if self.last is None else self.last.store()
 
     def _written(self, blob: Blob) -> NetlibError:
         """The error for an input that a caller has written between forward and backward."""
-        at = next(at for at in self.connections if blob in at.bottom)
-        name, first = (
-            at.layer.spec.bottom[at.bottom.index(blob)],
-            self.connections[0].layer.spec.top[0],
-        )
+        at = self._user[blob]
+        name = at.layer.spec.bottom[at.bottom.index(blob)]
+        first = self.connections[0].layer.spec.top[0]
         return NetlibError(
             f"blob {name!r} was written between forward and backward, which would give the gradient of no pass: run "
             f"forward again, or read a blob such as {first!r} before, so that the net stores all blobs"
@@ -300,7 +292,7 @@ class SlicedStep(Step):
             self._lanes, self._shapes = lanes, shapes
         return bool(self._lanes) and shapes == self._shapes
 
-    def _reshape(self) -> None:
+    def prepare(self) -> None:
         """Divide the batch into slices unless this was done for the current shapes."""
         if self._whole or self._is_cut():
             return
@@ -333,12 +325,10 @@ class SlicedStep(Step):
 
     def _run_whole(self) -> None:
         """Run the layers on the whole batch from now on."""
-        missing = self.store()
-        self.lost = {blob: DIFF for blob, halves in missing.items() if halves >= DIFF}
-        self._whole = [WholeStep(at) for at in self.connections]
-        self._lanes, self.unstored, self.last = [], [], None
-        for blob in self.run.hidden:
-            blob.on_access = None
+        self.lost = self.store()
+        whole = [WholeStep(at) for at in self.connections]
+        # in one statement, so that an interrupt leaves all of them or none
+        self._whole, self._lanes, self.unstored, self.last = whole, [], [], None
 
     def _piece(self, rows: slice, params: list[Blobs]) -> Piece:
         """Create the layers of one slice."""
@@ -362,14 +352,14 @@ class SlicedStep(Step):
         return Piece(rows, connections)
 
     def _copied(self) -> dict[Blob, Blob]:
-        """Hidden tops of Split layers that no layer overwrites, and the bottoms whose memory
+        """Unstored tops of Split layers that no layer overwrites, and the bottoms whose memory
         they can share.
         """
         sources: dict[Blob, Blob] = {}
         for at in self.run.order:
             if at.layer.type == "Split" and self._users[at.bottom[0]][-1].at is at:
                 uses = [use for top in at.top for use in self._users[top]]
-                if all(top in self._secret for top in at.top) and sum(
+                if all(top in self.unstored for top in at.top) and sum(
                     use.writes for use in uses
                 ) == len(at.top):
                     sources |= dict.fromkeys(at.top, at.bottom[0])
@@ -377,9 +367,9 @@ class SlicedStep(Step):
 
     def _slice_blob(self, whole: Blob, rows: slice) -> Blob:
         shape = (rows.stop - rows.start, *whole.shape[1:])
-        if whole not in self._secret:
+        if whole not in self.run.unstored:
             return Window(whole, rows, shape)
-        blob = Hidden(shape, whole.dtype, self._buffers, id(whole), whole in self._kept)
+        blob = SliceBlob(shape, whole.dtype, self._buffers, id(whole), whole in self._kept)
         blob.tile = self.run.tiles.get(whole)
         uses = self._users[whole]
         blob.may_be_sparse = (

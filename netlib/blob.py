@@ -41,6 +41,8 @@ class Blob:
     shape          shape of both arrays
     data           values
     diff           dL/d(data)
+    version        another number after each change of the shape, and after ``data`` became those of
+                   another blob
     on_access      while a net does not store the blob: called with the blob and "data" or "diff"
                    before each access
 
@@ -54,7 +56,7 @@ class Blob:
     def __init__(
         self, shape: Iterable[int] = (), dtype: DTypeLike = np.float32, zeros: Zeros = memory.zeros
     ) -> None:
-        self.dtype, self._zeros = np.dtype(dtype), zeros
+        self.dtype, self._zeros, self.version = np.dtype(dtype), zeros, 0
         self._memory = Memory(self._checked(tuple(int(n) for n in shape)))
         self._owner: Blob | None = None  # the blob whose memory holds the data, if not this one
         self._diff_owner: Blob | None = None
@@ -134,6 +136,7 @@ class Blob:
         shape = tuple(int(n) for n in shape)
         if shape != self.shape:
             self._checked(shape)
+            self.version += 1
             kept = self._memory.arrays if math.prod(shape) == self.count else {}
             self._memory = Memory(
                 shape, {half: array.reshape(shape) for half, array in kept.items()}
@@ -164,18 +167,14 @@ class Blob:
             self._diff_owner = owner
             self._memory.arrays.pop("diff", None)
 
-    def share_data(self, owner: Blob) -> bool:
-        """Share the data of ``owner``, viewed in this blob's shape. The diff stays separate.
-
-        Returns whether the memory is another one now, so that the values before are lost.
-        """
+    def share_data(self, owner: Blob) -> None:
+        """Share the data of ``owner``, viewed in this blob's shape. The diff stays separate."""
         while owner._owner is not None:
             owner = owner._owner
-        if owner is self or owner is self._owner:
-            return False
-        self._owner = owner
-        self._memory.arrays.pop("data", None)
-        return True
+        if owner is not self and owner is not self._owner:
+            self.version += 1
+            self._owner = owner
+            self._memory.arrays.pop("data", None)
 
     def unshare_data(self) -> None:
         """Keep the data in memory of this blob, with the same values; unless those of the owner

@@ -16,10 +16,10 @@ from __future__ import annotations
 import functools
 import operator
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import DTypeLike
@@ -37,7 +37,6 @@ T = TypeVar("T")
 NAMES = ("fast", "plain")
 # a normal float32: adding to it, or multiplying it, gives in effect what 0 gives
 UNWRITTEN = 1.2345678e-38
-Missing = Mapping[Blob, frozenset[str]]  # "data", "diff" or both of blobs
 
 
 @dataclass(eq=False)  # each is its own key
@@ -47,8 +46,6 @@ class Connection:
     propagate_down, needs_backward  the gradients that backward computes
     blobs, errors                   all of its blobs; the context that names the layer in errors
                                     of its methods
-    ran_with                        shapes of the blobs in the last forward pass of which they and
-                                    the layer have the values; None: of none
     has_run_back                    whether backward has run before
     """
 
@@ -57,24 +54,30 @@ class Connection:
     top: Blobs
     propagate_down: list[bool]
     needs_backward: bool = False
-    ran_with: tuple[tuple[int, ...], ...] | None = None
     has_run_back: bool = False
 
     def __post_init__(self) -> None:
         self.blobs = [*self.bottom, *self.top]
         self.errors = LayerErrors(self.layer, self.bottom)
 
-    def has_run(self) -> bool:
-        """Whether forward has run with the current shapes, so that backward can run."""
-        return self.ran_with == shapes_of(self.blobs)
+
+VERSION = operator.attrgetter("version")
 
 
-SHAPE = operator.attrgetter("shape")
+def versions_of(blobs: Iterable[Blob]) -> tuple[int, ...]:
+    """The versions of blobs, which are others after a reshape."""
+    return tuple(map(VERSION, blobs))
 
 
-def shapes_of(blobs: Iterable[Blob]) -> tuple[tuple[int, ...], ...]:
-    """The shapes of blobs."""
-    return tuple(map(SHAPE, blobs))
+class Missing(NamedTuple):
+    """What a step could not store of its last pass.
+
+    halves  blobs, each with "data", "diff" or both
+    layers  those that do not keep what backward reads, so that they have to run again before it
+    """
+
+    halves: dict[Blob, frozenset[str]]
+    layers: Sequence[Connection] = ()
 
 
 class Step:
@@ -82,14 +85,18 @@ class Step:
 
     connections  the layers that the step runs
     unstored     the blobs between these layers that the step does not store
-    lost         values that a step lost when it began to store its blobs, until the net notes it
+    lost         what a step could not store when it began to store its blobs, until the net
+                 notes it
     """
 
     unstored: Sequence[Blob] = ()
 
     def __init__(self, at: Connection) -> None:
         self.at, self.connections = at, [at]
-        self.lost: Missing = {}
+        self.lost: Missing | None = None
+
+    def prepare(self) -> None:
+        """Prepare for a forward pass with the current shapes."""
 
     def forward(self) -> None:
         """Reshape the tops and compute them."""
@@ -97,7 +104,6 @@ class Step:
         with at.errors:
             at.layer.reshape(at.bottom, at.top)
             at.layer.forward(at.bottom, at.top)
-        at.ran_with = tuple(map(SHAPE, at.blobs))
 
     def backward(self, at_once: bool = False) -> None:
         """Compute the diffs, if needed.
@@ -120,18 +126,15 @@ class Step:
         """
         return [[self.at]]
 
-    def has_run(self) -> bool:
-        """Whether forward has run with the current shapes, so that backward can run."""
-        return all(at.has_run() for at in self.connections)
+    def has_state(self) -> bool:
+        """Whether what runs backwards has what forward keeps for it, if its layers have run."""
+        return True
 
     def store(self) -> Missing:
         """Store the unstored blobs with their values in the last pass, and let the layers keep what
-        backward reads.
-
-        Returns what cannot be computed: blobs with "data", "diff" or both. Here
-        nothing is unstored.
+        backward reads. Here nothing is unstored.
         """
-        return {}
+        return Missing({})
 
 
 @contextmanager

@@ -42,9 +42,10 @@ class Graph:
     """The connected layers of a net.
 
     ``param`` holds the layers of one phase only. ``seed`` seeds their random generators; None means
-    a new seed each run. The attributes blobs, params, inputs, outputs, layer_dict, connections,
-    losses and learnable are documented in net.py. Raises LayerError.
+    a new seed each run. The attributes are documented in net.py. Raises LayerError.
     """
+
+    source: str  # the file, for messages
 
     def __init__(
         self,
@@ -55,7 +56,7 @@ class Graph:
         seed: int | None = None,
         layer_hook: LayerHook | None = None,
     ) -> None:
-        self.phase, self.engine, self.dtype = phase, engine, dtype
+        self.name, self._phase, self.engine, self.dtype = param.name, phase, engine, dtype
         self.layer_hook = layer_hook or LayerHook()
         self.blobs: dict[str, Blob] = {}
         self.params: dict[str, Blobs] = {}
@@ -73,6 +74,7 @@ class Graph:
         with np.errstate(all="ignore"):
             for spec, name, own_seed in zip(specs, distinct([spec.name for spec in specs]), seeds):
                 self._add(spec, name, own_seed)
+        self.layers = list(self.layer_dict.values())
         self.learnable = self._parameters.learnable
         self.outputs = sorted(self._unread)  # Caffe's order
         self._decide_backward(param.force_backward)
@@ -88,7 +90,7 @@ class Graph:
         """Create a layer and its tops; its bottoms exist already."""
         rng = np.random.Generator(np.random.SFC64(seed))
         layer = create.create(
-            spec, spec.phase or self.phase, rng, self.dtype, self.engine.implementation
+            spec, spec.phase or self._phase, rng, self.dtype, self.engine.implementation
         )
         layer.name = name
         _check_counts(layer)

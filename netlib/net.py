@@ -7,10 +7,7 @@ The interface is pycaffe's: ``net.blobs``, ``net.params``, ``net.forward()``, ``
 from __future__ import annotations
 
 import logging
-import threading
-import weakref
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -21,11 +18,12 @@ from numpy.typing import DTypeLike, NDArray
 from netlib import engine as engines
 from netlib.blob import Blob
 from netlib.building import python_layer
-from netlib.engine import Missing, Step, check_memory
+from netlib.engine import Step
 from netlib.errors import LayerError, NetlibError, did_you_mean
 from netlib.files import Content
 from netlib.graph import Graph, LayerHook
 from netlib.layer import PHASES, TEST, TRAIN
+from netlib.pass_state import PassState
 from netlib.proto import schema
 from netlib.proto.messages import NetParameter, NetState
 from netlib.proto.net_parameter import load_parameter, select_layers
@@ -49,7 +47,7 @@ def next_seed() -> int | None:
     return None if _seeds is None else int(_seeds.integers(2**31))
 
 
-class Net:
+class Net(Graph):
     """A net of layers.
 
     ``Net(model, phase)`` or ``Net(model, weights, phase)``; ``model`` is a file or a parsed
@@ -104,38 +102,16 @@ class Net:
             phase_name, level or param.state.level, param.state.stage + tuple(stages or ())
         )
         self.phase = PHASES[self.state.phase]
-        self.name = param.name
         self.seed = next_seed() if seed is None else seed
         layers = tuple(select_layers(param, self.state))  # inputs are among them now
         self.param = schema.changed(param, layer=layers, input=(), input_dim=(), input_shape=())
         python_layer.check_allowed(self.param.layer, python_layers)
-        self.engine = engines.get(engine)
-        graph = Graph(self.param, self.state.phase, self.engine, self.dtype, self.seed, layer_hook)
-        self.blobs, self.params, self.losses = graph.blobs, graph.params, graph.losses
-        self.inputs, self.outputs, self.learnable = graph.inputs, graph.outputs, graph.learnable
-        self.connections, self.layer_dict = graph.connections, graph.layer_dict
-        self.layers = list(self.layer_dict.values())
+        super().__init__(
+            self.param, self.state.phase, engines.get(engine), self.dtype, self.seed, layer_hook
+        )
         self._learnable_values = sum(param.blob.count for param in self.learnable)
-        self._in_place = {x for at in self.connections for x in at.bottom for y in at.top if x is y}
-        # number of a loss -> the diff array that holds its weight
-        self._seeded: dict[int, NDArray[Any]] = {}
-        self._outside = [self.blobs[name] for name in [*self.inputs, *self.outputs]] + [
-            loss[0] for loss in self.losses
-        ]
-        self.one_thread = OneThread(self.name)
-        self._writing: list[tuple[Unknown, str]] = []  # what the running step makes known
-        self._stores_less = False  # whether the next pass need not store all blobs
-        self._is_at_once = False  # whether backward runs directly after forward
-        self._is_running = False  # whether a pass has begun and not ended
-        # whether the steps fit the shapes; an interrupted reshape is repeated
-        self._is_reshaped = False
-        self._fits = False  # whether the check for memory has passed
-        self._by_layer = False  # whether there is a step for each layer, so that a part can run
-        # blobs of which neither memory nor a step has the values
-        self._unknown: dict[Blob, Unknown] = {}
-        self.steps: Sequence[Step] = []
-        self._make_steps()
-        self._seed_losses()
+        self._pass = PassState(self)
+        self.one_thread = self._pass.one_thread
         if weights is not None:
             _, missing = self.copy_from(weights)
             if missing:
@@ -177,42 +153,10 @@ class Net:
         return self.loss(slice(first, last))
 
     def _forward_steps(self, first: int, last: int | None) -> None:
-        with self._pass():
-            if not self._is_reshaped:
-                self.reshape()
-            if (first, last) != (0, None):
-                self._run_by_layer()
-            elif self._stores_less and self._by_layer:
-                self._by_layer = False
-                self._make_steps()
-            if not self._fits:
-                check_memory(self.steps)
-                self._fits = True
+        with self._pass.running():
+            self._pass.begin_forward(first, last)
             for step in self.steps[first:last]:
-                self._will_write("data", step)
-                step.forward()
-            if lost := [step for step in self.steps if step.lost]:
-                for step in lost:
-                    self._note(step.lost)
-                    step.lost = {}
-                self._use(self.steps)
-
-    @contextmanager
-    def _pass(self) -> Iterator[None]:
-        """Context manager of a pass: in one thread; a blob that is not stored cannot be
-        read meanwhile.
-        """
-        # the solver reports values that are not finite
-        with self.one_thread, np.errstate(all="ignore"):
-            before, self._is_running, self._writing = self._is_running, True, []
-            try:
-                yield
-            except BaseException:
-                for unknown, half in self._writing:  # the last step may not have written them
-                    unknown.halves.add(half)
-                raise
-            finally:
-                self._is_running = before
+                self._pass.forward(step)
 
     def loss(self, layers: slice = slice(None)) -> float:
         """The loss of the last forward pass, or the part of it from some layers: the sum of
@@ -239,7 +183,7 @@ class Net:
         """
         part = self._part(end, start)
         with self.one_thread:
-            self._seed_losses()
+            self._pass.seed_losses()
             for name, array in tops.items():
                 diff, given = self._blob(name).diff, _numbers(array, f"output {name!r}")
                 try:
@@ -257,76 +201,23 @@ class Net:
         parameter diffs.
         """
         with self.one_thread:
-            self._seed_losses()
+            self._pass.seed_losses()
             self._backward_steps(first, last)
 
     def run_forward_backward(self) -> float:
         """Run all layers forwards, then backwards, as an iteration of a solver does;
         returns the loss.
-
-        No other code than that of the layers runs between the two, so nothing can be written there.
         """
         loss = self.run_forward()
-        self._is_at_once = all(layer.type != "Python" for layer in self.layers)
-        try:
+        with self._pass.at_once():
             self.run_backward()
-        finally:
-            self._is_at_once = False
         return loss
 
     def _backward_steps(self, first: int, last: int | None) -> None:
-        with self._pass():
-            if not self._is_reshaped:
-                self.reshape()
-            if (first, last) != (0, None):
-                self._run_by_layer()
-            if not all(step.has_run() for step in self.steps[first:last]):
-                self._run_missing(first, last)
+        with self._pass.running():
+            self._pass.begin_backward(first, last)
             for step in reversed(self.steps[first:last]):
-                self._will_write("diff", step)
-                step.backward(self._is_at_once)
-
-    def _run_missing(self, first: int, last: int | None) -> None:
-        """Run forwards, once, the layers whose backward will run and that have not run with the
-        current shapes. Blobs that another layer has read keep their data.
-
-        Raises NetlibError if such a layer reads data or draws random numbers: this would change
-        the next pass.
-        """
-        self.reshape()
-        self._run_by_layer()
-        missing = [step for step in self.steps[first:last] if not step.has_run()]
-        layers = [step.connections[0].layer for step in missing]
-        before = snapshot.as_plain({layer.name: layer.state() for layer in layers})
-        read = {blob for at in self.connections if at.has_run() for blob in at.bottom}
-        for layer, step in zip(layers, missing):
-            if not layer.spec.bottom and not layer.is_input:
-                raise layer.fail(
-                    "backward was called before forward, which reads data: run forward first"
-                )
-            kept = [(blob, blob.data.copy()) for blob in step.connections[0].top if blob in read]
-            self._will_write("data", step)
-            step.forward()
-            for blob, data in kept:  # before a later layer reads them
-                blob.data[...] = data
-            if snapshot.as_plain(layer.state()) != before[layer.name]:
-                self.restore_layer_states(before)
-                raise layer.fail(
-                    "backward was called before forward, which draws random numbers: run forward first"
-                )
-
-    def _seed_losses(self) -> None:
-        """Set the diff of each loss to its weight: the loss is the sum of loss_weight x top, so
-        dL/dtop = loss_weight.
-
-        As in Caffe, the weight is written once per array, so a value that the user writes over it
-        is kept. If a layer in place overwrites it, it is written before each pass.
-        """
-        for i, (blob, weight, _) in enumerate(self.losses):
-            diff, seeded = blob.diff, self._seeded.get(i)
-            if seeded is None or not np.may_share_memory(seeded, diff) or blob in self._in_place:
-                diff[...] = weight
-                self._seeded[i] = diff
+                self._pass.backward(step)
 
     def _part(self, first: str | None, last: str | None) -> tuple[int, int | None]:
         """Range of layer indices from ``first`` to ``last``."""
@@ -357,7 +248,7 @@ class Net:
                     f"input {name!r} has shape {blob.shape}, got an array of shape {array.shape}"
                 )
             if array.shape != blob.shape:
-                self._is_reshaped = False
+                self._pass.is_reshaped = False
                 blob.reshape(array.shape)
                 reshaped = True
         if reshaped:
@@ -374,93 +265,31 @@ class Net:
 
     def reshape(self) -> None:
         """Reshape all blobs after an input blob was reshaped."""
-        with self._pass():
-            self._is_reshaped = self._fits = False
-            for at in self.connections:
-                with at.errors:
-                    at.layer.reshape(at.bottom, at.top)
-                if not at.has_run():
-                    at.ran_with = None
-            self._make_steps()
-            self._seed_losses()
+        with self._pass.running():
+            self._pass.reshape()
 
     # ---------------------------------------------------------------------------------------- steps
 
-    def _make_steps(self) -> None:
-        """Make the steps for the current shapes, unless there is one for each layer already."""
-        if not self._by_layer:
-            old, new = self.steps, self.engine.steps(self.connections, self._outside, self.steps)
-            for step in old:
-                if step not in new:  # values of the last pass that keep their shape are not lost
-                    self._note(step.store())
-            self._use(new)
-        self._is_reshaped = True
-
-    def _run_by_layer(self) -> None:
-        """From now on run a step for each layer, which stores all blobs, with the values of
-        the last pass.
-        """
-        if self._by_layer:
-            return
-        self._is_reshaped = False  # until all is done
-        by_layer = self.engine.steps_by_layer(self.connections)
-        with np.errstate(all="ignore"):
-            for step in self.steps:
-                self._note(step.store())
-        self._use(by_layer)
-        self._by_layer = self._is_reshaped = True
-
-    def _use(self, steps: Sequence[Step]) -> None:
-        """Run these steps from now on.
-
-        At any time the blobs that the old or the new ones do not store are watched.
-        """
-        access = partial(_store, weakref.ref(self))
-        unstored = {blob for step in steps for blob in step.unstored}
-        for blob in unstored:
-            blob.on_access = access
-        self.steps = steps
-        for blob in self.blobs.values():
-            if blob not in unstored:
-                blob.on_access = self._unknown.get(blob)
+    @property
+    def steps(self) -> Sequence[Step]:
+        """What a pass runs, in order."""
+        return self._pass.steps
 
     def store_all(self, wanted: bool = True) -> None:
-        """Store every blob from now on, as after the first access to one that is not stored; or
-        only the needed ones from the next full pass on.
+        """Store every blob from now on, as after the first access to an unstored one; or only
+        the needed ones from the next full pass on.
 
         Results differ in rounding. A solver state has which it was, so that a resume is exact.
         """
         with self.one_thread:
-            if wanted:
-                self._run_by_layer()
-            self._stores_less = not wanted
+            self._pass.store_all(wanted)
 
     @property
     def stores_all(self) -> bool:
         """Whether every blob is stored, because a caller has accessed one that was not, or
         has run a part.
         """
-        return self._by_layer and not self._stores_less
-
-    def _note(self, missing: Missing) -> None:
-        """Note the values that a step could not compute."""
-        names = {blob: name for name, blob in self.blobs.items()}
-        self._unknown |= {
-            blob: Unknown(names[blob], set(halves)) for blob, halves in missing.items()
-        }
-
-    def _will_write(self, half: str, step: Step) -> None:
-        """Note that a step writes this half of its blobs, unless it also reads them."""
-        if not self._unknown:
-            return
-        self._writing = []
-        for at in step.connections:
-            written, read = (at.top, at.bottom) if half == "data" else (at.bottom, at.top)
-            for blob in written:
-                unknown = self._unknown.get(blob)
-                if unknown and half in unknown.halves and blob not in read:
-                    unknown.halves.discard(half)
-                    self._writing.append((unknown, half))
+        return self._pass.stores_all
 
     def clear_param_diffs(self) -> None:
         """Set the gradients of all parameters to zero."""
@@ -523,73 +352,6 @@ class Net:
         for name, state in states.items():
             if name in self.layer_dict:
                 self.layer_dict[name].restore(state)
-
-
-class OneThread:
-    """Context manager for one thread at a time, which may enter again; another gets a NetlibError,
-    because two threads that run one net would mix up their batches. ``name`` is that of the net.
-    """
-
-    def __init__(self, name: str) -> None:
-        self._name = name
-        self._lock = threading.RLock()
-
-    def __enter__(self) -> None:
-        if not self._lock.acquire(blocking=False):
-            raise NetlibError(
-                f"net {self._name!r} is in use by another thread; use a separate net in each thread "
-                "(share_params gives them the same weights), or serialize the calls"
-            )
-
-    def __exit__(self, *exception: object) -> None:
-        self._lock.release()
-
-
-class Unknown:
-    """Called at each access to a blob of which neither memory nor a step has the values:
-    raises NetlibError.
-
-    halves  "data" and "diff", those of them that are unknown
-    """
-
-    def __init__(self, name: str, halves: set[str]) -> None:
-        self.name, self.halves = name, halves
-
-    def __call__(self, blob: Blob, half: str) -> None:
-        """Raise NetlibError if this half of the blob is unknown."""
-        if half not in self.halves:
-            return
-        if half == "data":
-            raise NetlibError(
-                f"the data of blob {self.name!r} is unknown: the last pass did not complete; "
-                "run forward again"
-            )
-        raise NetlibError(
-            f"the diff of blob {self.name!r} is unknown: it was not stored, and its backward pass did "
-            "not complete or a forward pass came after it; read it directly after backward"
-        )
-
-
-def _store(net: weakref.ref[Net], blob: Blob, half: str) -> None:
-    """Store all blobs of a net before the first access to one that it did not store.
-
-    Raises NetlibError.
-    """
-    owner = net()
-    if owner is None:
-        raise NetlibError(
-            "this blob was not stored and its net is gone; read it, or copy it, before"
-        )
-    with owner.one_thread:
-        if owner._is_running:
-            raise NetlibError(
-                f"net {owner.name!r}: a blob that is not stored is read during a pass; read it once "
-                "before, so that the net stores all blobs"
-            )
-        owner.store_all()
-        owner._use(owner.steps)  # again, if it was interrupted
-    if blob.on_access is not None:
-        blob.on_access(blob, half)
 
 
 def _numbers(array: Any, what: str) -> NDArray[Any]:

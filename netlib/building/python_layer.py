@@ -144,10 +144,9 @@ def _import(name: str, wanted: str) -> tuple[ModuleType, str]:
     If a package here has the same name, the user's own module is preferred if it
     defines ``wanted``.
     """
-    from netlib import install_as_caffe  # netlib imports this module
-
     if not own_modules.has_caffe():
-        install_as_caffe()
+        own_modules.take_caffe()
+        own_modules.yield_names()
     top, _, inner = name.partition(".")
     is_shared = top in own_modules.NAMES
     if (

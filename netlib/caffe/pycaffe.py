@@ -150,8 +150,8 @@ class Net(core.Net):
 
     def _add_hook(self, when: str, hook: Hook) -> None:
         if not self._hooks:
-            self._run_by_layer()
-            self.steps = [
+            self._pass.store_all()
+            self._pass.steps = [
                 _HookedStep(step, number, self._hooks) for number, step in enumerate(self.steps)
             ]
         self._hooks.setdefault(when, []).append(hook)

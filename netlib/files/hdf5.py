@@ -267,12 +267,16 @@ class Rows:
         self._held: Array | None = np.asarray(dataset[...]) if held else None
 
     def take(self, rows: Array, out: Array) -> None:
-        """Copy the rows with these numbers into ``out``, converting to its dtype.
+        """Copy the rows with these numbers, which must exist, into ``out``, in its dtype.
 
         Raises DataError.
         """
         if self._held is not None:
-            out[...] = self._held[rows]
+            if out.dtype == self.dtype:
+                # with another mode NumPy copies twice, in case of an error
+                np.take(self._held, rows, axis=0, out=out, mode="clip")
+            else:
+                out[...] = self._held[rows]
             return
         target = (
             out

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from netlib.blob import Array, Blob, Blobs
 from netlib.errors import LayerError, WeightsError
 from netlib.files import Content
 from netlib.files.paths import find
+from netlib.graph import Graph
 from netlib.layer import TRAIN, Layer
 from netlib.proto import schema
 from netlib.proto.messages import LayerParameter
@@ -20,15 +20,12 @@ from netlib.proto.schema import Phase
 from netlib.snapshots import binary_format, hdf5_format, snapshot
 from netlib.snapshots.solver_state import Weights
 
-if TYPE_CHECKING:
-    from netlib.net import Net
-
 log = logging.getLogger("netlib")
 Found = Mapping[str, Mapping[int, Array]]  # layer name -> parameter index -> array
 Writes = list[tuple[Array, Array]]  # pairs of an array of the net and its new values
 
 
-def owned(net: Net) -> Weights:
+def owned(net: Graph) -> Weights:
     """Weights of all layers: name -> parameter index -> array.
 
     A shared parameter is listed only with its owner.
@@ -40,7 +37,7 @@ def owned(net: Net) -> Weights:
     }
 
 
-def image(net: Net, path: str | Path, diffs: bool = False) -> bytes:
+def image(net: Graph, path: str | Path, diffs: bool = False) -> bytes:
     """Content of a weights file: HDF5 if ``path`` ends in ``.h5``, else Caffe's binary format.
 
     The binary format also holds the layers themselves, each shared parameter in all its layers,
@@ -63,7 +60,7 @@ def _complete_spec(layer: Layer) -> LayerParameter:
 
 
 def copy(
-    net: Net, source: str | Path | Content | Net, strict: bool = False
+    net: Graph, source: str | Path | Content | Graph, strict: bool = False
 ) -> tuple[list[str], list[str]]:
     """Copy weights by layer name from a snapshot or another net: ``Net.copy_from``."""
     writes, ignored, missing = fitting(net, source, strict)
@@ -78,7 +75,7 @@ def write(writes: Writes) -> None:
 
 
 def fitting(
-    net: Net, source: str | Path | Content | Net, strict: bool = False
+    net: Graph, source: str | Path | Content | Graph, strict: bool = False
 ) -> tuple[Writes, list[str], list[str]]:
     """Plan a copy: the writes, and what ``copy`` returns.
 
@@ -110,7 +107,7 @@ def fitting(
     return writes, ignored, missing_layers
 
 
-def _weights_of(source: str | Path | Content | Net) -> tuple[str, Found]:
+def _weights_of(source: str | Path | Content | Graph) -> tuple[str, Found]:
     """A description of the source, and its arrays: layer name -> parameter index -> array."""
     if isinstance(source, (str, Path)):
         source = find(str(source), None)
@@ -121,7 +118,7 @@ def _weights_of(source: str | Path | Content | Net) -> tuple[str, Found]:
     }
 
 
-def _without_scales(net: Net, found: Found, what: str) -> Found:
+def _without_scales(net: Graph, found: Found, what: str) -> Found:
     """The arrays with the five of a BatchNorm of NVIDIA's or Intel's Caffe given to a BatchNorm and
     the Scale after it.
 
@@ -142,7 +139,7 @@ def _without_scales(net: Net, found: Found, what: str) -> Found:
     return result
 
 
-def _separated(net: Net, norm: Layer, five: Sequence[Array], found: Found, what: str) -> Found:
+def _separated(net: Graph, norm: Layer, five: Sequence[Array], found: Found, what: str) -> Found:
     """The parameters of a BatchNorm and the Scale after it.
 
     five  mean, variance, factor, scale and bias, or in older files scale, bias, mean, variance and
@@ -167,7 +164,7 @@ def _separated(net: Net, norm: Layer, five: Sequence[Array], found: Found, what:
     }
 
 
-def _scale_after(net: Net, norm: Layer) -> Layer | None:
+def _scale_after(net: Graph, norm: Layer) -> Layer | None:
     """The Scale with a gain and a bias for each channel that alone reads the top of a BatchNorm;
     None if none does.
     """
@@ -217,7 +214,7 @@ def legacy_shape(array: Array, shape: tuple[int, ...]) -> Array:
     return array
 
 
-def share(net: Net, other: Net) -> None:
+def share(net: Graph, other: Graph) -> None:
     """Share the other net's parameters, by layer name, all or none: ``Net.share_params``."""
     pairs: list[tuple[Blob, Blob]] = []
     for name in (name for name in other.params if name in net.params):

@@ -48,6 +48,8 @@ OPERATIONS: dict[str, Callable[[netlib.Net], object]] = {
     "backward": lambda net: net.backward(),
     "a look": lambda net: net.blobs["c"].data,
     "a part": lambda net: net.forward(start="n"),
+    "an iteration": lambda net: net.run_forward_backward(),
+    "storing less again": lambda net: (net.store_all(), net.store_all(False), net.forward()),
 }
 STRIDE = 307  # lines between two interrupts: every fifth was tried once
 

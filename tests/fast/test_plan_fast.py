@@ -7,7 +7,7 @@ from pathlib import Path
 
 import netlib
 from fast.convolution import FastConvolution
-from fast.slices import Hidden, SlicedStep
+from fast.slices import SliceBlob, SlicedStep
 from netlib.proto import prototxt
 
 TRAIN_TEST = Path(__file__).resolve().parents[2] / "prototxt" / "nyu_train_test.prototxt"
@@ -41,7 +41,7 @@ WHOLE_LAYERS = [
     ("joint_loss", "EuclideanLoss"),
     ("limit_loss", "PhysLimit"),
 ]
-TILES = {"convL1": 4, "poolL1": 2, "convL2": 2, "poolL2": 2}  # tiles of all hidden blobs
+TILES = {"convL1": 4, "poolL1": 2, "convL2": 2, "poolL2": 2}  # tiles of all unstored blobs
 SPARSE = {"convL1"}  # stored only where the image is not background
 # algorithms of the convolutions
 WAYS = {"convL1": "WindowTiles", "convL2": "RowTiles", "convL3": "RowTiles"}
@@ -59,7 +59,7 @@ def paper_network() -> netlib.Net:
 
 def test_the_plan_of_the_papers_network() -> None:
     """The convolutional layers run together, 32 images at a time; the blobs between them are
-    hidden and tiled.
+    unstored and tiled.
     """
     net = paper_network()
     [sliced] = [step for step in net.steps if isinstance(step, SlicedStep)]
@@ -75,7 +75,7 @@ def test_the_plan_of_the_papers_network() -> None:
     assert [piece[0].bottom[0].shape[0] for piece in pieces] == [ITEMS_PER_SLICE] * (
         512 // ITEMS_PER_SLICE
     )
-    assert {name: blob.tile for name, blob in blobs.items() if isinstance(blob, Hidden)} == TILES
+    assert {name: blob.tile for name, blob in blobs.items() if isinstance(blob, SliceBlob)} == TILES
     assert {
-        name for name, blob in blobs.items() if isinstance(blob, Hidden) and blob.may_be_sparse
+        name for name, blob in blobs.items() if isinstance(blob, SliceBlob) and blob.may_be_sparse
     } == SPARSE

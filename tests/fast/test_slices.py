@@ -40,7 +40,7 @@ PAPER = """
     layer { name: "label" type: "Input" top: "label" input_param { shape { dim: 2 dim: 10 } } }
     layer { name: "loss" type: "EuclideanLoss" bottom: "fc" bottom: "label" top: "loss" }
 """
-HIDDEN = ["c1", "p1", "c2", "p2"]
+UNSTORED = ["c1", "p1", "c2", "p2"]
 
 
 @pytest.fixture(autouse=True)
@@ -73,10 +73,10 @@ def batch(count: int, seed: int = 0, flat: bool = True) -> Arrays:
     return {"depth": x, "label": rng.normal(size=(count, 10)).astype(np.float32)}
 
 
-def hidden(net: netlib.Net) -> list[str]:
-    """Names of the blobs that are not stored for the whole batch."""
-    secret = {blob for step in net.steps for blob in step.unstored}
-    return [name for name, blob in net.blobs.items() if blob in secret]
+def unstored(net: netlib.Net) -> list[str]:
+    """Names of the blobs that are not stored."""
+    blobs = {blob for step in net.steps for blob in step.unstored}
+    return [name for name, blob in net.blobs.items() if blob in blobs]
 
 
 def layer_by_layer(net: netlib.Net) -> netlib.Net:
@@ -120,6 +120,10 @@ def assert_equal(got: Arrays, want: Arrays) -> None:
     assert got.keys() == want.keys()
     for name, array in want.items():
         assert np.array_equal(got[name], array), name
+
+
+def interrupt(*args: object) -> None:
+    raise KeyboardInterrupt
 
 
 def is_sliced(net: netlib.Net) -> bool:
@@ -185,9 +189,11 @@ def check_blob(net: netlib.Net, name: str, half: str, expected: dict[str, Arrays
 
 
 @pytest.mark.parametrize("when", ["before forward", "after forward", "after backward"])
-@pytest.mark.parametrize("name", HIDDEN)
-def test_a_hidden_blob_is_true_when_somebody_looks(net_of: MakeNet, name: str, when: str) -> None:
-    """A hidden blob is correct whenever it is first accessed and in later passes; the access
+@pytest.mark.parametrize("name", UNSTORED)
+def test_an_unstored_blob_is_true_when_somebody_looks(
+    net_of: MakeNet, name: str, when: str
+) -> None:
+    """An unstored blob is correct whenever it is first accessed and in later passes; the access
     changes no other value.
     """
     net, inputs = net_of(PAPER), batch(10, flat=name != "c2")
@@ -216,7 +222,7 @@ def test_a_look_costs_one_pass_and_all_blobs_are_stored_from_then_on(
     net = net_of(PAPER)
     everything(net, batch(3))
     assert [(blob.shape, blob.count) for blob in net.blobs.values()]  # shapes are no look
-    assert hidden(net) == HIDDEN
+    assert unstored(net) == UNSTORED
     repeated = []
     store = SlicedStep.store
     monkeypatch.setattr(SlicedStep, "store", lambda self: repeated.append(self) or store(self))
@@ -224,7 +230,7 @@ def test_a_look_costs_one_pass_and_all_blobs_are_stored_from_then_on(
         blob.shape for blob in net.blobs.values()
     ]
     assert len(repeated) == 1
-    assert hidden(net) == []
+    assert unstored(net) == []
 
 
 @pytest.mark.parametrize("how", ["a look", "a part"])
@@ -260,7 +266,7 @@ def test_another_number_of_items_keeps_the_plan(net_of: MakeNet) -> None:
     found = everything(net, batch(10))
     assert net.steps == steps
     assert_equal(found, everything(other, batch(10)))
-    for name in HIDDEN:
+    for name in UNSTORED:
         assert np.array_equal(net.blobs[name].data, other.blobs[name].data), name
 
 
@@ -286,8 +292,8 @@ def test_recent_numbers_of_items_need_no_new_slices(net_of: MakeNet, has_loss: b
     assert sliced.pieces()[0][0].layer is not layers[10]
 
 
-def test_a_hidden_blob_does_not_outlive_its_net(net_of: MakeNet) -> None:
-    """Accessing a hidden blob after its net was deleted raises an error instead of
+def test_an_unstored_blob_does_not_outlive_its_net(net_of: MakeNet) -> None:
+    """Accessing an unstored blob after its net was deleted raises an error instead of
     returning zeros.
     """
 
@@ -299,7 +305,7 @@ def test_a_hidden_blob_does_not_outlive_its_net(net_of: MakeNet) -> None:
     left = blobs()
     gc.collect()
     assert left["fc"].data.shape == (2, 10)
-    with pytest.raises(netlib.NetlibError, match="was not stored and its net is gone"):
+    with pytest.raises(netlib.NetlibError, match="is unstored and its net is gone"):
         left["c1"].data  # noqa: B018
 
 
@@ -340,7 +346,7 @@ def test_blobs_of_different_numbers_of_items(
 
 
 def test_relu_after_max_pooling_is_relu_before_it(agree: Agree) -> None:
-    """Exchanging the two layers on a hidden blob changes no value, winner or gradient, including
+    """Exchanging the two layers on an unstored blob changes no value, winner or gradient, including
     zeros and ties.
     """
     text = """
@@ -422,7 +428,7 @@ def test_no_relu_changes_places_with_a_max_pooling_that_has_empty_windows(net_of
 
 
 def test_a_look_repeats_only_what_ran_in_slices(net_of: MakeNet, rng: np.random.Generator) -> None:
-    """A layer that ran whole keeps its output when a hidden blob is read after its
+    """A layer that ran whole keeps its output when an unstored blob is read after its
     input was written.
     """
     net = net_of(
@@ -433,7 +439,7 @@ def test_a_look_repeats_only_what_ran_in_slices(net_of: MakeNet, rng: np.random.
             layer { name: "r" type: "ReLU" bottom: "z" top: "r" }"""
     )
     net.forward(x=rng.normal(size=(3, 1, 8, 8)), z=rng.normal(size=(2, 1, 8, 8)))
-    assert hidden(net) == ["c"]
+    assert unstored(net) == ["c"]
     before = net.blobs["r"].data.copy()
     net.blobs["z"].data[...] = rng.normal(size=(2, 1, 8, 8))
     assert np.isfinite(net.blobs["c"].data).all()
@@ -460,7 +466,7 @@ def test_a_look_after_an_input_was_written_gives_the_values_of_the_pass(
     net, expected = net_of(PAPER), expected_of(net_of, batch(3))
     everything(net, batch(3))
     CHANGES[change](net.blobs["depth"].data)
-    for name in HIDDEN:
+    for name in UNSTORED:
         check_blob(net, name, "data", expected)
         check_blob(net, name, "diff", expected)
 
@@ -509,7 +515,7 @@ def test_a_look_after_weights_changed_before_backward(net_of: MakeNet) -> None:
         one.params["c3"][0].data[...] *= 2
         one.backward()
         one.params["c3"][0].data[...] = 0
-    for name in HIDDEN:
+    for name in UNSTORED:
         assert difference(net.blobs[name].data, plain.blobs[name].data) <= 1e-12, name
         assert difference(net.blobs[name].diff, plain.blobs[name].diff) <= 1e-9, name
 
@@ -567,11 +573,8 @@ def test_a_pass_that_fails_in_a_slice_leaves_unknown_blobs(
     net, expected = net_of(PAPER), expected_of(net_of, batch(3))
     everything(net, batch(3, seed=1))
 
-    def fail(*args: object) -> None:
-        raise KeyboardInterrupt
-
     with monkeypatch.context() as patch:
-        patch.setattr(type(net.layer_dict["p1"]), "forward", fail)
+        patch.setattr(type(net.layer_dict["p1"]), "forward", interrupt)
         with pytest.raises(KeyboardInterrupt):
             net.forward(**batch(3))
     with pytest.raises(
@@ -593,17 +596,14 @@ def test_a_pass_that_fails_after_the_slices(
     net, expected = net_of(PAPER), expected_of(net_of, batch(3))
     everything(net, batch(3, seed=1))
 
-    def fail(*args: object) -> None:
-        raise KeyboardInterrupt
-
     with monkeypatch.context() as patch:
-        patch.setattr(net.layer_dict["fc"], "forward", fail)
+        patch.setattr(net.layer_dict["fc"], "forward", interrupt)
         with pytest.raises(KeyboardInterrupt):
             net.forward(**batch(3))
     check_blob(net, "c1", "data", expected)
 
 
-def test_a_hidden_blob_cannot_be_read_during_a_pass(
+def test_an_unstored_blob_cannot_be_read_during_a_pass(
     net_of: MakeNet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     net = net_of(PAPER)
@@ -615,7 +615,7 @@ def test_a_hidden_blob_cannot_be_read_during_a_pass(
         forward(bottom, top)
 
     monkeypatch.setattr(layer, "forward", looking)
-    with pytest.raises(NetlibError, match="a blob that is not stored is read during a pass"):
+    with pytest.raises(NetlibError, match="an unstored blob is read during a pass"):
         feed(net, batch(3))
     assert net.blobs["c1"].data.any()
     net.forward()
@@ -670,7 +670,7 @@ def test_after_a_step_of_a_solver_all_blobs_have_its_values(tmp_path: Path) -> N
         for name, array in batch(2, flat=False).items():
             solver.net.blobs[name].data[...] = array
         solver.step(1)
-    assert hidden(fast.net) == HIDDEN
+    assert unstored(fast.net) == UNSTORED
     for name, blob in plain.net.blobs.items():
         assert difference(fast.net.blobs[name].data, blob.data) <= 2e-5, name
         assert np.linalg.norm(fast.net.blobs[name].diff - blob.diff) <= 1e-2 * np.linalg.norm(
@@ -739,7 +739,7 @@ SEQUENCES: dict[str, list[Callable[[netlib.Net], object]]] = {
         lambda net: net.forward(),
         netlib.Net.backward,
     ],
-    "a hidden blob of another shape, and a pass": [
+    "an unstored blob of another shape, and a pass": [
         run_both_ways,
         lambda net: net.blobs["a"].reshape(7),
         run_both_ways,
@@ -750,7 +750,7 @@ SEQUENCES: dict[str, list[Callable[[netlib.Net], object]]] = {
 @pytest.mark.parametrize("name", SEQUENCES)
 def test_sequences_of_calls_give_what_the_plain_engine_gives(net_of: MakeNet, name: str) -> None:
     nets = [net_of(BRANCHES, engine=engine, dtype=np.float64) for engine in ("plain", "fast")]
-    assert hidden(nets[1]) == ["a", "b", "d", "e"]
+    assert unstored(nets[1]) == ["a", "b", "d", "e"]
     for net in nets:
         for call in SEQUENCES[name]:
             call(net)
@@ -771,19 +771,17 @@ def test_diffs_stay_unknown_if_the_next_backward_fails_before(
     feed(net, batch(3, seed=1))
     assert net.blobs["c1"].data.any()
 
-    def fail(*args: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(net.layer_dict["fc"], "backward", fail)
+    monkeypatch.setattr(net.layer_dict["fc"], "backward", interrupt)
     with pytest.raises(KeyboardInterrupt):
         net.backward()
-    for name in HIDDEN:
+    for name in UNSTORED:
         with pytest.raises(NetlibError, match=f"the diff of blob {name!r} is unknown"):
             net.blobs[name].diff  # noqa: B018
 
 
+@pytest.mark.parametrize("is_interrupted", [False, True])
 def test_diffs_are_unknown_after_numbers_of_items_differ(
-    net_of: MakeNet, rng: np.random.Generator
+    net_of: MakeNet, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, is_interrupted: bool
 ) -> None:
     """The layers run on the whole batch from then on; the diffs before are not stored."""
     more = CONV % (("cz", "cy") + ("cz",) * 4)
@@ -792,11 +790,59 @@ def test_diffs_are_unknown_after_numbers_of_items_differ(
     net.forward(x=x, y=y, s=np.ones(4))
     net.backward()
     net.forward()
-    assert "cy" in hidden(net)
-    net.forward(s=np.array([1, 0, 0, 1]))
-    assert hidden(net) == []
+    assert "cy" in unstored(net)
+    some = np.array([1, 0, 0, 1])
+    if is_interrupted:
+        monkeypatch.setattr(SlicedStep, "forward", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            net.forward(s=some)
+    else:
+        net.forward(s=some)
+    assert unstored(net) == []
     with pytest.raises(NetlibError, match="the diff of blob 'cy' is unknown"):
         net.blobs["cy"].diff  # noqa: B018
+
+
+def test_after_a_part_all_blobs_are_stored_until_fewer_are_wanted(net_of: MakeNet) -> None:
+    """To want fewer before the part changes nothing: a resumed training does."""
+    net = net_of(PAPER)
+    net.store_all(False)
+    feed(net, batch(3))
+    assert unstored(net) == UNSTORED
+    net.forward(start="c3")
+    net.forward()
+    assert unstored(net) == [] and net.stores_all
+    net.store_all(False)
+    assert unstored(net) == [] and not net.stores_all
+    net.forward()
+    assert unstored(net) == UNSTORED
+
+
+MOVING = """
+    force_backward: true
+    layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 3 dim: 2 dim: 6 dim: 6 } } }
+    layer { name: "n" type: "BatchNorm" bottom: "x" top: "n" batch_norm_param { use_global_stats: true }
+            param { name: "mean" } param { name: "variance" } param { name: "count" } }
+    layer { name: "c" type: "Convolution" bottom: "n" top: "c"
+            convolution_param { num_output: 2 kernel_size: 3 weight_filler { type: "xavier" } } }
+    layer { name: "m" type: "BatchNorm" bottom: "c" top: "m"
+            param { name: "mean" } param { name: "variance" } param { name: "count" } }
+    layer { name: "l" type: "Reduction" bottom: "m" top: "l" loss_weight: 1 reduction_param { operation: SUMSQ } }
+"""
+
+
+def test_moving_averages_that_another_layer_updates_between_the_passes(net_of: MakeNet) -> None:
+    """The backward pass of a solver reads the new ones, as in Caffe."""
+    nets = [net_of(MOVING, engine=engine, dtype=np.float64) for engine in ("plain", "fast")]
+    for net in nets:
+        for param, value in zip(net.params["n"], (0.5, 2, 1)):
+            param.data[...] = value
+        net.blobs["x"].data[...] = IMAGES["x"]
+        net.run_forward_backward()
+    assert unstored(nets[1]) == ["n"]
+    for name in ("n", "x"):
+        plain, fast = (net.blobs[name].diff for net in nets)
+        assert difference(fast, plain) <= 1e-9, name
 
 
 def test_prelu_reads_its_bottom_in_backward(net_of: MakeNet) -> None:

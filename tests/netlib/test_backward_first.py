@@ -124,6 +124,33 @@ def test_a_net_whose_forward_pass_changes_the_next_one_needs_forward_first(what:
     net.backward()
 
 
+def test_a_layer_whose_forward_fails_runs_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The slopes of tanh are those of the new input, not of the last pass that was complete."""
+    net = net_of(X + layer("TanH"))
+    shape = net.blobs["x"].shape
+    net.forward(x=np.full(shape, 3))
+
+    def fail(*args: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(net.layer_dict["k"], "forward", fail)
+        with pytest.raises(KeyboardInterrupt):
+            net.forward(x=np.zeros(shape))
+    np.testing.assert_allclose(net.backward(y=np.ones(shape))["x"], 1)
+
+
+def test_a_net_of_another_size_for_a_while() -> None:
+    """Its values are discarded, so backward runs the layers again with the current input, 0."""
+    net = net_of(X + layer("TanH") + 'layer { type: "Softmax" bottom: "y" top: "z" }')
+    net.forward(x=np.full((2, 3), 3))
+    for items in (5, 2):
+        net.blobs["x"].reshape(items, 3)
+        net.reshape()
+    dx = net.backward(z=[[9, 0, 0]] * 2)["x"]  # dx = p (dz - sum of p dz) for p = 1/3 everywhere
+    np.testing.assert_allclose(dx, [[2, -1, -1]] * 2, rtol=1e-6)
+
+
 TWO_BRANCHES = """
 layer { name: "a" type: "Input" top: "a" input_param { shape { dim: 3 dim: 1 dim: 5 dim: 6 } } }
 layer { name: "b" type: "Input" top: "b" input_param { shape { dim: 3 dim: 1 dim: 8 dim: 9 } } }

@@ -115,3 +115,21 @@ def test_a_blob_that_shares_data_keeps_its_diff() -> None:
     assert not two.data.any()
     other.share_data(two)  # other is the same memory by now
     assert not other.data.any()
+
+
+def test_the_version_changes_with_the_shape_and_with_the_memory_of_the_data() -> None:
+    owner, blob = Blob((2, 3)), Blob((2, 3))
+    changes = [
+        lambda: blob.reshape(6),
+        lambda: blob.reshape(2, 3),  # its values may be other ones now
+        lambda: blob.share_data(owner),
+    ]
+    for change in changes:
+        before = blob.version
+        change()
+        assert blob.version != before
+    kept = [lambda: blob.reshape(2, 3), lambda: blob.share_data(owner), blob.unshare_data]
+    before = blob.version
+    for change in kept:
+        change()
+        assert blob.version == before

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import netlib
-from netlib.net import OneThread
+from netlib.pass_state import OneThread
 from tests.netlib.conftest import MakeNet, furnish
 from tests.support.running import run_python
 

@@ -72,10 +72,10 @@ def warn_of_another_net(weights: str, net: Net) -> None:
 
 def memory_of(net: Net) -> list[tuple[str, int]]:
     """Bytes of the parameters, and of each blob that the engine stores for the whole batch."""
-    hidden = {blob for step in net.steps for blob in step.unstored}
+    unstored = {blob for step in net.steps for blob in step.unstored}
     rows = [("parameters and their diffs", sum(2 * p.blob.data.nbytes for p in net.learnable))]
     for name, blob in net.blobs.items():
-        if blob not in hidden:
+        if blob not in unstored:
             rows.append((f"blob {name} {'x'.join(map(str, blob.shape))}", blob.allocated_bytes))
     return rows
 
