@@ -10,7 +10,7 @@ Without this folder all results are the same up to rounding.
     per_channel, convolution, pooling, relu, inner_product, augment, kinematics
                   the fast layers: each is a subclass of the plain layer of the same name with
                   another computation
-    columns, rows, row_winograd, winograd, depthwise, phases
+    columns, rows, row_winograd, winograd, depthwise
                   algorithms for convolutions, of which convolution.py chooses; geometry has
                   what they share
     map_pooling   pooling over any windows
