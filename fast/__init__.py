@@ -4,7 +4,7 @@ Without this folder all results are the same up to rounding.
 
     engine        the table of fast layers, and other parts of this engine
     slices        the steps of a net: sequences of layers slice by slice, other layers on the whole
-                  batch; plan selects them by the properties of the layer types in traits; last_pass
+                  batch; plan selects them by what the layer types state of themselves; last_pass
                   computes what they do not store
     tiles         blobs stored in the order in which matrix products write and pooling layers read
     per_channel, convolution, pooling, relu, inner_product, augment, kinematics

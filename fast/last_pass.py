@@ -21,7 +21,6 @@ import numpy as np
 from fast.fast_layer import FastLayer
 from fast.parallel import zeros_for_blob
 from fast.plan import Run, uses_of
-from fast.traits import traits_of
 from netlib.blob import Array, Blob, Blobs
 from netlib.engine import Connection, Missing
 from netlib.layer import Layer
@@ -212,8 +211,9 @@ def read_again(at: Connection) -> list[Blob]:
     """The blobs whose data a layer's backward reads."""
     if not at.needs_backward:
         return []
-    traits = traits_of(at.layer)
-    return [*(at.bottom if traits.reads_bottom else []), *(at.top if traits.reads_top else [])]
+    bottom = at.bottom if at.layer.reads_bottom else []
+    top = [] if at.layer.reads_top is False else at.top
+    return [*bottom, *top]
 
 
 def is_same(a: Array, b: Array) -> bool:

@@ -45,6 +45,7 @@ class Convolution(SlidingWindow):
     bottoms: ClassVar[tuple[int, int | None]] = (1, None)
     tops: ClassVar[tuple[int, int | None]] = (1, None)
     in_place = False
+    reads_top = reads_kept = False
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         if len(bottom) != len(top):

@@ -88,6 +88,7 @@ class SlidingWindow(Layer):
         """
         p = self.param
         self.axis = self.canonical_axis(p.axis, bottom)
+        self.batchwise = self.axis > 0
         self.channels, *sizes = bottom.shape[self.axis :]
         self.kernel = self._each("kernel", p.kernel_size, (p.kernel_h, p.kernel_w), 0, len(sizes))
         self.stride = self._each("stride", p.stride, (p.stride_h, p.stride_w), 1, len(sizes))
