@@ -28,6 +28,7 @@ and dx adds every column of dcolumns at the position of its patch (col2im).
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from typing import ClassVar
@@ -132,6 +133,7 @@ class Convolution(SlidingWindow):
         """For each kernel element, in row-major order, the part of the padded image under it
         in all windows.
         """
-        for element in np.ndindex(self.kernel):
-            steps = zip(element, self.dilation, self.stride, y_shape[1:])
-            yield slice(None), *(slice(i * d, i * d + (n - 1) * s + 1, s) for i, d, s, n in steps)
+        axes = [[slice(None)]]  # all channels
+        for k, d, s, n in zip(self.kernel, self.dilation, self.stride, y_shape[1:]):
+            axes.append([slice(i * d, i * d + (n - 1) * s + 1, s) for i in range(k)])
+        return itertools.product(*axes)
