@@ -76,11 +76,8 @@ def test_a_users_subclass_runs_on_the_whole_batch(
     monkeypatch.setitem(LAYER_TYPES, "OfTheBatch", OfTheBatch)
     text = CONVOLUTION.format("a", "x")
     text += f'layer {{ name: "k" bottom: "a" top: "k" {kind} }} ' + CONVOLUTION.format("b", "k")
-    net = agree(
-        f"force_backward: true {inputs(x=(80, 2, 4, 4))} {text}",
-        {"x": rng.normal(size=(80, 2, 4, 4))},
-        tolerance=1e-12,
-    )
+    text = f"force_backward: true {inputs(x=(80, 2, 4, 4))} {text}"
+    net = agree(text, {"x": rng.normal(size=(80, 2, 4, 4))}, tolerance=1e-12)
     sliced = [
         at.layer.name
         for step in net.steps

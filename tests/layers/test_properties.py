@@ -42,10 +42,9 @@ def two(*shape: int) -> Bottoms:
     return lambda N: [off_zero(N, *shape), off_zero(N, *shape)]
 
 
-EXAMPLES = {
-    name: Example(f'type: "{name}" {options}', bottoms, **more)
-    for name, (options, bottoms, more) in CASES.items()
-}
+EXAMPLES = {}  # of every type
+for name, (options, bottoms, more) in CASES.items():
+    EXAMPLES[name] = Example(f'type: "{name}" {options}', bottoms, **more)
 BATCHWISE = {
     "BN with moving averages": Example(
         'type: "BN" bn_param { slope_filler { value: 2 } frozen: true }', one(3, 2, 4)

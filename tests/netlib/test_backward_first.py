@@ -50,9 +50,8 @@ def test_the_layers_run_once(items: int) -> None:
 
 def test_what_has_run_is_not_run_again() -> None:
     """A layer before it runs once, but what others have read keeps its values."""
-    net = net_of(
-        X + linear("a", "x", "y") + layer("drop", "Dropout", "y", "y") + linear("b", "y", "z")
-    )
+    drop = layer("drop", "Dropout", "y", "y")
+    net = net_of(X + linear("a", "x", "y") + drop + linear("b", "y", "z"))
     net.blobs["y"].data[...] = 3
     net.forward(start="drop", end="drop")
     y = net.blobs["y"].data.copy()
