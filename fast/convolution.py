@@ -23,7 +23,6 @@ from fast.depthwise import Depthwise, Filter
 from fast.fast_layer import FastLayer
 from fast.fusing import After, after_of
 from fast.geometry import Algorithm, Geometry, NotFiniteError, Sizes, Sum, check_finite
-from fast.phases import Phases
 from fast.row_winograd import RowWinograd
 from fast.rows import Rows
 from fast.tiles import FastBlob, pitch_of, plain_of, store_plain
@@ -116,15 +115,16 @@ class Contained(Algorithm):
             Columns().gradient(g, x, dy, dw)
 
 
-ROW_WINOGRAD, WINOGRAD, ROWS = (
-    ByGroup(Contained(RowWinograd())),
-    ByGroup(Contained(Winograd())),
-    ByGroup(Rows()),
-)
-FILTER, PHASES = Contained(Filter()), Contained(Phases((ROW_WINOGRAD, WINOGRAD)))
 ALGORITHMS: tuple[Algorithm, ...] = tuple(
     each
-    for algorithm in (FILTER, Depthwise(), ROW_WINOGRAD, WINOGRAD, PHASES, ROWS, Columns())
+    for algorithm in (
+        Contained(Filter()),
+        Depthwise(),
+        ByGroup(Contained(RowWinograd())),
+        ByGroup(Contained(Winograd())),
+        ByGroup(Rows()),
+        Columns(),
+    )
     for each in (algorithm, Turned(algorithm))
 )
 

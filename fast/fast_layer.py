@@ -69,6 +69,18 @@ class FastLayer(Layer):
         """
         return False
 
+    # Layers that can change places (plan.py) override these methods.
+
+    def is_monotone(self) -> bool:
+        """Whether the layer is elementwise and non-decreasing, and f(f(x)) = f(x), so that it may
+        be moved behind a max pooling.
+        """
+        return False
+
+    def takes_maximum(self) -> bool:
+        """Whether every top value is the maximum of some bottom values."""
+        return False
+
     # Layers that support tiles (tiles.py) override these methods.
 
     def bottom_tile(self, top_tile: int | None) -> int | None:

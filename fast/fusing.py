@@ -171,7 +171,7 @@ def _continues(at: Connection, chain: Sequence[Layer], follower: Connection) -> 
     if len(follower.bottom) != 1 or (chain and isinstance(chain[-1], (ReLU, ReLU6))):
         return False
     if isinstance(layer, (ReLU, ReLU6)):
-        return bool(layer.param.negative_slope == 0)
+        return layer.is_monotone()
     if isinstance(layer, Scale) and first.fuses_trained_scale():
         if chain:
             return False

@@ -15,9 +15,11 @@ from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 
 from fast.fast_layer import FastLayer
-from fast.traits import traits_of
+from layers.common.inner_product import InnerProduct
 from netlib.blob import Blob, Blobs
 from netlib.engine import Connection
+from netlib.files.own_modules import NAMES
+from netlib.layer import Layer
 
 
 @dataclass
@@ -53,9 +55,8 @@ class Run:
         found: set[Blob] = set()
         for at in self.order:
             if at.needs_backward:
-                traits = traits_of(at.layer)
-                found.update(at.bottom if traits.reads_bottom else [])
-                found.update(at.top if traits.reads_top else [])
+                found.update(at.bottom if at.layer.reads_bottom else [])
+                found.update([] if at.layer.reads_top is False else at.top)
         return found
 
     def differentiated(self) -> set[Blob]:
@@ -105,7 +106,10 @@ def whole(at: Connection) -> Run:
 
 def _fits(row: list[Connection], at: Connection) -> bool:
     """Whether a layer can be appended to a row of layers that run in slices."""
-    if not traits_of(at.layer).batchwise or not at.bottom:
+    if not (at.bottom and at.layer.batchwise and _is_of_this_project(at.layer)):
+        return False
+    # one product for the whole batch is faster than many small ones
+    if isinstance(at.layer, InnerProduct):
         return False
     items = {blob.shape[0] if blob.shape else None for blob in [*at.bottom, *at.top]}
     if len(items) != 1 or items == {None}:
@@ -115,6 +119,15 @@ def _fits(row: list[Connection], at: Connection) -> bool:
     return row[0].bottom[0].shape[0] == at.bottom[0].shape[0]
 
 
+def _is_of_this_project(layer: Layer) -> bool:
+    """Whether the class of a layer is one of ours.
+
+    A user's class, such as that of a layer of type Python, may inherit ``batchwise`` from one of
+    ours, or have an attribute of this name that means something else.
+    """
+    return layer.type != "Python" and type(layer).__module__.partition(".")[0] in NAMES
+
+
 def _runs_for(row: list[Connection], users: Mapping[Blob, int], stored: Set[Blob]) -> list[Run]:
     """Plan the runs of a row of layers, in slices if this is faster.
 
@@ -122,7 +135,7 @@ def _runs_for(row: list[Connection], users: Mapping[Blob, int], stored: Set[Blob
     """
     unstored = _unstored_blobs(row, users, stored)
     # slices are not faster; includes the empty row
-    if all(traits_of(at.layer).elementwise for at in row):
+    if all(at.layer.elementwise for at in row):
         return [whole(at) for at in row]
     order = _pool_first(row, unstored)
     tiles = _agree_on_tiles(order, unstored)
@@ -166,12 +179,17 @@ def _may_follow(at: Connection, pool: Connection, unstored: list[Blob]) -> bool:
         return False
     if pool.top[0] not in unstored:  # a caller would find the wrong gradient in its diff
         return False
-    return traits_of(at.layer).monotone and traits_of(pool.layer).takes_maximum
+    takes_maximum = isinstance(pool.layer, FastLayer) and pool.layer.takes_maximum()
+    return _is_monotone(at.layer) and takes_maximum
+
+
+def _is_monotone(layer: Layer) -> bool:
+    return isinstance(layer, FastLayer) and layer.is_monotone()
 
 
 def _is_overwritten(blob: Blob, later: list[Connection]) -> bool:
     """Whether a later layer in place changes which values of the blob are positive."""
-    return any(top is blob and not traits_of(at.layer).monotone for at in later for top in at.top)
+    return any(top is blob and not _is_monotone(at.layer) for at in later for top in at.top)
 
 
 def _agree_on_tiles(order: list[Connection], unstored: list[Blob]) -> dict[Blob, int]:
@@ -196,7 +214,7 @@ def _wish(use: Use, tiles: dict[Blob, int]) -> int | None:
     """The layout that is fastest for a layer: the size of tiles, plain (None), or ``ANY``."""
     at = use.at
     if use.reads and use.writes:
-        return ANY if traits_of(at.layer).elementwise else None
+        return ANY if at.layer.elementwise else None
     if not isinstance(at.layer, FastLayer):
         return None
     if use.writes:

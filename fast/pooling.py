@@ -42,6 +42,13 @@ class FastPooling(FastLayer, Pooling):
         self.tile = MaxTiles.tile(self, len(top))
         self.tiles: MaxTiles | None = None
 
+    def takes_maximum(self) -> bool:
+        """Whether the layer is max pooling without empty windows, and without a mask, which would
+        depend on a layer that is moved.
+        """
+        is_full = all(stride <= kernel for stride, kernel in zip(self.stride, self.kernel))
+        return self.is_max and is_full and len(self.spec.top) == 1
+
     def bottom_tile(self, top_tile: int | None) -> int | None:
         """The size of a window, or None for other algorithms."""
         return self.tile

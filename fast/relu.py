@@ -17,6 +17,10 @@ from netlib.system.memory import blocks
 class FastReLU(FastLayer, ReLU):
     """ReLU for large blobs."""
 
+    def is_monotone(self) -> bool:
+        """Whether negative values become 0."""
+        return bool(self.slope == 0)
+
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         """Compute y = max(x, 0) + slope min(x, 0): the larger one of x and slope x, or the
         smaller if slope > 1.
@@ -50,3 +54,7 @@ class FastReLU(FastLayer, ReLU):
 
 class FastReLU6(FastLayer, ReLU6):
     """ReLU6, which another layer may compute."""
+
+    def is_monotone(self) -> bool:
+        """Whether negative values become 0."""
+        return bool(self.leak == 0)

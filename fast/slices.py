@@ -39,7 +39,6 @@ from fast.last_pass import LastPass, with_params
 from fast.parallel import buffer_of
 from fast.plan import Run, Use, uses_of
 from fast.tiles import FastBlob
-from fast.traits import traits_of
 from netlib.blob import Array, Blob, Blobs
 from netlib.engine import Connection, Missing, Step, versions_of
 from netlib.errors import NetlibError
@@ -194,8 +193,8 @@ class SlicedStep(Step):
         """Whether values of a pass may be needed that the pass does not store: blobs, or
         what layers keep.
         """
-        keeps = any(traits_of(at.layer).keeps for at in self.connections)
-        return bool(self.unstored) or (self._needs_backward and keeps)
+        reads_kept = any(at.layer.reads_kept for at in self.connections)
+        return bool(self.unstored) or (self._needs_backward and reads_kept)
 
     def has_state(self) -> bool:
         """Whether the last forward pass of the slices is complete."""

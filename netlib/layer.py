@@ -47,6 +47,11 @@ class Layer:
     param_str           the string of a Python layer's ``python_param``
     blobs               the parameters, in the order in which new_param created them
     rng                 the random generator of this layer
+
+    The attributes from ``batchwise`` to ``reads_kept`` state what is known of the computation. The
+    defaults hold for every layer; setup or reshape sets what depends on options or shapes. Engines
+    rely on them for the layer types of this project, whose statements the tests prove, and not for
+    a user's class: a subclass inherits them and may compute something else.
     """
 
     param: Any
@@ -63,8 +68,15 @@ class Layer:
     bottoms: ClassVar[tuple[int, int | None]] = (0, None)
     tops: ClassVar[tuple[int, int | None]] = (0, None)
     in_place: ClassVar[bool] = True  # whether a top may be the same blob as its bottom
-    # backward reads the data of the tops, so no layer in place may overwrite them
-    reads_top: bool = False
+    # item n of a top depends only on item n of the bottoms, so a copy of the layer may run on a
+    # slice of the batch; it has its own parameters, in ``blobs`` and by name
+    batchwise: bool = False
+    # batchwise, each top value depends only on one bottom value, and f(0) is finite
+    elementwise: bool = False
+    reads_bottom: bool = True  # backward reads the data of the bottoms
+    # backward reads the data of the tops, so no layer in place may overwrite them; None: unknown
+    reads_top: bool | None = None
+    reads_kept: bool = True  # backward reads what forward kept in the layer
     reads_signs: bool = False  # backward reads which values of the tops are positive
     # where a gradient flows, a value is positive after the layer iff it was before
     keeps_signs: ClassVar[bool] = False

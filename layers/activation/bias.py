@@ -37,13 +37,16 @@ class Broadcast(Layer):
     """Base class of Bias and Scale: a parameter, or a second bottom, is broadcast over
     some axes of x.
 
-    axis    its first axis in x
-    wide    its shape for broadcasting
-    others  the other axes of x
+    learned  whether it is the parameter
+    axis     its first axis in x
+    wide     its shape for broadcasting
+    others   the other axes of x
     """
 
+    learned: bool
     bottoms = (1, 2)
     tops = (1, 1)
+    reads_top = False
 
     def _param_on_axes(self, name: str, x: Blob) -> Blob:
         """Create the parameter on the axes of x that the options select. Raises LayerError."""
@@ -67,12 +70,15 @@ class Broadcast(Layer):
             )
         self.wide = shape + (1,) * (len(x.shape) - end)
         self.others = tuple(i for i in range(len(x.shape)) if not self.axis <= i < end)
+        # a second bottom may have another number of items
+        self.batchwise = self.learned and 0 in self.others
 
 
 class Bias(Broadcast):
     """Learned bias."""
 
     param: BiasParameter
+    reads_bottom = False
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         self.learned = len(bottom) == 1

@@ -9,8 +9,8 @@ dx = dy slope(x)
 A subclass defines these two formulas as ``_write`` and ``_slope``. They are computed in
 blocks that stay in the cache with their temporary arrays.
 
-Kept for backward: ``x``, because in place y overwrites it. With ``from_y``, the slope is computed
-from y instead.
+Kept for backward: ``x``, because in place y overwrites it. With ``reads_top``, the slope is
+computed from y instead.
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ class Elementwise(Layer):
     """Base class of activations."""
 
     bottoms = tops = (1, 1)
-    from_y = False
+    batchwise = True
+    reads_top = False
 
     def _write(self, x: Array, y: Array) -> None:
         """Compute y for some values of x. y may be x itself, so x is not read after a part of
@@ -37,14 +38,14 @@ class Elementwise(Layer):
         raise NotImplementedError(f"{type(self).__name__} has no _write")
 
     def _slope(self, x: Array) -> Array:
-        """dy/dx for some values of x, or of y with ``from_y``."""
+        """dy/dx for some values of x, or of y with ``reads_top``."""
         raise NotImplementedError(f"{type(self).__name__} has no _slope")
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         top[0].reshape(bottom[0].shape)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        if bottom[0] is top[0] and not self.from_y:
+        if bottom[0] is top[0] and not self.reads_top:
             self.x = bottom[0].data.copy()
         x, y = bottom[0].data.reshape(-1), top[0].data.reshape(-1)
         for part in blocks(x.size, BLOCK):
@@ -52,8 +53,9 @@ class Elementwise(Layer):
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:
-            read = top[0].data if self.from_y else self.x if bottom[0] is top[0] else bottom[0].data
-            read, dy, dx = read.reshape(-1), top[0].diff.reshape(-1), bottom[0].diff.reshape(-1)
+            x = self.x if bottom[0] is top[0] and not self.reads_top else bottom[0].data
+            read = top[0].data.reshape(-1) if self.reads_top else x.reshape(-1)
+            dy, dx = top[0].diff.reshape(-1), bottom[0].diff.reshape(-1)
             for part in blocks(read.size, BLOCK):
                 np.multiply(dy[part], self._slope(read[part]), out=dx[part])
 

@@ -31,7 +31,7 @@ class Exp(Elementwise):
     """Exponential function of a linear function."""
 
     param: ExpParameter
-    reads_top = from_y = True
+    reads_bottom, reads_top = False, True
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         base = self.param.base

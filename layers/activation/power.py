@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from layers.activation.elementwise import Elementwise
-from netlib.blob import Array
+from netlib.blob import Array, Blobs
 from netlib.proto.schema import numbered
 
 
@@ -31,6 +31,9 @@ class Power(Elementwise):
     """Power function of a linear function."""
 
     param: PowerParameter
+
+    def setup(self, bottom: Blobs, top: Blobs) -> None:
+        self.reads_bottom = self.param.power != 1
 
     def _write(self, x: Array, y: Array) -> None:
         p = self.param

@@ -39,6 +39,8 @@ class PReLU(Layer):
     param: PReLUParameter
     param_name = "prelu_param"
     bottoms = tops = (1, 1)
+    batchwise = True
+    reads_top = False
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         shape = () if self.param.channel_shared else bottom[0].shape[1:2]

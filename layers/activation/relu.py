@@ -35,6 +35,8 @@ class ReLU(Layer):
     param: ReLUParameter
     param_name = "relu_param"
     bottoms = tops = (1, 1)
+    elementwise = batchwise = True
+    reads_top = reads_kept = False
     keeps_signs = True
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:

@@ -32,12 +32,17 @@ class ReLU6(Elementwise):
 
     param: ReLU6Parameter
     param_name = "relu6_param"
+    elementwise = True
+    reads_kept = False
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
-        self.reads_top = self.from_y = bottom[0] is top[0]
         self.leak = self.dtype.type(self.param.negative_slope)
         if self.leak < 0 and bottom[0] is top[0]:
             raise self.fail("a negative negative_slope cannot run in place", "negative_slope")
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        super().reshape(bottom, top)
+        self.reads_top = bottom[0] is top[0]
 
     def _write(self, x: Array, y: Array) -> None:
         (self._unlimited(x) if self.leak else x).clip(-np.inf if self.leak else 0, 6, out=y)

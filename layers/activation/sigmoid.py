@@ -27,7 +27,8 @@ class Sigmoid(Elementwise):
     """Logistic function."""
 
     param: SigmoidParameter
-    reads_top = from_y = True
+    elementwise = True
+    reads_bottom, reads_top = False, True
 
     def _write(self, x: Array, y: Array) -> None:
         sigmoid(x, out=y)

@@ -30,7 +30,8 @@ class TanH(Elementwise):
 
     param: TanHParameter
     param_name = "tanh_param"
-    reads_top = from_y = True
+    elementwise = True
+    reads_bottom, reads_top = False, True
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         np.tanh(bottom[0].data, out=top[0].data)

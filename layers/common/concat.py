@@ -33,6 +33,7 @@ class Concat(Layer):
     bottoms = (1, None)
     tops = (1, 1)
     in_place = False
+    reads_bottom = reads_top = False
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         if self.param.concat_dim is not None and schema.is_given(self.param, "axis"):
@@ -53,6 +54,7 @@ class Concat(Layer):
                 raise self.fail(
                     f"bottom {name!r} {shape} and {self.spec.bottom[0]!r} {first} may differ only along axis {axis}"
                 )
+        self.batchwise = axis > 0
         sizes = [x.shape[axis] for x in bottom]
         self.ends = np.cumsum(sizes)[:-1]
         top[0].reshape(*first[:axis], sum(sizes), *first[axis + 1 :])

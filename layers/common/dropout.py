@@ -36,6 +36,7 @@ class Dropout(Layer):
 
     param: DropoutParameter
     bottoms = tops = (1, 1)
+    reads_bottom = reads_top = False
     keeps_signs = True
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
@@ -46,6 +47,7 @@ class Dropout(Layer):
             )
         drops = self.phase == TRAIN or self.param.sample_weights_test
         self.active = drops and p > 0
+        self.batchwise = p == 0 or not drops  # random numbers are drawn for the whole batch
         scales_now = drops or self.param.scale_train
         self.in_training = self.dtype.type(1 / (1 - p) if self.param.scale_train else 1)
         self.in_test = self.dtype.type(1 if scales_now else 1 - p)

@@ -42,6 +42,7 @@ class Eltwise(Layer):
     bottoms = (2, None)
     tops = (1, 1)
     in_place = False
+    batchwise = True
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         coeff = self.param.coeff
@@ -52,7 +53,8 @@ class Eltwise(Layer):
         if self.param.operation == "MAX":
             warn_of_ignored(self, "coeff", advice=" with MAX")
         self.coeff = coeff or (1.0,) * len(bottom)
-        self.reads_top = self.param.operation == "PROD" and not self.param.stable_prod_grad
+        self.reads_bottom = self.param.operation == "PROD"
+        self.reads_top = self.reads_bottom and not self.param.stable_prod_grad
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         for i, x in enumerate(bottom):

@@ -42,12 +42,14 @@ class InnerProduct(Layer):
     param: InnerProductParameter
     bottoms = tops = (1, 1)
     in_place = False
+    reads_top = reads_kept = False
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         p = self.param
         if p.num_output == 0:
             raise self.fail("num_output must be at least 1", "num_output")
         self.axis = self.canonical_axis(p.axis, bottom[0])
+        self.batchwise = self.axis > 0
         self.inputs = math.prod(bottom[0].shape[self.axis :])
         shape = (self.inputs, p.num_output) if p.transpose else (p.num_output, self.inputs)
         self.weight = self.new_param("weight", shape, p.weight_filler)

@@ -34,6 +34,7 @@ class Permute(Layer):
     param: PermuteParameter
     bottoms = tops = (1, 1)
     in_place = False
+    reads_bottom = reads_top = False
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         x, order = bottom[0].shape, self.param.order
@@ -44,6 +45,7 @@ class Permute(Layer):
                 "order",
             )
         self.axes = (*order, *(axis for axis in range(len(x)) if axis not in order))
+        self.batchwise = self.axes[:1] == (0,)
         top[0].reshape([x[axis] for axis in self.axes])
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:

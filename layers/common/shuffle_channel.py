@@ -33,6 +33,8 @@ class ShuffleChannel(Layer):
     param: ShuffleChannelParameter
     bottoms = tops = (1, 1)
     in_place = False
+    batchwise = True
+    reads_bottom = reads_top = False
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         shape, group = bottom[0].shape, self.param.group

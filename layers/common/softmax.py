@@ -36,10 +36,11 @@ class Softmax(Layer):
 
     param: SoftmaxParameter
     bottoms = tops = (1, 1)
-    reads_top = True
+    reads_bottom, reads_top = False, True
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         self.axis = self.canonical_axis(self.param.axis, bottom[0])
+        self.batchwise = self.axis > 0
         top[0].reshape(bottom[0].shape)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:

@@ -21,6 +21,8 @@ class Split(Layer):
     bottoms = (1, 1)
     tops = (1, None)
     in_place = False
+    elementwise = batchwise = True
+    reads_bottom = reads_top = reads_kept = False
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         for y in top:

@@ -53,6 +53,7 @@ class BatchNorm(Layer):
 
     param: BatchNormParameter
     bottoms = tops = (1, 1)
+    reads_bottom = reads_top = False
     moving = True
     rejected_blocks: ClassVar[dict[str, str]] = {
         "bn_param": 'bn_param belongs to the type BN; expected batch_norm_param, or type: "BN"'
@@ -61,6 +62,7 @@ class BatchNorm(Layer):
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         given = self.param.use_global_stats
         self.uses_sums = self.phase == TEST if given is None else given
+        self.batchwise = self.uses_sums
         if len(bottom[0].shape) < 2:
             raise self.fail(
                 f"bottom {self.spec.bottom[0]!r} has shape {bottom[0].shape}, expected (N, C, ...)"

@@ -68,6 +68,7 @@ class BN(Layer):
     param_name = "bn_param"
     bottoms = (1, 1)
     tops = (1, 3)
+    reads_bottom = reads_top = False
     moving = True
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
@@ -92,6 +93,7 @@ class BN(Layer):
             )
         self.averages = bool(pspnet)
         self.of_batch = not (p.frozen or self.phase == TEST) if pspnet else p.bn_mode == "LEARN"
+        self.batchwise = not self.of_batch
         self.eps = p.eps if pspnet else 1e-9
         shape = (1, bottom[0].shape[1], 1, 1)
         self.scale = self.new_param("scale", shape, p.slope_filler if pspnet else p.scale_filler)

@@ -44,6 +44,8 @@ class LRN(Layer):
     param: LRNParameter
     bottoms = tops = (1, 1)
     in_place = False
+    batchwise = True
+    reads_top = False
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         p = self.param

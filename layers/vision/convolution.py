@@ -28,6 +28,7 @@ and dx adds every column of dcolumns at the position of its patch (col2im).
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from typing import ClassVar
@@ -45,6 +46,7 @@ class Convolution(SlidingWindow):
     bottoms: ClassVar[tuple[int, int | None]] = (1, None)
     tops: ClassVar[tuple[int, int | None]] = (1, None)
     in_place = False
+    reads_top = reads_kept = False
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         if len(bottom) != len(top):
@@ -131,6 +133,7 @@ class Convolution(SlidingWindow):
         """For each kernel element, in row-major order, the part of the padded image under it
         in all windows.
         """
-        for element in np.ndindex(self.kernel):
-            steps = zip(element, self.dilation, self.stride, y_shape[1:])
-            yield slice(None), *(slice(i * d, i * d + (n - 1) * s + 1, s) for i, d, s, n in steps)
+        axes = [[slice(None)]]  # all channels
+        for k, d, s, n in zip(self.kernel, self.dilation, self.stride, y_shape[1:]):
+            axes.append([slice(i * d, i * d + (n - 1) * s + 1, s) for i in range(k)])
+        return itertools.product(*axes)

@@ -24,6 +24,7 @@ class Im2col(Convolution):
 
     param_name = "convolution_param"
     bottoms = tops = (1, 1)
+    reads_bottom = False
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         self._read_windows(bottom[0])

@@ -58,9 +58,11 @@ class Interp(ZeroGradient):
     bottoms = (1, 2)
     tops = (1, 1)
     in_place = False
+    reads_bottom = reads_top = False
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         p = self.param
+        self.batchwise = len(bottom) == 1  # a second bottom may have another number of items
         for name in ("zoom_factor", "shrink_factor"):
             if getattr(p, name) < 1:
                 raise self.fail(f"{name} is {getattr(p, name)}, expected at least 1", name)

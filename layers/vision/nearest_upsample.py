@@ -30,6 +30,8 @@ class NearestUpsample(Layer):
     param_name = "upsample_param"
     bottoms = tops = (1, 1)
     in_place = False
+    batchwise = True
+    reads_bottom = reads_top = False
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         for name in WITH_MASK:

@@ -36,6 +36,8 @@ class Pooling(SlidingWindow):
     bottoms = (1, 1)
     tops = (1, 2)
     in_place = False
+    batchwise = True
+    reads_bottom = reads_top = False
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         p = self.param

@@ -44,6 +44,8 @@ class Upsample(Layer):
     bottoms = (2, 2)
     tops = (1, 1)
     in_place = False
+    batchwise = True
+    reads_top = False
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         p = self.param

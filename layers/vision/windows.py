@@ -88,17 +88,15 @@ class SlidingWindow(Layer):
         """
         p = self.param
         self.axis = self.canonical_axis(p.axis, bottom)
+        self.batchwise = self.axis > 0
         self.channels, *sizes = bottom.shape[self.axis :]
         self.kernel = self._each("kernel", p.kernel_size, (p.kernel_h, p.kernel_w), 0, len(sizes))
         self.stride = self._each("stride", p.stride, (p.stride_h, p.stride_w), 1, len(sizes))
         self.pad = self._each("pad", p.pad, (p.pad_h, p.pad_w), 0, len(sizes))
         self.dilation = self._each("dilation", p.dilation, (None, None), 1, len(sizes))
-        if 0 in self.kernel:
-            raise self.fail(
-                "needs kernel_size, or kernel_h and kernel_w, of at least 1", "kernel_size"
-            )
-        if 0 in self.stride + self.dilation:
-            raise self.fail("stride and dilation must be at least 1")
+        self._check_sizes()
+        if 0 in self.dilation:
+            raise self.fail(f"dilation is {self.dilation}, expected at least 1", "dilation")
 
     def _each(
         self,
@@ -121,10 +119,6 @@ class SlidingWindow(Layer):
                     f"{name}_h and {name}_w are for 2 spatial axes, found {axes}; expected {option}"
                 )
             given = tuple(value or 0 for value in h_w)
-            if default and 0 in given:
-                raise self.fail(
-                    f"{name}_h and {name}_w are ({given[0]}, {given[1]}); expected both, of at least 1"
-                )
         if len(given) > 1 and len(given) != axes:
             raise self.fail(f"{len(given)} values of {option} for {axes} spatial axes", option)
         return given if len(given) > 1 else (given or (default,)) * axes
@@ -164,6 +158,18 @@ class SlidingWindow(Layer):
                 f"its weights {weight} expect {self.channels}"
             )
 
+    def _check_sizes(self) -> None:
+        """Raise LayerError if a number of the kernel or the stride is 0 or missing."""
+        if 0 in self.kernel:
+            raise self.fail(
+                "needs kernel_size, or kernel_h and kernel_w, of at least 1", "kernel_size"
+            )
+        if 0 in self.stride:
+            raise self.fail(
+                f"stride is {self.stride}; expected stride, or stride_h and stride_w, of at least 1",
+                "stride",
+            )
+
     def _extent(self) -> tuple[int, ...]:
         """Size of the dilated kernel."""
         return tuple(d * (k - 1) + 1 for d, k in zip(self.dilation, self.kernel))
@@ -175,49 +181,51 @@ class SlidingWindow(Layer):
 
         Raises LayerError.
         """
-        p, block = self.param, self.spec.blocks.get("pooling_param")
-        for both, each in (("kernel_size", "kernel"), ("pad", "pad"), ("stride", "stride")):
-            one, two, three = (
-                block is not None and bool(block.values(n))
-                for n in (both, f"{each}_h", f"{each}_w")
-            )
-            # the only pair of which Caffe accepts this
-            if one and two != three and both == "kernel_size":
-                warn_of_ignored(
-                    self, "kernel_h", "kernel_w", advice="; kernel_size takes precedence"
-                )
-            elif one and (two or three):
-                raise self.fail(f"give either {both}, or {each}_h and {each}_w", both)
-            elif two != three:
-                raise self.fail(f"needs {both}, or {each}_h and {each}_w", both)
-        if p.ceil_mode is not None:
-            rounded = "CEIL" if p.ceil_mode else "FLOOR"
-            if schema.is_given(p, "round_mode") and p.round_mode != rounded:
-                raise self.fail(
-                    f"ceil_mode: {str(p.ceil_mode).lower()} is round_mode: {rounded}, but "
-                    f"round_mode: {p.round_mode} is given; expected one of them",
-                    "ceil_mode",
-                )
-            self.param = schema.changed(p, round_mode=rounded)
-        if p.global_pooling and (p.kernel_size or p.kernel_h or p.kernel_w):
-            raise self.fail("global_pooling does not allow a kernel size", "global_pooling")
+        for option, name in (("kernel_size", "kernel"), ("pad", "pad"), ("stride", "stride")):
+            self._check_alternatives(option, name)
+        p = self.param = self._rounded(self.param)
         self.pad = (_or(p.pad_h, p.pad), _or(p.pad_w, p.pad))
         self.stride = (_or(p.stride_h, p.stride), _or(p.stride_w, p.stride))
-        self.kernel = (
-            (p.kernel_size,) * 2
-            if p.kernel_size is not None
-            else (p.kernel_h or 0, p.kernel_w or 0)
-        )
-        if p.global_pooling and (self.pad, self.stride) != ((0, 0), (1, 1)):
-            raise self.fail("global_pooling needs pad 0 and stride 1", "global_pooling")
-        if not p.global_pooling and not all(self.kernel):
-            raise self.fail(
-                "needs kernel_size, or kernel_h and kernel_w, of at least 1", "kernel_size"
-            )
-        if not all(self.stride):
-            raise self.fail("stride must be at least 1", "stride")
-        if not p.global_pooling and any(pad >= k for pad, k in zip(self.pad, self.kernel)):
+        self.kernel = (p.kernel_h or 0, p.kernel_w or 0)
+        if p.kernel_size is not None:
+            self.kernel = (p.kernel_size, p.kernel_size)
+        if p.global_pooling:
+            if self.kernel != (0, 0):
+                raise self.fail("global_pooling does not allow a kernel size", "global_pooling")
+            if (self.pad, self.stride) != ((0, 0), (1, 1)):
+                raise self.fail("global_pooling needs pad 0 and stride 1", "global_pooling")
+            return
+        self._check_sizes()
+        if any(pad >= k for pad, k in zip(self.pad, self.kernel)):
             raise self.fail(f"pad {self.pad} must be smaller than the kernel {self.kernel}", "pad")
+
+    def _check_alternatives(self, option: str, name: str) -> None:
+        """Raise LayerError unless an option is given once for both axes, or for each, or not."""
+        block = self.spec.blocks.get("pooling_param")
+        names = (option, f"{name}_h", f"{name}_w")
+        is_given, has_h, has_w = (block is not None and bool(block.values(n)) for n in names)
+        if is_given and option == "kernel_size" and has_h != has_w:  # Caffe accepts only this pair
+            warn_of_ignored(self, "kernel_h", "kernel_w", advice="; kernel_size takes precedence")
+        elif is_given and (has_h or has_w):
+            raise self.fail(f"give either {option}, or {name}_h and {name}_w", option)
+        elif has_h != has_w:
+            raise self.fail(f"needs {option}, or {name}_h and {name}_w", option)
+
+    def _rounded(self, p: PoolingParameter) -> PoolingParameter:
+        """The options with ``ceil_mode`` as ``round_mode``.
+
+        Raises LayerError if they contradict each other.
+        """
+        if p.ceil_mode is None:
+            return p
+        rounded = "CEIL" if p.ceil_mode else "FLOOR"
+        if schema.is_given(p, "round_mode") and p.round_mode != rounded:
+            raise self.fail(
+                f"ceil_mode: {str(p.ceil_mode).lower()} is round_mode: {rounded}, but "
+                f"round_mode: {p.round_mode} is given; expected one of them",
+                "ceil_mode",
+            )
+        return schema.changed(p, round_mode=rounded)
 
     def _check_map(self, x: Blob) -> None:
         """Raise LayerError unless the bottom is a non-empty map with four axes."""

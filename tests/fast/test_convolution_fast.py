@@ -16,7 +16,6 @@ from fast.convolution import ByGroup, Contained, FastConvolution, FastDeconvolut
 from fast.depthwise import Depthwise, Filter
 from fast.fusing import After
 from fast.geometry import Algorithm, Geometry
-from fast.phases import Phases
 from fast.row_winograd import RowWinograd
 from fast.rows import Rows
 from fast.winograd import Winograd
@@ -175,8 +174,6 @@ def geometry_for(algorithm: Algorithm, rng: np.random.Generator, channels: int) 
         return Geometry(
             kernel, two(1, 4), tuple(k // 2 if k % 2 else 0 for k in kernel), (1, 1), channels
         )
-    if isinstance(algorithm, Phases):
-        return Geometry(two(1, 5), (1, 1), two(0, 4), two(1, 4), 1)
     kernel = two(1, 6)
     if isinstance(algorithm, (RowWinograd, Winograd)):
         kernel = (5, 5) if isinstance(algorithm, RowWinograd) and rng.random() < 0.5 else (3, 3)
@@ -187,7 +184,7 @@ def geometry_for(algorithm: Algorithm, rng: np.random.Generator, channels: int) 
 
 @pytest.mark.parametrize(
     "algorithm",
-    [Filter(), Depthwise(), Rows(), RowWinograd(), Winograd(), Phases((Columns(),))],
+    [Filter(), Depthwise(), Rows(), RowWinograd(), Winograd()],
     ids=lambda algorithm: type(algorithm).__name__,
 )
 @pytest.mark.parametrize("case", range(25))
@@ -270,12 +267,11 @@ def test_the_choice(
     assert [name_of(a) for a in (chosen.correlate, chosen.transpose, chosen.gradient)] == names
 
 
-def test_the_choice_with_dilation() -> None:
-    """Maps of many channels are computed in phases, and those of which little is left not."""
+def test_the_general_algorithm_computes_maps_with_dilation() -> None:
     g = Geometry((3, 3), (1, 1), (2, 2), (2, 2), 1)
-    for size, names in ((32, ["Phases"] * 3), (10, ["Columns"] * 3)):
-        chosen = choose(g, (2, 128, size, size), (2, 128, size, size))
-        assert [name_of(a) for a in (chosen.correlate, chosen.transpose, chosen.gradient)] == names
+    chosen = choose(g, (2, 128, 32, 32), (2, 128, 32, 32))
+    names = [name_of(a) for a in (chosen.correlate, chosen.transpose, chosen.gradient)]
+    assert names == ["Columns"] * 3
 
 
 def name_of(algorithm: Algorithm) -> str:

@@ -68,9 +68,9 @@ CASES: list[tuple[str, str, tuple[int, ...], list[str]]] = [
     ),
     (
         "Convolution",
-        "num_output: 128 kernel_size: 3 pad: 2 dilation: 2",
-        (2, 128, 32, 30),
-        ["Phases"] * 3,
+        "num_output: 16 kernel_size: 3 pad: 2 dilation: 2",
+        (2, 16, 32, 30),
+        ["Columns"] * 3,
     ),
     ("Deconvolution", "num_output: 48 kernel_size: 3 pad: 1", (7, 48, 16, 16), ["Winograd"] * 3),
     (

@@ -13,6 +13,7 @@ IMAGE, ITEMS, NEAR = (1, 1, 5, 5), (2, 3), (1, 1, 2, 2)
 PRIOR = [(1, 4), (1, 2), [[[0, 0, 1, 1], [0.1] * 4]]]  # one box and its two confidences
 X4, CONT = (4, 2, 5), (4, 2)  # a sequence of 4 steps of 2 streams, and its marks
 KERNEL = "needs kernel_size, or kernel_h and kernel_w"
+STRIDE = "stride is {}; expected stride, or stride_h and stride_w, of at least 1"
 ITEM = "bottoms 'bottom0' {} and 'bottom1' {} must have the same number of items and of values per item"
 LABELS = "labels 'bottom1' {} do not fit scores 'bottom0' {}; expected {}"
 SHAPE = "bottom 'bottom{}' has shape {}, expected {}"
@@ -496,13 +497,11 @@ BAD = [
             (f"num_output: 2 {options}", [(1, 3, 5, 5)], line)
             for options, line in (
                 ("kernel_h: 3", f"{KERNEL}, of at least 1"),
-                (
-                    "kernel_size: 3 stride_h: 2",
-                    "stride_h and stride_w are (2, 0); expected both, of at least 1",
-                ),
+                ("kernel_size: 3 stride_h: 2", STRIDE.format((2, 0))),
                 ("kernel_size: 3 kernel_h: 3", "give either kernel_size, or kernel_h and kernel_w"),
                 ("kernel_size: 2 pad: [1, 1, 1]", "3 values of pad for 2 spatial axes"),
-                ("kernel_size: 2 stride: 0", "stride and dilation must be at least 1"),
+                ("kernel_size: 2 stride: 0", STRIDE.format((0, 0))),
+                ("kernel_size: 2 dilation: [1, 0]", "dilation is (1, 0), expected at least 1"),
                 ("kernel_size: 2 group: 0", GROUP),
                 (
                     "kernel_size: 6",
@@ -654,7 +653,7 @@ BAD = [
                 ("kernel_h: 2", KERNEL),
                 ("kernel_size: 2 stride_h: 2", "needs stride, or stride_h and stride_w"),
                 ("kernel_size: 2 pad_w: 1", "needs pad, or pad_h and pad_w"),
-                ("kernel_size: 2 stride: 0", "stride must be at least 1"),
+                ("kernel_size: 2 stride: 0", STRIDE.format((0, 0))),
                 ("kernel_size: 2 pad: 2", "pad (2, 2) must be smaller than the kernel (2, 2)"),
                 (
                     "kernel_size: 2 global_pooling: true",

@@ -282,7 +282,8 @@ def test_centers(frame):
 def test_the_crop_is_moved_as_often_as_refine_says(frame, monkeypatch):
     cameras = []
     monkeypatch.setattr(
-        estimating, "recenter", lambda *given: cameras.append(given[-1]) or given[2] + (5, 0, 0)
+        "handpose.estimate.estimator.recenter",
+        lambda *given: cameras.append(given[-1]) or given[2] + (5, 0, 0),
     )
     for hand, times, way in (("left", 1, -1), ("right", 3, 1), ("right", 0, 1)):
         options = ["--center", "250,200,700", "--hand", hand, "--refine", str(times)]

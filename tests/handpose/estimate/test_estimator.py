@@ -47,8 +47,7 @@ def test_a_crop_at_rest_is_looked_at_once(
     """A crop that does not move is evaluated once, for any limit on the moves."""
     looks: list[int] = []
     monkeypatch.setattr(
-        estimating,
-        "recenter",
+        "handpose.estimate.estimator.recenter",
         lambda joints, skeleton, center, *rest: looks.append(1) or center.copy(),
     )
     found = Predictor(seeing, KINECT2, refine=100).in_frame(frame, (260, 210, 690))

@@ -5,7 +5,6 @@ import logging
 import numpy as np
 import pytest
 
-from fast.traits import traits_of
 from tests.support.nets import inputs
 
 
@@ -178,13 +177,6 @@ def test_ignored_sizes_are_reported(run, caplog):
         )
     for what in ("ignores height", "ignores width", "size of bottom 'bottom1' is ignored"):
         assert what in caplog.text
-
-
-def test_an_upsample_without_a_mask_runs_in_slices(run):
-    """The fast engine runs it in slices of the batch with its neighbours."""
-    assert traits_of(
-        run('type: "Upsample" upsample_param { scale: 3 }', np.zeros((1, 1, 2, 2))).layer
-    ).batchwise
 
 
 @pytest.mark.parametrize(
