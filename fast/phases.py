@@ -20,8 +20,7 @@ from fast.fusing import After
 from fast.geometry import MAX_EXCESS, Algorithm, Geometry, Sizes, Sum, check_finite, inside
 from fast.parallel import scratch
 from fast.row_winograd import TILE
-from netlib.blob import Array
-from netlib.system.memory import blocks
+from netlib.blob import Array, blocks
 
 BLOCK_BYTES = 8 << 20  # of the images
 MIN_OUTPUTS = 14  # along an axis of an image, which has kh - 1 more rows

@@ -25,9 +25,8 @@ from handpose.fit.rounding import NETWORK_STEP, rounded
 from handpose.fit.search import Plan, turned_back
 from handpose.frames.cameras import Camera
 from handpose.frames.crops import mirror_shift
-from netlib.blob import Array
+from netlib.blob import Array, blocks
 from netlib.net import Net
-from netlib.system.memory import blocks
 
 MAX_CROPS = 128  # number of crops in one pass of the network
 
