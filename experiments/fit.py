@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from handpose.body.sides import SIDES
 from handpose.estimate.estimator import Candidate, HandEstimator, fit_starts
-from handpose.estimate.nets import refuse_other_bodies, skeleton_to_fit, trained
+from handpose.estimate.nets import refuse_other_bodies, skeleton_to_fit
 from handpose.estimate.packaged import SYNTHETIC_HAND, checked_content, read_card
 from handpose.fit.depth_fit import DepthFitter
 from handpose.fit.pose_confidence import GOOD_MM
@@ -37,6 +37,7 @@ from handpose.synthetic import recipes
 from handpose.synthetic.generator import BLOCK, Generator, Scene
 from netlib.blob import Array
 from netlib.net import Net
+from netlib.trained import trained
 from tools.common.arguments import add_engine, count, seed
 from tools.common.console import DONE, aligned, say
 from tools.common.progress import ProgressBar

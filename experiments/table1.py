@@ -29,7 +29,6 @@ from typing import NamedTuple
 import numpy as np
 
 from handpose.body import nyu
-from handpose.estimate.nets import trained
 from handpose.fit.joints import angles, companions
 from handpose.fit.joints.fit_joints import fit_joints
 from handpose.scoring import metrics
@@ -43,6 +42,7 @@ from netlib.files import atomic, hdf5, make_folder
 from netlib.files.paths import ROOT
 from netlib.proto import prototxt
 from netlib.proto.prototxt import Message, Scalar
+from netlib.trained import trained
 from netlib.training import solver_parameter
 from tools.common import training
 from tools.common.arguments import seed, weight, whole, workers
