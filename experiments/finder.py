@@ -38,7 +38,7 @@ from handpose.synthetic.whole_scenes import BLOCK, HEIGHT, WIDTH, SceneGenerator
 from handpose.tracking.track import PARTLY
 from netlib.blob import Array
 from netlib.errors import DataError
-from netlib.trained import trained
+from netlib.training.trained import trained
 from tools.common.arguments import add_engine, count, seed
 from tools.common.console import DONE, aligned
 

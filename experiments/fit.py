@@ -37,7 +37,7 @@ from handpose.synthetic import recipes
 from handpose.synthetic.generator import BLOCK, Generator, Scene
 from netlib.blob import Array
 from netlib.net import Net
-from netlib.trained import trained
+from netlib.training.trained import trained
 from tools.common.arguments import add_engine, count, seed
 from tools.common.console import DONE, aligned, say
 from tools.common.progress import ProgressBar

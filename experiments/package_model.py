@@ -30,7 +30,7 @@ from handpose.synthetic import recipes
 from handpose.synthetic.generator import Generator
 from netlib.files import hdf5
 from netlib.net import Net
-from netlib.trained import trained
+from netlib.training.trained import trained
 from tools.common import outputs
 from tools.common.arguments import count, seed, whole
 from tools.common.console import DONE, say

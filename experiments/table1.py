@@ -42,8 +42,8 @@ from netlib.files import atomic, hdf5, make_folder
 from netlib.files.paths import ROOT
 from netlib.proto import prototxt
 from netlib.proto.prototxt import Message, Scalar
-from netlib.trained import trained
 from netlib.training import solver_parameter
+from netlib.training.trained import trained
 from tools.common import training
 from tools.common.arguments import seed, weight, whole, workers
 from tools.common.console import DONE, aligned, say

@@ -26,7 +26,7 @@ from export.onnx.graph import package
 from netlib.blob import Array
 from netlib.engine import Connection
 from netlib.net import Net
-from netlib.trained import Unfilled
+from netlib.training.trained import Unfilled
 
 TOLERANCE = 1e-5
 # of correct nets that amplify rounding, onnxruntime's error is up to 4.4 times the measured effect

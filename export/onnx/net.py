@@ -22,7 +22,7 @@ from netlib.proto.messages import LayerParameter, NetState
 from netlib.proto.net_parameter import load_parameter, select_layers
 from netlib.proto.options import layer_types
 from netlib.proto.schema import position_of
-from netlib.trained import trained
+from netlib.training.trained import trained
 
 Shapes = list[tuple[list[Shape], list[Shape]]]  # shapes of each layer's bottoms and tops
 

@@ -26,7 +26,7 @@ from netlib.errors import NetlibError, WeightsError
 from netlib.files import Content
 from netlib.files.paths import ROOT, find
 from netlib.snapshots import snapshot
-from netlib.trained import trained
+from netlib.training.trained import trained
 
 SYNTHETIC_HAND = ROOT / "models" / "synthetic_hand"
 PAPER_HAND = ROOT / "models" / "paper_hand"  # the paper's network, for the book

@@ -18,7 +18,7 @@ from handpose.synthetic.generator import Generator
 from layers.hand import skeleton as skeletons
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
-from netlib.trained import trained
+from netlib.training.trained import trained
 
 HALF_CUBE_MM = CUBE_MM / 2
 ROW = 64  # of the crop, whose profile is drawn

@@ -1,4 +1,4 @@
-"""netlib/trained.py: test nets with weights from a file."""
+"""netlib/training/trained.py: test nets with weights from a file."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 import netlib
 from netlib import layer
 from netlib.errors import PrototxtError, WeightsError
-from netlib.trained import trained
+from netlib.training.trained import trained
 from tests.support.nets import inputs
 
 NET = (
