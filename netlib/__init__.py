@@ -37,8 +37,7 @@ os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(1 << 28))
 if TYPE_CHECKING:
     from netlib import gradcheck
     from netlib.blob import Blob, Blobs
-    from netlib.caffe import install_as_caffe
-    from netlib.caffe._caffe import set_mode_cpu, set_mode_gpu
+    from netlib.caffe import install_as_caffe, set_mode_cpu, set_mode_gpu
     from netlib.layer import TEST, TRAIN, Layer
     from netlib.net import Net, set_random_seed
     from netlib.proto.options import layer_type_list
@@ -81,12 +80,10 @@ _MODULE_OF = {
     "Net": "net",
     "Solver": "solver",
     "get_solver": "solver",
-    "install_as_caffe": "caffe",
     "layer_type_list": "proto.options",
-    "set_mode_cpu": "caffe._caffe",
-    "set_mode_gpu": "caffe._caffe",
     "set_random_seed": "net",
 }
+_MODULE_OF |= dict.fromkeys(("install_as_caffe", "set_mode_cpu", "set_mode_gpu"), "caffe")
 
 
 def __getattr__(name: str) -> object:
@@ -97,7 +94,7 @@ def __getattr__(name: str) -> object:
     module = f"netlib.{_MODULE_OF.get(name, name)}"
     if name in _MODULE_OF:
         return getattr(import_module(module), name)
-    if not name.startswith("_") and find_spec(module):
+    if find_spec(module):
         return import_module(module)
     raise AttributeError(f"module 'netlib' has no attribute {name!r}")
 

@@ -99,15 +99,17 @@ def run(args: argparse.Namespace) -> int:
     if not args.check:
         return DONE
     of_outputs, of_layers = differences(args.out.read_bytes(), net, BATCHES)
+    batches = " and ".join(map(str, BATCHES))
     for name, difference in of_outputs.items():
         say(
             f"{name}: largest difference {difference.found:.1e} of its largest value (float32 rounding: "
-            f"{difference.rounding:.1e}), batch sizes {' and '.join(map(str, BATCHES))}"
+            f"{difference.rounding:.1e}), batch sizes {batches}"
         )
     for name, difference in [*of_layers.items(), *of_outputs.items()]:
         if difference.found > difference.limit:
+            place = f"{args.out}: blob {name!r}"
             say(
-                f"{args.out}: blob {name!r}: onnxruntime's values differ by {difference.found:.1e} of the largest "
+                f"{place}: onnxruntime's values differ by {difference.found:.1e} of the largest "
                 f"value; expected at most {difference.limit:.1e}, which float32 rounding explains",
                 file=sys.stderr,
             )
