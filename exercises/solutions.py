@@ -1,5 +1,7 @@
 """The reader's solutions in the working directory: list them, start one, plant a
 mistake, check one.
+
+``command`` is the command line of the exercises, as the user starts it, for texts that name it.
 """
 
 from __future__ import annotations
@@ -15,45 +17,47 @@ from exercises.stubs import bugs, stub
 from exercises.table import EXERCISES
 from netlib.errors import printable
 from netlib.files import atomic
-from netlib.files.paths import command, exists
+from netlib.files.paths import exists
 
 CHECK = Path(__file__).with_name("check.py")
 
 
-def show_all() -> None:
+def show_all(command: str) -> None:
     """List the exercises in the order of the book, with a mark for those whose file exists."""
     for number, exercise in enumerate(EXERCISES.values(), 1):
         mark = "·" if exists(place(exercise)) else " "
         print(
             f"{mark} {number:2}  {exercise.name:16} {exercise.title} (chapter {exercise.chapter})"
         )
-    print(f"Start one: {command('exercise')} relu --start")
+    print(f"Start one: {command} relu --start")
 
 
-def start(exercise: Exercise) -> None:
+def start(exercise: Exercise, command: str) -> None:
     """Write the stub. Raises ExerciseError if the file exists."""
     path = place(exercise)
-    _write_new(path, stub(exercise))
+    _write_new(path, stub(exercise, command))
     print(f"wrote {path}: {exercise.title}")
-    print(f"Write {', '.join(exercise.to_do)}; then: {command('exercise')} {exercise.name}")
+    print(f"Write {', '.join(exercise.to_do)}; then: {command} {exercise.name}")
 
 
-def plant(exercise: Exercise, number: int) -> None:
+def plant(exercise: Exercise, number: int, command: str) -> None:
     """Write a file with a mistake to find.
 
     Raises ExerciseError if there is no such mistake or the file exists.
     """
-    texts, path = bugs(exercise), Path(f"{exercise.name}_bug{number}.py")
+    texts, path = bugs(exercise, command), Path(f"{exercise.name}_bug{number}.py")
     if number > len(texts):
         raise ExerciseError(f"--bug {number}: {exercise.name} has bugs 1 to {len(texts)}")
     _write_new(path, texts[number - 1])
     print(
         f"wrote {path}: bug {number} of {len(texts)}. Read it, fix it, then: "
-        f"{command('exercise')} {exercise.name} --file {path}"
+        f"{command} {exercise.name} --file {path}"
     )
 
 
-def check(exercise: Exercise, path: Path | None, iterations: int, limit_s: float) -> bool:
+def check(
+    exercise: Exercise, path: Path | None, iterations: int, limit_s: float, command: str
+) -> bool:
     """Check a file, by default the one in the working directory, and print the result; returns
     whether it passed.
 
@@ -61,7 +65,7 @@ def check(exercise: Exercise, path: Path | None, iterations: int, limit_s: float
     """
     path = path or place(exercise)
     if not exists(path):
-        start_it = f"; run {command('exercise')} {exercise.name} --start to create it" * (
+        start_it = f"; run {command} {exercise.name} --start to create it" * (
             path == place(exercise)
         )
         raise ExerciseError(f"{path}: not found{start_it}")

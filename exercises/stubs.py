@@ -1,7 +1,8 @@
 """Texts for the reader of an exercise, generated from the project's source.
 
 The stub is the source without the bodies that the reader writes. In a debugging exercise the source
-has one known mistake, which the reader finds and fixes.
+has one known mistake, which the reader finds and fixes. ``command`` is the command line of the
+exercises, as the user starts it.
 """
 
 from __future__ import annotations
@@ -10,12 +11,11 @@ import ast
 import textwrap
 
 from exercises.exercise import Exercise
-from netlib.files.paths import command
 
 WIDTH = 116  # of a comment, including indentation
 
 
-def stub(exercise: Exercise) -> str:
+def stub(exercise: Exercise, command: str) -> str:
     """Return the text of the stub. Raises DataError if the source cannot be read."""
     text = _cut(exercise, exercise.source())
     lines = text.splitlines()
@@ -27,7 +27,7 @@ def stub(exercise: Exercise) -> str:
         first, *rest = function.body
         body = rest[0] if ast.get_docstring(function) is not None else first
         lines[body.lineno - 1 : function.end_lineno] = _instead(to_do[function], body.col_offset)
-    head = f"# Replace each NotImplementedError, then run: {command('exercise')} {exercise.name}"
+    head = f"# Replace each NotImplementedError, then run: {command} {exercise.name}"
     return "\n".join([head, *lines, ""])
 
 
@@ -42,12 +42,12 @@ def _instead(task: str, indent: int) -> list[str]:
     ]
 
 
-def bugs(exercise: Exercise) -> list[str]:
+def bugs(exercise: Exercise, command: str) -> list[str]:
     """Return the text of one file for each known mistake, in its first form.
 
     Raises DataError as ``stub``.
     """
-    head = f"# This file contains one mistake. Find and fix it, then run: {command('exercise')} {exercise.name}"
+    head = f"# This file contains one mistake. Find and fix it, then run: {command} {exercise.name}"
     sources = (mistake.sources(exercise)[0] for mistake in exercise.mistakes)
     return [f"{head} --file THIS_FILE\n{_cut(exercise, text)}" for text in sources]
 

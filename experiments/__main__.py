@@ -12,8 +12,8 @@ import tools
 
 tools.begin(__name__)
 
-from handpose.__main__ import summary_of
 from netlib.errors import did_you_mean
+from tools.common.commands import summary_of
 from tools.common.console import DONE, guarded
 
 PROGRAM = "python -m experiments"

@@ -34,7 +34,6 @@ import numpy as np
 from experiments.constants import array_in
 from handpose.body.sides import SIDES, Side
 from handpose.estimate.finder import Finder, FoundHand
-from handpose.estimate.nets import trained
 from handpose.estimate.packaged import HAND_FINDER
 from handpose.frames.cameras import KINECT2, NYU, SR305, Camera
 from handpose.frames.formats import open_recording
@@ -46,6 +45,7 @@ from handpose.tracking.track import PARTLY
 from netlib.blob import Array
 from netlib.errors import DataError
 from netlib.proto import schema
+from netlib.training.trained import trained
 from tools.common.arguments import add_engine, count, seed
 from tools.common.console import DONE, aligned
 

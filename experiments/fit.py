@@ -29,7 +29,7 @@ from handpose.body.sides import SIDES
 from handpose.estimate.candidates import Candidate
 from handpose.estimate.crop_fits import fit_starts
 from handpose.estimate.estimator import HandEstimator
-from handpose.estimate.nets import refuse_other_bodies, skeleton_to_fit, trained
+from handpose.estimate.nets import refuse_other_bodies, skeleton_to_fit
 from handpose.estimate.packaged import SYNTHETIC_HAND, checked_content, read_card
 from handpose.fit.depth_fit import DepthFitter
 from handpose.fit.pose_confidence import GOOD_MM
@@ -39,6 +39,7 @@ from handpose.synthetic import recipes
 from handpose.synthetic.generator import BLOCK, Generator, Scene
 from netlib.blob import Array
 from netlib.net import Net
+from netlib.training.trained import trained
 from tools.common.arguments import add_engine, count, seed
 from tools.common.console import DONE, aligned, say
 from tools.common.progress import ProgressBar

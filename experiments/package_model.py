@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiments.fit import Figures, measure, scenes_of
-from handpose.estimate.nets import hand_layer, refuse_other_bodies, skeleton_to_fit, trained
+from handpose.estimate.nets import hand_layer, refuse_other_bodies, skeleton_to_fit
 from handpose.estimate.packaged import net_content
 from handpose.fit.body import CapsuleModel
 from handpose.fit.depth_fit import DepthFitter
@@ -30,6 +30,7 @@ from handpose.synthetic import recipes
 from handpose.synthetic.generator import Generator
 from netlib.files import hdf5
 from netlib.net import Net
+from netlib.training.trained import trained
 from tools.common import outputs
 from tools.common.arguments import count, seed, whole
 from tools.common.console import DONE, say

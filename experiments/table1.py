@@ -29,7 +29,6 @@ from typing import NamedTuple
 import numpy as np
 
 from handpose.body import nyu
-from handpose.estimate.nets import trained
 from handpose.fit.joints import angles, companions
 from handpose.fit.joints.fit_joints import fit_joints
 from handpose.scoring import metrics
@@ -44,6 +43,7 @@ from netlib.files.paths import ROOT
 from netlib.proto import prototxt
 from netlib.proto.prototxt import Message, Scalar
 from netlib.training import solver_parameter
+from netlib.training.trained import trained
 from tools.common import training
 from tools.common.arguments import seed, weight, whole, workers
 from tools.common.console import DONE, aligned, say

@@ -15,8 +15,7 @@ import numpy as np
 from fast import parallel
 from fast.fast_layer import FastLayer
 from layers.hand.augment import HandAugment
-from netlib.blob import Array
-from netlib.system.memory import blocks
+from netlib.blob import Array, blocks
 
 BLOCK = 16  # crops per job, 1 MB: they fit in the cache, and the overhead of a call is small
 

@@ -30,8 +30,7 @@ from fast.winograd import Winograd
 from layers.vision.convolution import Convolution
 from layers.vision.deconvolution import Deconvolution
 from layers.vision.depthwise_convolution import ConvolutionDepthwise, DepthwiseConvolution
-from netlib.blob import Array, Blob, Blobs
-from netlib.system.memory import blocks
+from netlib.blob import Array, Blob, Blobs, blocks
 
 
 class ByGroup(Algorithm):

@@ -26,8 +26,7 @@ from fast.fusing import After
 from fast.geometry import MAX_EXCESS, Algorithm, Geometry, Sizes, Sum, check_finite
 from fast.last_axis import Maps, map_first, map_last, shape_of
 from fast.parallel import scratch
-from netlib.blob import Array
-from netlib.system.memory import blocks
+from netlib.blob import Array, blocks
 
 FILTERED = 1200  # values of a map, per window, from which calls of filter2D take less time
 FOURIER = 50  # elements of a kernel, from which filter2D uses a Fourier transform of float64

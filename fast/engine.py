@@ -20,10 +20,9 @@ from fast.fusing import fuse, release
 from fast.plan import plan
 from fast.slices import SlicedStep, WholeStep
 from layers.common.split import Split
-from netlib.blob import Array, Blob
+from netlib.blob import Array, Blob, blocks
 from netlib.engine import Connection, Engine, Step
 from netlib.proto.options import class_at, place_of
-from netlib.system.memory import blocks
 
 T = TypeVar("T")
 LARGE = 1 << 20  # bytes; larger copies take longer than starting jobs on threads (about 0.1 ms)

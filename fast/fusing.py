@@ -20,10 +20,9 @@ from layers.activation.relu import ReLU
 from layers.activation.relu6 import ReLU6
 from layers.activation.scale import Scale
 from layers.normalization.batch_norm import BatchNorm
-from netlib.blob import Array
+from netlib.blob import Array, blocks
 from netlib.engine import Connection
 from netlib.layer import Layer
-from netlib.system.memory import blocks
 
 BLOCK = 1 << 17  # values
 MIN_ROW = 32  # values from which NumPy's loop over the rows of an array takes little time

@@ -23,8 +23,7 @@ import numpy as np
 
 from fast import parallel
 from fast.fusing import After
-from netlib.blob import Array
-from netlib.system.memory import blocks
+from netlib.blob import Array, blocks
 
 # rows of a part; a multiple of the rows that BLAS computes together, so that all parts round alike
 MIN_PART = 32

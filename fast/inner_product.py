@@ -19,8 +19,7 @@ from fast import parallel
 from fast.fast_layer import FastLayer
 from fast.parallel import scratch
 from layers.common.inner_product import InnerProduct
-from netlib.blob import Array, Blobs
-from netlib.system.memory import blocks
+from netlib.blob import Array, Blobs, blocks
 
 MAX_BLOCK = 640  # features; 1,024 features are two blocks, one per thread on two cores
 # up to this number, items are faster one at a time (measured by experiments/parts.py)

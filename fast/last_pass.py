@@ -21,10 +21,9 @@ import numpy as np
 from fast.fast_layer import FastLayer
 from fast.parallel import zeros_for_blob
 from fast.plan import Run, uses_of
-from netlib.blob import Array, Blob, Blobs
+from netlib.blob import Array, Blob, Blobs, blocks
 from netlib.engine import Connection, Missing
 from netlib.layer import Layer
-from netlib.system.memory import blocks
 
 BLOCK = 1 << 18  # words compared at a time, so that the result of a comparison stays in the cache
 DATA, DIFF = frozenset({"data"}), frozenset({"diff"})

@@ -23,8 +23,7 @@ from fast.geometry import Geometry, inside
 from fast.last_axis import Maps, map_first
 from fast.parallel import scratch
 from layers.vision.pooling import NOTHING
-from netlib.blob import Array
-from netlib.system.memory import blocks
+from netlib.blob import Array, blocks
 
 # of the padded maps of a block; on fewer, two threads wait for the interpreter
 BLOCK_BYTES = 1 << 20

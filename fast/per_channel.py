@@ -32,8 +32,7 @@ from fast.fusing import after_of, statistics
 from fast.parallel import scratch
 from layers.activation.scale import Scale
 from layers.normalization.batch_norm import BatchNorm
-from netlib.blob import Array, Blobs
-from netlib.system.memory import blocks
+from netlib.blob import Array, Blobs, blocks
 
 # values; in calls on fewer, two threads wait for the interpreter longer than they compute
 BLOCK = 1 << 18

@@ -10,8 +10,7 @@ from fast.fast_layer import FastLayer
 from layers.activation.elementwise import BLOCK
 from layers.activation.relu import ReLU
 from layers.activation.relu6 import ReLU6
-from netlib.blob import Blobs
-from netlib.system.memory import blocks
+from netlib.blob import Blobs, blocks
 
 
 class FastReLU(FastLayer, ReLU):

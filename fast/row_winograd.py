@@ -39,8 +39,7 @@ from fast.fusing import After
 from fast.geometry import Algorithm, Geometry, Sizes, Sum, check_finite, check_spread
 from fast.last_axis import map_first, map_last
 from fast.parallel import scratch
-from netlib.blob import Array
-from netlib.system.memory import blocks
+from netlib.blob import Array, blocks
 
 TILE = 4  # outputs
 # with a small largest error, below 5e-6 of the largest output

@@ -24,8 +24,7 @@ import numpy as np
 from fast.fusing import After
 from fast.geometry import MAX_EXCESS, Algorithm, Geometry, Sizes, Sum, inside, run_blocks, run_parts
 from fast.parallel import scratch
-from netlib.blob import Array
-from netlib.system.memory import blocks
+from netlib.blob import Array, blocks
 
 LENGTH = 128  # columns of a product, of several images if their rows are shorter
 BLOCK_BYTES = 1 << 20  # of X

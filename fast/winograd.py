@@ -39,8 +39,7 @@ from fast.geometry import (
 )
 from fast.parallel import scratch
 from fast.row_winograd import TILE, input_matrix, items, kernel_matrix, output_matrix, transform
-from netlib.blob import Array
-from netlib.system.memory import blocks
+from netlib.blob import Array, blocks
 
 BLOCK_BYTES = 4 << 20  # of both factors of the products of a block; smaller ones take more calls
 MIN_TILES = 192  # of a block, because BLAS copies the weights for every product

@@ -10,8 +10,18 @@ solver.step(10)
 """
 
 import os
+from importlib import import_module
+from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
+from netlib.errors import (
+    DataError,
+    DivergenceError,
+    LayerError,
+    NetlibError,
+    PrototxtError,
+    WeightsError,
+)
 from netlib.files.paths import ROOT, load_module
 
 # A line for the log. BLAS is configured before NumPy is imported; it affects the rounding
@@ -24,26 +34,14 @@ BLAS_NOTE: str = (
 # OpenCV reads this once, when it is imported
 os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(1 << 28))
 
-from netlib import engine  # noqa: E402
-from netlib.blob import Blob, Blobs  # noqa: E402
-from netlib.errors import (  # noqa: E402
-    DataError,
-    DivergenceError,
-    LayerError,
-    NetlibError,
-    PrototxtError,
-    WeightsError,
-    warn_once,
-)
-from netlib.files import own_modules  # noqa: E402
-from netlib.layer import TEST, TRAIN, Layer  # noqa: E402
-from netlib.net import Net, set_random_seed  # noqa: E402
-from netlib.proto.options import layer_types  # noqa: E402
-
 if TYPE_CHECKING:
-    from netlib import gradcheck as gradcheck
-    from netlib.solver import Solver as Solver
-    from netlib.solver import get_solver as get_solver
+    from netlib import gradcheck
+    from netlib.blob import Blob, Blobs
+    from netlib.caffe import install_as_caffe, set_mode_cpu, set_mode_gpu
+    from netlib.layer import TEST, TRAIN, Layer
+    from netlib.net import Net, set_random_seed
+    from netlib.proto.options import layer_type_list
+    from netlib.solver import Solver, get_solver
 
 __all__ = [
     "BLAS_NOTE",
@@ -72,43 +70,45 @@ __all__ = [
 ]
 
 
+# Imported on first use, because a command prepares its process before NumPy is imported.
+_MODULE_OF = {
+    "TEST": "layer",
+    "TRAIN": "layer",
+    "Blob": "blob",
+    "Blobs": "blob",
+    "Layer": "layer",
+    "Net": "net",
+    "Solver": "solver",
+    "get_solver": "solver",
+    "layer_type_list": "proto.options",
+    "set_random_seed": "net",
+}
+_MODULE_OF |= dict.fromkeys(("install_as_caffe", "set_mode_cpu", "set_mode_gpu"), "caffe")
+
+
 def __getattr__(name: str) -> object:
-    """Import what only trainings and tests need when it is first used.
+    """Import and return a public name, or a module of this package.
 
-    Raises AttributeError for unknown names.
+    Raises AttributeError for others.
     """
-    if name == "gradcheck":
-        import netlib.gradcheck as checks
-
-        return checks
-    if name in ("Solver", "get_solver"):
-        import netlib.solver as solvers
-
-        return getattr(solvers, name)
+    module = f"netlib.{_MODULE_OF.get(name, name)}"
+    if name in _MODULE_OF:
+        return getattr(import_module(module), name)
+    if find_spec(module):
+        return import_module(module)
     raise AttributeError(f"module 'netlib' has no attribute {name!r}")
 
 
-def layer_type_list() -> list[str]:
-    """The names of all layer types."""
-    return sorted([*layer_types(), "Python"])
-
-
-def install_as_caffe() -> None:
-    """Make ``import caffe`` return netlib.caffe in this process, even if Caffe is installed.
-
-    From then on, a script's own modules named ``layers`` or ``fast`` are found before those
-    of this project.
-    """
-    own_modules.take_caffe()
-    layer_types()
-    engine.get()
-    own_modules.yield_names()
+def __dir__() -> list[str]:
+    return __all__
 
 
 def threads() -> int:
     """Number of threads in use: ``set_threads``, else NETLIB_NUM_THREADS, else one
     per processor.
     """
+    from netlib import engine
+
     return engine.get().threads()
 
 
@@ -117,13 +117,6 @@ def set_threads(count: int) -> None:
 
     It may change the rounding of what does not run in slices, as of a single image.
     """
+    from netlib import engine
+
     engine.get().set_threads(count)
-
-
-def set_mode_cpu() -> None:
-    """Do nothing; exists for compatibility with pycaffe, as netlib always runs on the CPU."""
-
-
-def set_mode_gpu() -> None:
-    """Warn once that netlib runs on the CPU only; exists for compatibility with pycaffe."""
-    warn_once("set_mode_gpu: accepted, but this runs on the CPU")

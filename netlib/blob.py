@@ -1,4 +1,4 @@
-"""Blob: an array (``data``) and its gradient (``diff``), both of one shape.
+"""Blob: an array (``data``) and its gradient (``diff``), both of one shape; blocks of an array.
 
 Layers exchange blobs and keep their parameters in blobs. Memory is allocated at the first access,
 so an unused gradient takes no memory.
@@ -258,3 +258,10 @@ class BlobVec(Blobs):
                 f"{blob} cannot take the place of {own}: expected as many values of the same type"
             )
         own.share(blob)
+
+
+def blocks(count: int, size: int) -> list[slice]:
+    """Split ``range(count)`` into slices of ``size``, the last one shorter, for processing an array
+    in parts.
+    """
+    return [slice(start, min(start + size, count)) for start in range(0, count, size)]

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from netlib.blob import blocks
 from netlib.errors import PrototxtError, did_you_mean
 from netlib.proto import schema
 from netlib.proto.messages import Filler
@@ -67,9 +68,8 @@ def fill(array: NDArray[Any], filler: Filler, rng: np.random.Generator) -> None:
 def _draw(array: NDArray[Any], draw: Callable[[int], NDArray[np.float64]]) -> None:
     """Fill ``array`` with random numbers, block by block, because they are drawn in float64."""
     flat = array.reshape(-1)
-    for first in range(0, flat.size, BLOCK):
-        part = flat[first : first + BLOCK]
-        part[...] = draw(len(part))
+    for part in blocks(flat.size, BLOCK):
+        flat[part] = draw(part.stop - part.start)
 
 
 def _fault(shape: tuple[int, ...], filler: Filler) -> str:

@@ -30,7 +30,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import scipy
 
-from netlib.blob import Array
+from netlib.blob import Array, blocks
 from netlib.building.params import Param
 from netlib.errors import DivergenceError
 from netlib.proto.messages import ParamSpec, SolverParameter
@@ -148,7 +148,7 @@ class Update:
         jobs = []
         for param, history in trained:
             arrays = [a.reshape(-1) for a in (param.blob.data, param.blob.diff, *history)]
-            for block in memory.blocks(param.blob.count, BLOCK):
+            for block in blocks(param.blob.count, BLOCK):
                 jobs.append(
                     functools.partial(
                         self._change, param.spec, scale, rate, t, *(a[block] for a in arrays)

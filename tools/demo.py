@@ -36,9 +36,9 @@ from handpose.output.tracks.predictions import document, frame_values
 from handpose.scoring.metrics import mean_errors_14
 from netlib.blob import Array
 from netlib.files import atomic
-from netlib.files.paths import command
 from tools.common import outputs, prediction_outputs
 from tools.common.arguments import count, parser_of, seed
+from tools.common.commands import command
 from tools.common.console import DONE, guarded, say
 from tools.common.progress import ProgressBar
 

@@ -23,8 +23,9 @@ import tools
 tools.begin(__name__)
 
 from netlib.errors import NetlibError, did_you_mean
-from netlib.files.paths import command, own
+from netlib.files.paths import own
 from tools.common.arguments import parser_of
+from tools.common.commands import command
 from tools.common.console import DONE, guarded, say
 
 

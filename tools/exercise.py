@@ -29,6 +29,7 @@ from exercises import solutions
 from exercises.table import EXERCISES
 from netlib.errors import did_you_mean
 from tools.common.arguments import MAX_COUNT, count, parser_of, seconds, whole
+from tools.common.commands import command
 from tools.common.console import DONE, FAILED, guarded
 
 
@@ -74,16 +75,17 @@ def main(argv: list[str] | None = None) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """List, start or check exercises."""
-    exercise = EXERCISES.get(args.name)
+    exercise, typed = EXERCISES.get(args.name), command("exercise")
     if exercise is None:
-        solutions.show_all()
+        solutions.show_all(typed)
     elif args.start:
-        solutions.start(exercise)
+        solutions.start(exercise, typed)
     elif args.bug:
-        solutions.plant(exercise, args.bug)
+        solutions.plant(exercise, args.bug, typed)
     else:
         path = None if args.file is None else Path(args.file)
-        return DONE if solutions.check(exercise, path, args.iterations, args.limit) else FAILED
+        passed = solutions.check(exercise, path, args.iterations, args.limit, typed)
+        return DONE if passed else FAILED
     return DONE
 
 

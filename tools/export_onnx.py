@@ -34,6 +34,7 @@ from export.onnx.check import differences
 from export.onnx.graph import IR_VERSIONS, OPSET
 from export.onnx.net import load, onnx_image
 from handpose.body.nyu import CUBE_MM
+from handpose.estimate.nets import cube_of, hand_layer
 from netlib.errors import NetlibError, reason_of
 from netlib.files import atomic
 from netlib.net import Net
@@ -87,7 +88,9 @@ def run(args: argparse.Namespace) -> int:
     net = load(args.net, args.weights)
     if args.size:
         _reshape(net, *args.size)
-    image = onnx_image(net, args.blob, args.cube, args.opset)
+    hand = hand_layer(net)
+    cube_mm = None if hand is None else cube_of(hand.skeleton, args.cube)
+    image = onnx_image(net, args.blob, cube_mm, args.opset)
     try:
         atomic.replace(args.out, lambda temporary: temporary.write_bytes(image))
     except OSError as error:
@@ -96,15 +99,17 @@ def run(args: argparse.Namespace) -> int:
     if not args.check:
         return DONE
     of_outputs, of_layers = differences(args.out.read_bytes(), net, BATCHES)
+    batches = " and ".join(map(str, BATCHES))
     for name, difference in of_outputs.items():
         say(
             f"{name}: largest difference {difference.found:.1e} of its largest value (float32 rounding: "
-            f"{difference.rounding:.1e}), batch sizes {' and '.join(map(str, BATCHES))}"
+            f"{difference.rounding:.1e}), batch sizes {batches}"
         )
     for name, difference in [*of_layers.items(), *of_outputs.items()]:
         if difference.found > difference.limit:
+            place = f"{args.out}: blob {name!r}"
             say(
-                f"{args.out}: blob {name!r}: onnxruntime's values differ by {difference.found:.1e} of the largest "
+                f"{place}: onnxruntime's values differ by {difference.found:.1e} of the largest "
                 f"value; expected at most {difference.limit:.1e}, which float32 rounding explains",
                 file=sys.stderr,
             )

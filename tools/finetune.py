@@ -40,12 +40,13 @@ from layers.data.images import read_image
 from netlib.distributed.ranks import ALONE
 from netlib.errors import DataError, NetlibError
 from netlib.files import atomic
-from netlib.files.paths import command, list_folder
+from netlib.files.paths import list_folder
 from netlib.net import Net
 from netlib.proto import schema
 from netlib.proto.binaryproto import write_blob
 from tools.common import training
 from tools.common.arguments import add_engine, count, natural, parser_of, positive_number, real
+from tools.common.commands import command
 from tools.common.console import DONE, duration, guarded, say
 from tools.common.deploy_nets import refuse_training_net
 from tools.common.frozen_features import HeadSolver, NotFrozenError, use_features

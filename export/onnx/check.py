@@ -23,10 +23,10 @@ from typing import Any
 import numpy as np
 
 from export.onnx.graph import package
-from handpose.estimate.nets import Unfilled
 from netlib.blob import Array
 from netlib.engine import Connection
 from netlib.net import Net
+from netlib.training.trained import Unfilled
 
 TOLERANCE = 1e-5
 # of correct nets that amplify rounding, onnxruntime's error is up to 4.4 times the measured effect

@@ -15,13 +15,14 @@ from pathlib import Path
 
 from export.onnx import common, hand, vision
 from export.onnx.graph import OPSET, PRODUCER, Graph, Place, Shape, Translation, symbolic
-from handpose.estimate.nets import cube_of, hand_layer, trained
+from layers.hand.hand_model import HandModel
 from netlib.errors import LayerError, NetlibError, did_you_mean
 from netlib.net import Net
 from netlib.proto.messages import LayerParameter, NetState
 from netlib.proto.net_parameter import load_parameter, select_layers
 from netlib.proto.options import layer_types
 from netlib.proto.schema import position_of
+from netlib.training.trained import trained
 
 Shapes = list[tuple[list[Shape], list[Shape]]]  # shapes of each layer's bottoms and tops
 
@@ -110,16 +111,17 @@ def onnx_image(
     """Export a net in phase TEST as ONNX and return the bytes; the first axis of every input
     is the batch, N.
 
-    ``also`` names additional output blobs. ``cube_mm`` is the edge length of the crop cube in mm;
-    None: NYU's, for a hand. Raises NetlibError, also if an operator needs a later ``opset``, which
-    is from 11 to 17.
+    ``also`` names additional output blobs. ``cube_mm`` is the edge length of the crop cube in mm,
+    for the metadata of a net with a hand model; None leaves it out. Raises NetlibError, also if an
+    operator needs a later ``opset``, which is from 11 to 17.
     """
     shapes = shapes_of(net)
     graph = Graph(net.blobs, opset)
     graph.values = {name: name for name in net.inputs}
     at_end: dict[str, Shape] = {}
     uneven: set[str] = set()  # blobs whose shape depends on values
-    of_hand, pose = hand_layer(net), ""
+    of_hand = next((layer for layer in net.layers if isinstance(layer, HandModel)), None)
+    pose = ""
     for at, (bottom, top) in zip(net.connections, shapes):
         graph.layer = at.layer.name
         values = [graph.values[name] for name in at.layer.spec.bottom]
@@ -145,10 +147,11 @@ def onnx_image(
         metadata |= {
             "joint_names": json.dumps(skeleton.joint_names),
             "unit": "half-cubes",
-            "cube_mm": f"{cube_of(skeleton, cube_mm):g}",
             "axes": "x right, y up, z away",
             "input_range": "[-1, 1]",
         }
+        if cube_mm is not None:
+            metadata["cube_mm"] = f"{cube_mm:g}"
         if pose in [graph.values[name] for name in outputs]:
             metadata["dof_names"] = json.dumps(skeleton.dof_names)
     return graph.finish(

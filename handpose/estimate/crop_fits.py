@@ -14,9 +14,8 @@ from handpose.fit.joint_starts import near_joints
 from handpose.fit.observation import HandCrops
 from handpose.fit.rounding import NETWORK_STEP, rounded
 from handpose.fit.search import Plan, turned_back
-from netlib.blob import Array
+from netlib.blob import Array, blocks
 from netlib.net import Net
-from netlib.system.memory import blocks
 
 MAX_CROPS = 128  # number of crops in one pass of the network
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from handpose.body.sides import SoughtSide
 from handpose.estimate.finder import Finder
 from handpose.estimate.hand import MIN_CONFIDENCE
-from handpose.estimate.nets import best_fit, cube_of, hand_layer, trained
+from handpose.estimate.nets import best_fit, cube_of, hand_layer
 from handpose.estimate.predictor import Predictor, check_options
 from handpose.fit.depth_fit import DepthFitter
 from handpose.fit.search import Fit
@@ -26,6 +26,7 @@ from netlib.errors import NetlibError, WeightsError
 from netlib.files import Content
 from netlib.files.paths import ROOT, find
 from netlib.snapshots import snapshot
+from netlib.training.trained import trained
 
 SYNTHETIC_HAND = ROOT / "models" / "synthetic_hand"
 PAPER_HAND = ROOT / "models" / "paper_hand"  # the paper's network, for the book

@@ -25,11 +25,10 @@ from handpose.fit.observation import Observation
 from handpose.fit.rounding import NETWORK_STEP, rounded
 from handpose.fit.search import Found, Plan, drawn, search
 from layers.hand.skeleton import Skeleton
-from netlib.blob import Array
+from netlib.blob import Array, blocks
 from netlib.engine import for_each
 from netlib.errors import DataError
 from netlib.files import Content
-from netlib.system.memory import blocks
 
 MIN_VISIBLE = 0.01  # minimum share of foreground in a crop; with less, the signs are infinite
 # factor of the cost at the expected pose, so that fits do not jump between two equally good poses

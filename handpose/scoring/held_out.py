@@ -24,12 +24,11 @@ from handpose.scoring import metrics
 from layers.data.hdf5_data import HDF5Data
 from layers.hand import skeleton as skeletons
 from layers.hand.skeleton import Skeleton
-from netlib.blob import Array
+from netlib.blob import Array, blocks
 from netlib.errors import DataError, NetlibError, printable
 from netlib.files.hdf5 import File
 from netlib.layer import TEST
 from netlib.net import Net
-from netlib.system.memory import blocks
 
 
 def data_layer(net: Net) -> HDF5Data:

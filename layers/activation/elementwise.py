@@ -17,9 +17,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from netlib.blob import Array, Blobs
+from netlib.blob import Array, Blobs, blocks
 from netlib.layer import Layer
-from netlib.system.memory import blocks
 
 BLOCK = 1 << 15  # values
 

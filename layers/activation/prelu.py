@@ -18,11 +18,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from layers.activation.elementwise import BLOCK, negative, positive
-from netlib.blob import Blobs
+from netlib.blob import Blobs, blocks
 from netlib.fillers import Filler
 from netlib.layer import Layer
 from netlib.proto.schema import numbered
-from netlib.system.memory import blocks
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netlib.blob import Array, Blobs
+from netlib.blob import Array, Blobs, blocks
 from netlib.layer import Layer
 from netlib.proto.schema import Engine, numbered
-from netlib.system.memory import blocks
 
 # values that stay in the cache; of 2^15 to 2^18 the fastest for 21 classes at 96 x 96 places
 BLOCK = 1 << 18

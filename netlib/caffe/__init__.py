@@ -6,11 +6,14 @@ Classifier and draw are modules of this package; NetSpec, draw and caffe_pb2 nee
 protobuf. Everything runs on the CPU; requests for a GPU only log a warning.
 """
 
-from netlib import TEST, TRAIN
+from netlib import engine
 from netlib.caffe import _caffe, io, proto
 from netlib.caffe._caffe import *  # noqa: F403
 from netlib.caffe.classifier import Classifier
 from netlib.caffe.net_spec import NetSpec, layers, params, to_proto
+from netlib.files import own_modules
+from netlib.layer import TEST, TRAIN
+from netlib.proto.options import layer_types
 
 __version__ = _caffe.__version__
 __all__ = [
@@ -26,3 +29,15 @@ __all__ = [
     "to_proto",
 ]
 __all__ += _caffe.__all__
+
+
+def install_as_caffe() -> None:
+    """Make ``import caffe`` return this package in this process, even if Caffe is installed.
+
+    From then on, a script's own modules named ``layers`` or ``fast`` are found before those
+    of this project.
+    """
+    own_modules.take_caffe()
+    layer_types()
+    engine.get()
+    own_modules.yield_names()

@@ -14,7 +14,6 @@ import sys
 import time
 from typing import Any
 
-from netlib import Layer, layer_type_list, set_mode_cpu, set_mode_gpu, set_random_seed
 from netlib.blob import Blob as Blob
 from netlib.blob import Blobs as RawBlobVec  # noqa: F401
 from netlib.blob import BlobVec as BlobVec
@@ -32,7 +31,10 @@ from netlib.caffe.pycaffe import (
 from netlib.caffe.pycaffe import SolverParameter as SolverParameter
 from netlib.distributed import ranks
 from netlib.errors import warn_once
+from netlib.layer import Layer
+from netlib.net import set_random_seed
 from netlib.proto.messages import LayerParameter as LayerParameter
+from netlib.proto.options import layer_type_list
 from netlib.training import report
 
 BoolVec = DtypeVec = IntVec = LayerVec = NetVec = StringVec = list
@@ -102,6 +104,15 @@ class Timer:
     def ms(self) -> float:
         """Milliseconds from start to stop."""
         return self._seconds * 1000
+
+
+def set_mode_cpu() -> None:
+    """Do nothing; exists for compatibility with pycaffe, as netlib always runs on the CPU."""
+
+
+def set_mode_gpu() -> None:
+    """Warn once that netlib runs on the CPU only; exists for compatibility with pycaffe."""
+    warn_once("set_mode_gpu: accepted, but this runs on the CPU")
 
 
 def set_device(number: int) -> None:

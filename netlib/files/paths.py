@@ -19,28 +19,7 @@ BASE = Path(__file__).resolve().parents[2]
 SHARE = BASE / "netlib" / "share"
 ROOT = SHARE if SHARE.is_dir() else BASE  # parent of fast/, prototxt/, models/ and tools/
 OWN_FOLDERS = ("prototxt", "models")  # these are installed too
-IS_CLONE = (ROOT / "setup.cfg").exists()
-# commands of an installed package; their first argument names a tool
-PROGRAMS = ("handpose", "netlib")
 _loading = threading.RLock()
-
-
-def command(name: str) -> str:
-    """The command line of a tool, in the form in which the user started this one,
-    or as installed.
-    """
-    if not is_subcommand():
-        return f"python tools/{name}.py" if IS_CLONE else f"{PROGRAMS[0]} {name.replace('_', '-')}"
-    program = sys.argv[0].split()[0]
-    short = name.removesuffix("_net") if program == "netlib" else name  # "netlib run" is run_net
-    return f"{program} {short.replace('_', '-')}"
-
-
-def is_subcommand() -> bool:
-    """Whether this process was started as ``handpose NAME`` or ``netlib NAME``;
-    handpose/__main__.py sets argv[0].
-    """
-    return bool(sys.argv) and sys.argv[0].startswith(tuple(f"{program} " for program in PROGRAMS))
 
 
 def own(name: str) -> Path:

@@ -56,6 +56,11 @@ def layer_types() -> MutableMapping[str, Any]:
     return types
 
 
+def layer_type_list() -> list[str]:
+    """The names of all layer types."""
+    return sorted([*layer_types(), "Python"])
+
+
 def class_of(type_name: str, bottoms: int) -> Any:
     """The class of a known layer type for this number of bottoms."""
     special = own_module("layers").BY_BOTTOMS

@@ -66,10 +66,3 @@ def format_bytes(size: int) -> str:
     while round(number) >= 1000 and unit < 6:
         number, unit = number / 1000, unit + 1
     return f"{number:.{0 if number >= 9.95 or not unit else 1}f} {('bytes', 'kB', 'MB', 'GB', 'TB', 'PB', 'EB')[unit]}"
-
-
-def blocks(count: int, size: int) -> list[slice]:
-    """Split ``range(count)`` into slices of ``size``, the last one shorter, for processing that
-    limits memory.
-    """
-    return [slice(start, min(start + size, count)) for start in range(0, count, size)]

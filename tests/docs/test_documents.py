@@ -15,7 +15,9 @@ from layers import LAYER_TYPES
 from netlib import caffe, engine
 from netlib.caffe import pycaffe
 from netlib.files.paths import ROOT
+from tests.support.running import run_python
 
+PACKAGES = ("netlib", "layers", "fast", "handpose", "export")
 PLACES = ("*.md", "docs/**/*.md", "models/**/*.md", "tests/**/*.md")
 DOCUMENTS = sorted(path for place in PLACES for path in ROOT.glob(place))
 CODE = re.compile(r"^ *(`{3,}).*?^ *\1|(?<!`)(`+)(?!`).+?(?<!`)\2(?!`)", re.MULTILINE | re.DOTALL)
@@ -73,6 +75,23 @@ def test_every_layer_type_is_described() -> None:
     for name in LAYER_TYPES:
         assert re.search(rf"\b{name}\b", of_caffe), name
         assert name.startswith("DeepHandModel") or re.search(rf"\b{name}\b", layers), name
+
+
+SET = re.compile(r'os\.environ(?:\.setdefault\("(\w+)"|\["(\w+)"\] *=(?!=))')
+
+
+def test_what_an_import_sets_is_described() -> None:
+    """Each variable of the environment that the code sets, which are all that a process gains."""
+    text = (ROOT / "docs" / "net.md").read_text(encoding="utf-8")
+    described = set(re.findall(r"^\| `(\w+)`", text, re.MULTILINE))
+    sources = [path for top in PACKAGES for path in (ROOT / top).rglob("*.py")]
+    found = [SET.findall(path.read_text(encoding="utf-8")) for path in sources]
+    names = {one or other for pairs in found for one, other in pairs}
+    assert names <= described
+    code = "import os; before = {*os.environ}; import handpose, netlib; netlib.engine.get(); "
+    code += "print(*{*os.environ} - before)"
+    gained = run_python("-c", code, **dict.fromkeys(described)).out.split()
+    assert {"OPENCV_IO_MAX_IMAGE_PIXELS"} <= {*gained} <= names
 
 
 def test_all_of_pycaffe_is_described() -> None:

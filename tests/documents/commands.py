@@ -18,11 +18,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from unittest import mock
 
-from handpose import __main__ as subcommands
 from tests.support.running import run_tool
+from tools.common import commands as subcommands
 
 ROOT = Path(__file__).resolve().parents[2]
 SETUP = (ROOT / "setup.cfg").read_text(encoding="utf-8")
+PROGRAMS = ("handpose", "netlib")
 SECONDS = 300  # for the commands of one block; reached by a hang only
 
 
@@ -109,15 +110,18 @@ def _mistake(words: list[str]) -> str:
             for extra in extras
             if not re.search(rf"^{extra} =$", SETUP, re.MULTILINE)
         )
-    if name in ("handpose", "netlib"):
+    if rest[:2] == ["-m", "mpi4py"]:
+        rest = rest[2:]
+    if rest[:1] == ["-m"] and rest[1] in PROGRAMS:
+        name, *rest = rest[1:]
+    if name in PROGRAMS:
+        if not rest or rest[0].startswith("-"):
+            return ""
         tools = {word: path.stem for word, path in subcommands.commands().items()}
         tools |= subcommands.NET_TOOLS if name == "netlib" else {}
-        return (
-            _refused(f"tools.{tools.get(rest[0], rest[0])}", rest[1:]) if rest[0][0] != "-" else ""
-        )
+        return _refused(f"tools.{tools.get(rest[0], rest[0])}", rest[1:])
     if not re.fullmatch(r"(.*/)?python3?", name):
         return ""
-    rest = rest[2:] if rest[:2] == ["-m", "mpi4py"] else rest
     first, *argv = rest[1:] if rest[:1] == ["-m"] else rest or [""]
     module = first.removesuffix(".py").replace("/", ".")
     return _refused(module, argv) if module and (ROOT / module.split(".")[0]).is_dir() else ""

@@ -21,7 +21,6 @@ import pytest
 pytest.importorskip("sybil", reason="as tests/documents/test_blocks.py")
 
 import netlib
-from handpose.__main__ import EXAMPLES, NET_TOOLS
 from handpose.datasets import icvl_files, nyu_files
 from netlib.files.paths import ROOT
 from tests.documents import commands, given, workplace
@@ -33,6 +32,7 @@ from tests.tools.test_prepare_icvl import write_icvl
 from tests.tools.test_run_net import DETECTOR, LABEL_MAP
 from tests.tools.test_upgrade_net import V1
 from tools import compute_image_mean, make_synthetic, train
+from tools.common.commands import EXAMPLES, NET_TOOLS
 
 COMMANDS = sorted(path.stem for path in (ROOT / "tools").glob("[a-z]*.py"))
 SMALL = (  # replacements in an example; the last ones apply to one command each

@@ -46,8 +46,8 @@ def furnish(folder: Path) -> None:
     (folder / ".venv" / "bin").mkdir(parents=True)
     programs = {"python": "", "python3": ""}
     # as setup.cfg's console_scripts
-    for name, function in (("handpose", "main"), ("netlib", "netlib")):
-        programs[name] = f'-c "from handpose.__main__ import {function}; {function}()"'
+    for name in ("handpose", "netlib"):
+        programs[name] = f'-c "from {name}.__main__ import main; main()"'
     for name, start in programs.items():
         program = folder / ".venv" / "bin" / name
         program.write_text(f'#!/bin/sh\nexec "{sys.executable}" {start} "$@"\n')

@@ -40,7 +40,9 @@ def test_the_list_marks_what_is_started(here: Path) -> None:
 
 def test_start_keeps_a_file(here: Path) -> None:
     assert run_tool("exercise", "relu", "--start").out.startswith("wrote relu.py: ")
-    assert Path("relu.py").read_text(encoding="utf-8") == stub(EXERCISES["relu"])
+    assert Path("relu.py").read_text(encoding="utf-8") == stub(
+        EXERCISES["relu"], "python tools/exercise.py"
+    )
     Path("relu.py").write_text("mine")
     done = run_tool("exercise", "relu", "--start", status=1)
     assert done.err == "relu.py: already exists and is kept; remove it to start again\n"

@@ -39,7 +39,7 @@ if propagate_down[0]:
 
 def filled(name: str, bodies: dict[str, str]) -> str:
     """Return the stub with these bodies, by the names of the functions."""
-    text = stub(EXERCISES[name])
+    text = stub(EXERCISES[name], "exercise")
     for function, body in bodies.items():
         before, head, after = text.partition(f"    def {function}(")
         indented = "\n".join(f"        {line}" for line in body.strip("\n").splitlines())
@@ -64,12 +64,16 @@ def test_the_dozen_is_there() -> None:
         len(EXERCISES) == 12 and chapters == sorted(chapters) and set(chapters) == set(range(1, 11))
     )
     for exercise in EXERCISES.values():
-        assert len({mistake.advice for mistake in exercise.mistakes}) == len(bugs(exercise)) == 5
+        assert (
+            len({mistake.advice for mistake in exercise.mistakes})
+            == len(bugs(exercise, "exercise"))
+            == 5
+        )
 
 
 @exercises
 def test_a_stub_fails_and_says_what_to_write_first(exercise: Exercise, tmp_path: Path) -> None:
-    text, path = stub(exercise), tmp_path / "mine.py"
+    text, path = stub(exercise, "exercise"), tmp_path / "mine.py"
     path.write_text(text, encoding="utf-8")
     assert ast.get_docstring(ast.parse(text)) == ast.get_docstring(ast.parse(exercise.source()))
     assert text.count("raise NotImplementedError") == len(exercise.to_do)

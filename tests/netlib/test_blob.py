@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from netlib.blob import Blob, Blobs, BlobVec
+from netlib.blob import Blob, Blobs, BlobVec, blocks
 
 
 def test_a_new_blob_is_zero() -> None:
@@ -133,3 +135,10 @@ def test_the_version_changes_with_the_shape_and_with_the_memory_of_the_data() ->
     for change in kept:
         change()
         assert blob.version == before
+
+
+@given(st.integers(0, 300), st.integers(1, 40))
+def test_blocks_cut_a_range(count: int, size: int) -> None:
+    pieces = [list(range(count))[rows] for rows in blocks(count, size)]
+    assert [i for piece in pieces for i in piece] == list(range(count))
+    assert all(0 < len(piece) <= size for piece in pieces)

@@ -72,9 +72,14 @@ def test_every_program_begins_before_it_imports_what_takes_long() -> None:
         assert names <= {*sys.stdlib_module_names, "tools"}, program
 
 
-def test_ctrl_c_during_the_imports(run: Run, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "words",
+    [["tools/train.py"], ["-m", "netlib", "train"], ["-m", "handpose", "train"]],
+    ids=lambda words: " ".join(words),
+)
+def test_ctrl_c_during_the_imports(words: list[str], run: Run, tmp_path: Path) -> None:
     interrupt_at(tmp_path, "import", "numpy")
-    assert run("tools/train.py", status=-signal.SIGINT)[1:] == ("", "")
+    assert run(*words, status=-signal.SIGINT)[1:] == ("", "")
 
 
 def test_ctrl_c_later(run: Run, tmp_path: Path) -> None:

@@ -148,7 +148,7 @@ def test_engine(snapshot, monkeypatch):
     """--engine selects the engine, and the joints agree to rounding."""
     nets, names = [], ["plain", *(["fast"] if engine.has_fast() else [])]
     monkeypatch.setattr(
-        "handpose.estimate.nets.Net",
+        "netlib.training.trained.Net",
         lambda *args, **options: nets.append(netlib.Net(*args, **options)) or nets[-1],
     )
     found = [predicted("crop.png", "--engine", name)[0]["positions_mm"] for name in names]

@@ -45,17 +45,23 @@ def ends(process, status):
 
 
 def test_caffes_command(small):
-    """tools/caffe.py train equals tools/train.py on two ranks, and the log is written once."""
+    """tools/caffe.py train and ``python -m netlib train`` equal tools/train.py on two ranks, and
+    the log is written once.
+    """
     Path("short.prototxt").write_text(SOLVER.replace("1000000", "20"))
     weights = []
-    for words in ([TRAIN, "short.prototxt"], [CAFFE, "train", "-solver", "short.prototxt"]):
+    for words in (
+        [TRAIN, "short.prototxt"],
+        [CAFFE, "train", "-solver", "short.prototxt"],
+        ["-m", "netlib", "train", "short.prototxt"],
+    ):
         done = ranks_started.run(2, *words)
         assert done.returncode == 0, done.stderr
         assert (
             done.stderr.count("2 ranks × 8 = 16 per step") == done.stderr.count("lr = 0.001") == 1
         ), done.stderr
         weights.append(Path("snapshots/small_iter_20.caffemodel").read_bytes())
-    assert weights[0] == weights[1]
+    assert weights[0] == weights[1] == weights[2]
 
 
 def test_wrong_usage_is_said_once(small):

@@ -10,7 +10,7 @@ from collections.abc import Callable, Container, Sequence
 from pathlib import Path
 
 from netlib import engine
-from netlib.files.paths import command, is_subcommand
+from tools.common.commands import command, is_subcommand
 
 MAX_INTEGER = (1 << 63) - 1  # of integers in files
 MAX_COUNT = (1 << 31) - 1

@@ -12,8 +12,8 @@ from typing import TextIO
 import tools
 from netlib.building import python_layer
 from netlib.errors import NetlibError, printable, reason_of
-from netlib.files.paths import command
 from netlib.system import memory
+from tools.common.commands import command
 
 DONE, FAILED = 0, 1  # argparse exits with 2 for wrong usage
 

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from netlib.errors import DataError, LayerError, NetlibError, PrototxtError, did_you_mean
-from netlib.files.paths import command, find
+from netlib.files.paths import find
 from netlib.net import Net
 from netlib.proto import prototxt, schema
 from netlib.proto.binaryproto import read_blob
@@ -25,6 +25,7 @@ from netlib.proto.messages import LayerParameter, NetParameter, NetState
 from netlib.proto.net_parameter import load_parameter, select_layers
 from netlib.proto.options import layer_types
 from netlib.proto.prototxt import Message, Scalar
+from tools.common.commands import command
 
 Shape = tuple[int, ...]
 

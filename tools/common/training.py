@@ -23,12 +23,12 @@ from netlib import files
 from netlib.distributed.ranks import ALONE, Ranks
 from netlib.errors import NetlibError, reason_of
 from netlib.files import locks
-from netlib.files.paths import command
 from netlib.proto import prototxt
 from netlib.solver import Solver
 from netlib.training import solver_parameter
 from netlib.training.report import CaffeFormatter
 from tools.common import outputs
+from tools.common.commands import command
 from tools.common.console import DONE, say
 from tools.common.progress import ProgressBar
 from tools.common.ranks import ended_together, threads_of

@@ -10,7 +10,7 @@ import numpy as np
 from docs.making.figures.drawing import DEPTH, FIRST, SECOND, THIRD, new_figure
 from handpose import NYU
 from handpose.body.nyu import CUBE_MM
-from handpose.estimate.nets import skeleton_to_fit, trained
+from handpose.estimate.nets import skeleton_to_fit
 from handpose.estimate.packaged import PAPER_HAND
 from handpose.frames.crops import crop_pixels, restore_joints
 from handpose.output.drawing.hands import bones, colours
@@ -18,6 +18,7 @@ from handpose.synthetic.generator import Generator
 from layers.hand import skeleton as skeletons
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
+from netlib.training.trained import trained
 
 HALF_CUBE_MM = CUBE_MM / 2
 ROW = 64  # of the crop, whose profile is drawn

@@ -29,10 +29,9 @@ from handpose.fit.joints.angles import canonical, rotations
 from handpose.fit.search import minimise
 from layers.hand.bodies import kinematics_of
 from layers.hand.skeleton import Skeleton
-from netlib.blob import Array
+from netlib.blob import Array, blocks
 from netlib.engine import for_each
 from netlib.errors import DataError
-from netlib.system.memory import blocks
 
 CHUNK = 256  # frames per job of a thread
 GRID_STEP = np.pi / 6  # angle between the rotations of the grid

@@ -50,3 +50,12 @@ def test_another_body(files, rng, sizes):
     found = run_onnx(onnx_image(net, cube_mm=900), **x)["y"]
     np.testing.assert_allclose(found, net.forward(**x)["y"], atol=2e-6)
     check_older(net, 900)
+
+
+def test_a_cube_of_unknown_size_is_left_out_of_the_metadata(files, onnx):
+    net = load_net(*files('layer { name: "h" type: "HandModel" bottom: "x0" top: "y" }', (1, 47)))
+    kept = [
+        {entry.key for entry in onnx.load_from_string(image).metadata_props}
+        for image in (onnx_image(net), onnx_image(net, cube_mm=300))
+    ]
+    assert kept[1] - kept[0] == {"cube_mm"}

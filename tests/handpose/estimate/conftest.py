@@ -87,10 +87,3 @@ def found_at(frame: np.ndarray, place: Sequence[float], presence: float = 0.9) -
     points = KINECT2.unproject(np.stack([columns, rows, np.maximum(frame, 1)], axis=-1))
     near = np.linalg.norm(points - place, axis=-1) < 110
     return FoundHand(presence, np.array(place, float), 0.5, near & (frame > 0))
-
-
-def assert_same_weights(one: netlib.Net, other: netlib.Net) -> None:
-    """All params of two nets have the same values."""
-    for name, blobs in one.params.items():
-        for own, same in zip(blobs, other.params[name], strict=True):
-            np.testing.assert_array_equal(own.data, same.data)

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from handpose.estimate.nets import hand_poses, skeleton_to_fit, trained
-from handpose.estimate.packaged import HAND_FINDER, load_predictor, read_card
+from handpose.estimate.nets import hand_poses, skeleton_to_fit
+from handpose.estimate.packaged import load_predictor
 from handpose.frames.cameras import NYU
 from layers.hand.bodies import kinematics_of
-from netlib.errors import PrototxtError
-from netlib.layer import TEST
 from netlib.net import Net
-from tests.handpose.estimate.conftest import assert_same_weights
 
 
 @pytest.fixture
@@ -30,22 +25,6 @@ def crops() -> np.ndarray:
     for crop, depth in zip(crops, (-0.2, 0.0, 0.2), strict=True):
         crop[36:92, 44:84] = depth
     return crops
-
-
-def test_weights_replace_initial_values(tmp_path: Path) -> None:
-    """All parameters have the file's weights, although no filler ran; an unknown filler is
-    still an error.
-    """
-    card = read_card(HAND_FINDER)
-    found, expected = trained(card.net, card.weights), Net(card.net, card.weights, TEST)
-    assert_same_weights(found, expected)
-    (tmp_path / "net.prototxt").write_text(
-        card.net.read_text(encoding="utf-8").replace("xavier", "xaver", 1)
-    )
-    with pytest.raises(
-        PrototxtError, match=r"unknown filler type 'xaver' \(did you mean 'xavier'\?\)"
-    ):
-        trained(tmp_path / "net.prototxt", card.weights)
 
 
 def test_the_hand_model_takes_them(net: Net, crops: np.ndarray) -> None:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import pytest
 
-from netlib.files.paths import ROOT, command, find, real
+from netlib.files.paths import ROOT, find, real
 
 
 @pytest.fixture
@@ -72,17 +71,6 @@ def test_the_command_line(tree: Path) -> None:
     assert find("nyu_train_test.prototxt", None) == Path("nyu_train_test.prototxt")
     own_net = put(packaged)
     assert find(str(packaged), None) == own_net
-
-
-def test_commands_as_they_are_started(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert command("export_onnx") == "python tools/export_onnx.py"
-    monkeypatch.setattr(sys, "argv", ["handpose train"])
-    assert (command("export_onnx"), command("run_net")) == (
-        "handpose export-onnx",
-        "handpose run-net",
-    )
-    monkeypatch.setattr(sys, "argv", ["netlib finetune"])
-    assert (command("export_onnx"), command("run_net")) == ("netlib export-onnx", "netlib run")
 
 
 def test_a_real_path(tree: Path) -> None:

@@ -7,12 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 import netlib
 from netlib.system import memory
-from netlib.system.memory import OutOfMemoryError, blocks, format_bytes
+from netlib.system.memory import OutOfMemoryError, format_bytes
 from tests.netlib.conftest import MakeNet
 from tests.support.nets import inputs
 
@@ -177,10 +175,3 @@ def test_random_numbers_are_those_of_one_draw() -> None:
     array = np.zeros((3, fillers.BLOCK), np.float64)
     fillers.fill(array, fillers.Filler(type="gaussian"), np.random.default_rng(0))
     assert np.array_equal(array, whole)
-
-
-@given(st.integers(0, 300), st.integers(1, 40))
-def test_blocks_cut_a_range(count: int, size: int) -> None:
-    pieces = [list(range(count))[rows] for rows in blocks(count, size)]
-    assert [i for piece in pieces for i in piece] == list(range(count))
-    assert all(0 < len(piece) <= size for piece in pieces)

@@ -1,4 +1,4 @@
-"""handpose/__main__.py: the commands handpose and netlib, with the tools as sub-commands."""
+"""tools/common/commands.py: the commands handpose and netlib, with the tools as sub-commands."""
 
 from __future__ import annotations
 
@@ -15,19 +15,14 @@ import pytest
 
 import tools
 from handpose import __version__
-from handpose.__main__ import EXAMPLES, GROUPS, NET_TOOLS, commands, main
 from tests.support.running import Done, run_python
+from tools.common.commands import EXAMPLES, GROUPS, NET_TOOLS, command, commands, main
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 
 
 def run(program: str, *words: str, status: int = 0) -> Done:
-    code = (
-        ["-m", "handpose"]
-        if program == "handpose"
-        else ["-c", "from handpose.__main__ import netlib; netlib()"]
-    )
-    return run_python(*code, *words, status=status)
+    return run_python("-m", program, *words, status=status)
 
 
 @functools.cache
@@ -56,7 +51,7 @@ def shown(
             patch.setattr(sys, "argv", ["handpose", *words])
             patch.setattr(sys, "path", [*sys.path])
             patch.setitem(sys.modules, "__main__", sys.modules["__main__"])
-            main()
+            main("handpose")
         signal.signal(signal.SIGINT, interrupt)
         assert ended.value.code == 0
         return capsys.readouterr().out
@@ -162,5 +157,22 @@ def test_both_are_installed() -> None:
     setup.read(ROOT / "setup.cfg", encoding="utf-8")
     assert setup["options.entry_points"]["console_scripts"].split("\n")[1:] == [
         "handpose = handpose.__main__:main",
-        "netlib = handpose.__main__:netlib",
+        "netlib = netlib.__main__:main",
     ]
+
+
+@pytest.mark.parametrize(
+    ("typed", "names"),
+    [
+        ("tools/train.py", ["python tools/export_onnx.py", "python tools/test.py"]),
+        ("handpose train", ["handpose export-onnx", "handpose test"]),
+        ("netlib finetune", ["netlib export-onnx", "netlib score"]),
+    ],
+)
+def test_commands_as_they_are_started(
+    typed: str, names: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """``netlib test`` is tools/test_net.py."""
+    monkeypatch.setattr(sys, "argv", [typed])
+    assert [command("export_onnx"), command("test")] == names
+    assert typed != "netlib finetune" or command("test_net") == "netlib test"
