@@ -72,7 +72,7 @@ def test_without_any_output_named() -> None:
     found = read_track("take.json")
     with open_recording("takes/take.npz") as recording:
         tracker = load_tracker(recording.camera)
-        later = LaterFrames[None](tracker.estimator.model)
+        later = LaterFrames[None](tracker.model)
         for frame in tracker.follow(recording):
             assert not later.add(None, frame)
         expected = [frame for _, frame in later.finish()]
