@@ -35,28 +35,28 @@ class Size(NamedTuple):
 
 
 ROOMS = {
-    "docs": Size(12_788, 928, 63, 8_608),
-    "exercises": Size(8_699, 636, 42, 32_908),
-    "experiments": Size(14_839, 1_178, 55, 10_767),
-    "export": Size(8_268, 627, 22, 3_938),
-    "fast": Size(29_905, 2_374, 121, 3_196),
-    "handpose": Size(92_672, 7_476, 370, 34_725),
-    "handpose/synthetic": Size(14_001, 996, 94, 1_873),
-    "layers": Size(36_471, 2_970, 126, 18_415),
-    "netlib": Size(44_108, 4_278, 64, 65_638),
+    "docs": Size(12_789, 928, 63, 8_608),
+    "exercises": Size(8_692, 636, 41, 32_860),
+    "experiments": Size(14_233, 1_138, 50, 10_132),
+    "export": Size(8_282, 630, 22, 3_938),
+    "fast": Size(28_464, 2_291, 114, 2_396),
+    "handpose": Size(94_035, 7_728, 351, 33_669),
+    "handpose/synthetic": Size(15_800, 1_265, 77, 2_077),
+    "layers": Size(36_718, 3_025, 123, 18_344),
+    "netlib": Size(44_390, 4_306, 63, 65_768),
     "setup.py": Size(180, 10, 1, 284),
-    "tests": Size(261_655, 17_077, 735, 365_617),
-    "tools": Size(29_772, 2_705, 54, 30_127),
+    "tests": Size(265_490, 17_372, 748, 368_566),
+    "tools": Size(30_395, 2_755, 54, 31_439),
 }
 LINES = {  # of files that are not Python, by their patterns
-    "prototxt/*.prototxt models/*.prototxt": 3_915,
+    "prototxt/*.prototxt models/*.prototxt": 4_082,
     "*.json": 400,
     "*.js *.css *.html": 2_830,
 }
 WORDS = {  # of documents, by their pattern
-    ":(glob)docs/*.md": 25_794,
+    ":(glob)docs/*.md": 25_881,
     "README.md": 898,
-    "*.md": 64_659,
+    "*.md": 64_777,
 }
 OTHERS = LINES | WORDS
 LIMITS = {  # that no recorded total may exceed: syntax nodes of rooms, lines, words
@@ -77,7 +77,7 @@ LIMITS = {  # that no recorded total may exceed: syntax nodes of rooms, lines, w
     "*.md": 65_000,
 }
 # These do, and are to shrink.
-ABOVE = ["experiments", "fast", "handpose", "netlib", "tests", "tools"]
+ABOVE = ["experiments", "handpose", "handpose/synthetic", "netlib", "tests", "tools"]
 
 
 def tracked(*patterns: str) -> list[Path]:
