@@ -12,6 +12,10 @@ where there is none; the middle of a hand's joints is its place. A hand is found
 each further answer is false. "side" is the share of the hands found whose side is right or unknown,
 with the threshold at one false hand a frame; "unknown" those without an answer.
 
+--reliability shows whether presence is a probability: of the answers of each presence, the share
+that are hands. Its last line has the scale and the shift of the log-odds with which those of the
+synthetic scenes ("test") would be, for the power_param of the net's layer "sure".
+
 --things counts, in scenes without hands, what is taken for one: the shares of things in the scene
 prior follow from that.
 
@@ -23,6 +27,7 @@ from __future__ import annotations
 
 import argparse
 import functools
+import itertools
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -52,6 +57,8 @@ from tools.common.console import DONE, aligned
 WITHIN_MM = 80.0
 RATES = (0.5, 1.0, 2.0)  # false hands a frame
 LOWEST, MOST = 0.01, 12  # presence and number of the answers that are counted
+STEPS = (0.01, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)  # presences of a row
+NEWTON = 20  # iterations, more than enough for two numbers
 MADE = (NYU, KINECT2, SR305)
 
 
@@ -98,6 +105,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="frames, and the joints of their hands; may be given several times",
     )
     parser.add_argument(
+        "--reliability",
+        action="store_true",
+        help="instead, how many answers of each presence are hands",
+    )
+    parser.add_argument(
         "--things",
         action="store_true",
         help="instead, what is taken for a hand in scenes without hands",
@@ -122,6 +134,12 @@ def run(args: argparse.Namespace) -> int:
         sources[Path(source).name] = functools.partial(
             recorded, source, labels_of(labels), args.part
         )
+    if args.reliability:
+        answers = {name: answers_of(finder, frames()) for name, frames in sources.items()}
+        print(aligned(reliability(answers)))
+        scale, shift = calibration(answers["test"])
+        print(f"power_param {{ scale: {scale:.3f} shift: {shift:.3f} }}")
+        return DONE
     rows = [
         [
             "frames of",
@@ -167,6 +185,45 @@ def cells_of(finder: Finder, frames: Iterator[Labelled]) -> list[str]:
         off,
         f"{1000 * seconds / number:.0f}",
     ]
+
+
+def answers_of(finder: Finder, frames: Iterator[Labelled]) -> list[Answer]:
+    """All answers in the frames. Raises NetlibError."""
+    return [
+        answer
+        for frame in frames
+        for answer in judged(finder.hands(frame.depth, frame.camera, LOWEST, MOST), frame)
+    ]
+
+
+def reliability(answers: dict[str, list[Answer]]) -> list[list[str]]:
+    """A row for each range of presences: the number of answers and the share that are hands, for
+    each kind of frames.
+    """
+    rows = [["presence", *answers]]
+    for low, high in itertools.pairwise(STEPS):
+        cells = []
+        for found in answers.values():
+            true = [one.true for one in found if low <= one.presence < high]
+            cells.append(f"{np.mean(true):.0%} of {len(true)}" if true else "")
+        rows.append([f"{low:.0%} to {high:.0%}", *cells])
+    return rows
+
+
+def calibration(answers: Sequence[Answer]) -> tuple[float, float]:
+    """The scale and the shift of the log-odds of presences with which they are as likely as
+    possible the probabilities of hands (Platt, Probabilistic Outputs for Support Vector Machines,
+    1999), by Newton's method.
+    """
+    said = np.array([one.presence for one in answers])
+    true = np.array([one.true for one in answers], float)
+    features = np.column_stack([np.log(said / (1 - said)), np.ones(len(said))])
+    weights = np.array([1.0, 0.0])
+    for _ in range(NEWTON):
+        chance = 1 / (1 + np.exp(-features @ weights))
+        spread = (chance * (1 - chance))[:, None] * features
+        weights += np.linalg.solve(features.T @ spread, features.T @ (true - chance))
+    return float(weights[0]), float(weights[1])
 
 
 def judged(found: Sequence[FoundHand], frame: Labelled) -> list[Answer]:

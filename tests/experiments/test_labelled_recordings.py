@@ -14,10 +14,12 @@ from experiments.constants import Seen, cells_of, followed, set_constants
 from experiments.finder import (
     Answer,
     Labelled,
+    calibration,
     judged,
     labels_of,
     recalls_of,
     recorded,
+    reliability,
     things_taken_for_hands,
 )
 from handpose.estimate.finder import Finder, FoundHand
@@ -187,6 +189,19 @@ def test_the_packaged_finder_is_measured() -> None:
     for line, name in ((drawn, "test"), (other, "other")):
         found, count, _, _, recall, *_ = line.split()
         assert (found, count) == (name, "16") and float(recall.rstrip("%")) > 50
+
+
+def test_presences_are_compared_with_what_was_there() -> None:
+    sure = [Answer(0.85, n < 30) for n in range(40)]
+    unsure = [Answer(0.25, n < 10) for n in range(40)]
+    head, *rows = reliability({"one": sure, "two": unsure, "none": []})
+    assert head == ["presence", "one", "two", "none"] and len(rows) == 10
+    assert ["80% to 90%", "75% of 40", "", ""] in rows
+    assert ["20% to 30%", "", "25% of 40", ""] in rows
+    scale, shift = calibration([*sure, *unsure])
+    for said, share in ((0.85, 0.75), (0.25, 0.25)):
+        odds = np.exp(scale * np.log(said / (1 - said)) + shift)
+        assert odds / (1 + odds) == pytest.approx(share)
 
 
 def test_what_the_finder_takes_for_a_hand_is_counted_by_its_name() -> None:
