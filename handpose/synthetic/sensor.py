@@ -277,10 +277,13 @@ STEREO = Sensor(
     holes=(0.0, 0.01),
     spread=(0.0, 1.5),
 )
-DIM = 0.5  # share of frames in which dark things are not read, ...
-REACHES = (1.05, 4.0)  # ... and white ones up to this part of the farthest hand's depth (logarithm)
-HANDS_AT_MM = (300.0, 1200.0)  # instead, in frames without hands
-UNEVEN = 0.15  # deviation of that depth from place to place
+DIM = 0.35  # share of frames in which dark things are not read, ...
+UNEVEN = 0.15  # deviation of the logarithm of the depth up to which they are, from place to place
+# share of frames in which what is far away is read in islands, of these sizes in px, where smooth
+# noise is above a number between these
+ISLANDS, GRAINS, SEA = 0.3, (8, 28), (-0.3, 1.3)
+REACHES = (1.05, 4.0)  # that is far: from this part of the farthest hand's depth on (logarithm) ...
+HANDS_AT_MM = (300.0, 1200.0)  # ... or, in frames without hands, of this one
 KINDS = (
     (KINECT, False),
     (NOISY_KINECT, False),
@@ -314,10 +317,14 @@ def measure_frame(
     if sensor.baseline and rng.random() < 0.7:
         lost |= _shadow(rng, clean, focal * rng.uniform(20, 75))
     if rng.random() < 0.5:
-        hole = _patches(rng, depth.shape) > rng.uniform(1.0, 2.2)
+        hole = _patches(rng, depth) > rng.uniform(1.0, 2.2)
         lost |= hole if rng.random() < 0.35 else hole & ~hand
+    far = _behind(rng, clean, hand)
     if rng.random() < DIM:
-        lost |= _dark(rng, clean, hand, reflects)
+        lost |= ~hand & (clean > far * np.sqrt(reflects) * np.exp(UNEVEN * _patches(rng, clean)))
+    if rng.random() < ISLANDS:
+        grain = int(rng.integers(*GRAINS))
+        lost |= ~hand & (clean > far) & (_patches(rng, clean, grain) < rng.uniform(*SEA))
     if rng.random() < 0.3:
         lost[:, : int(rng.integers(25))] = True  # the strip that one of the cameras does not see
     out = np.where(lost, np.float32(0), np.round(out))
@@ -327,16 +334,10 @@ def measure_frame(
     return np.asarray(out, np.float32)
 
 
-def _dark(
-    rng: np.random.Generator, depth: Floats, hand: NDArray[np.bool_], reflects: Floats
-) -> NDArray[np.bool_]:
-    """Pixels (H, W) that send back too little light: it falls with the squared distance. Hands are
-    near enough.
-    """
+def _behind(rng: np.random.Generator, depth: Floats, hand: NDArray[np.bool_]) -> float:
+    """A depth in mm behind all hands, from which a camera may read less."""
     farthest = float(depth[hand].max()) if hand.any() else float(rng.uniform(*HANDS_AT_MM))
-    reach = farthest * np.exp(rng.uniform(*np.log(REACHES)))
-    uneven = np.exp(UNEVEN * _patches(rng, depth.shape))
-    return ~hand & (depth > reach * np.sqrt(reflects) * uneven)
+    return farthest * float(np.exp(rng.uniform(*np.log(REACHES))))
 
 
 def _merged(depth: Floats, sigma: float) -> Floats:
@@ -373,7 +374,8 @@ def _shadow(rng: np.random.Generator, depth: Floats, baseline_px: float) -> NDAr
     return hidden[:, ::-1] if mirrored else hidden
 
 
-def _patches(rng: np.random.Generator, shape: tuple[int, int]) -> Floats:
-    """Smooth noise (H, W) with a grain of 8 px."""
-    coarse = rng.standard_normal((shape[0] // 8 + 1, shape[1] // 8 + 1), dtype=np.float32)
-    return np.asarray(cv2.resize(coarse, shape[::-1], interpolation=cv2.INTER_LINEAR), np.float32)
+def _patches(rng: np.random.Generator, depth: Floats, grain: int = 8) -> Floats:
+    """Smooth noise of the shape (H, W) of a depth image, with a grain in px."""
+    height, width = depth.shape
+    coarse = rng.standard_normal((height // grain + 1, width // grain + 1), dtype=np.float32)
+    return np.asarray(cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR))

@@ -87,7 +87,7 @@ def test_a_prediction_gone_astray(fixed: Callable[..., netlib.Net], frame: np.nd
     start = np.array([260.0, 210.0, 690.0])
     found = Predictor(fixed(25, 0, 0), KINECT2, refine=9).in_frame(frame, start)
     moved = np.linalg.norm(found.center_mm - KINECT2.unproject(start))
-    assert moved == pytest.approx(50, abs=1e-3) and moved < MAX_MOVE_MM
+    assert moved == pytest.approx(100, abs=1e-3) and moved < MAX_MOVE_MM
     near = np.array([260.0, 210.0, 155.0])
     found = Predictor(fixed(0, 0, -20), KINECT2).in_frame(frame, near)
     np.testing.assert_array_equal(found.center_uvd, near)
@@ -109,6 +109,17 @@ def test_a_hand_beside_the_start(frame: np.ndarray) -> None:
     with pytest.raises(DataError, match="lies outside the image"):
         outside = KINECT2.project(np.array([9000.0, 0, 700]))
         predictor.estimator.in_frame(frame_of(frame, KINECT2), outside)
+
+
+def test_the_middle_of_the_joints_leads_to_the_crop_in_the_palm(frame: np.ndarray) -> None:
+    """A finder gives this place; its crop is that of a centre that is given, up to a few mm."""
+    predictor = load_predictor(KINECT2, fit="fast", hand="right")
+    given = predictor.in_frame(frame, KINECT2.project(np.array([30.0, -20, 700])))
+    middle = given.xyz[[not name.startswith("wrist") for name in predictor.skeleton.joint_names]]
+    assert np.linalg.norm(middle.mean(axis=0) - given.center_mm) > 60
+    found = predictor.in_frame(frame, KINECT2.project(middle.mean(axis=0)))
+    assert np.linalg.norm(found.center_mm - given.center_mm) < 25
+    assert np.linalg.norm(found.xyz - given.xyz, axis=1).mean() < 5
 
 
 def test_the_other_hand(seeing: netlib.Net) -> None:
