@@ -129,7 +129,7 @@ def poses_of(name: str, frames: Iterator[TrackedLabels]) -> Poses:
         for hand, apart in zip(frame.hands, frame.apart):
             is_labelled = apart.mean() == nearest < LOST_MM
             evidence.append(
-                evidence_of_track(frame.tracker.known[hand.id], frame.tracker.estimator.model)
+                evidence_of_track(frame.tracker.track_of(hand), frame.tracker.estimator.model)
             )
             fingers.append(apart.mean(axis=1) if is_labelled else lost)
         others = evidence_of_others(frame)
