@@ -128,7 +128,7 @@ def poses_of(name: str, frames: Iterator[TrackedLabels]) -> Poses:
         nearest = min((apart.mean() for apart in frame.apart), default=np.inf)
         for hand, apart in zip(frame.hands, frame.apart):
             is_labelled = apart.mean() == nearest < LOST_MM
-            evidence.append(evidence_of_track(frame.tracker.known[hand.id], frame.tracker.model))
+            evidence.append(evidence_of_track(frame.tracker.track_of(hand), frame.tracker.model))
             fingers.append(apart.mean(axis=1) if is_labelled else lost)
         others = evidence_of_others(frame)
         evidence += others

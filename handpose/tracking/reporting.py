@@ -1,20 +1,24 @@
-"""The hands of tracked frames that are sure enough to be reported."""
+"""The hands of tracked frames that are sure enough to be reported, and their ids."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import operator
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 from handpose.body.sides import Side
 from handpose.tracking.reasons import uncertain
-from handpose.tracking.track import PresentHand, TrackedFrame
+from handpose.tracking.track import PresentHand, TrackedFrame, TrackedHand
 
 # Number of frames with joints that make a hand one that can be lost. In recordings of one
 # hand and of two, the hands that are lost have 17 or more, a hand that is found twice in its
 # first frame has 1.
-MIN_GIVEN = 5
+MIN_GIVEN = 3
 # s, for which a hand counts as one with joints after it had them: twice as long as a track goes on
 # without a pose.
 RECENT_S = 2.0
+
+T = TypeVar("T")
 
 
 @dataclass
@@ -39,14 +43,19 @@ class SureHands:
     unknown is not below. A hand is listed as lost only if its joints were given in ``MIN_GIVEN``
     frames before. A finder sees hands in many things: beside a hand with joints, and for
     ``RECENT_S`` after one that can be lost, only those present hands are reported that are sure;
-    where no hand has joints, all are. A minimum of 0 changes nothing.
+    where no hand has joints, all are. A minimum of 0 removes nothing.
+
+    Ids of reported hands are numbers from 0, in the order in which hands are first reported; in one
+    frame those with joints come first. A tracker's own ids also count places that it only looks at.
 
     frames  number of frames with a hand below the minimum
+    ids     the reported id of each of the tracker's ids
     """
 
     def __init__(self, min_confidence: float) -> None:
         self.min_confidence, self.frames = min_confidence, 0
         self._given: dict[int, Given] = {}
+        self.ids: dict[int, int] = {}
         self._posed = -float("inf")  # s, when a hand that can be lost had joints last
 
     @property
@@ -58,9 +67,10 @@ class SureHands:
         return f"{below}, whose joints are not given (--min-confidence)" if self.frames else ""
 
     def __call__(self, frame: TrackedFrame) -> TrackedFrame:
-        """The frame with the hands that are sure enough."""
-        if not self.min_confidence:
-            return frame
+        """The frame with the hands that are sure enough, by their ids."""
+        return self._numbered(self._sure(frame) if self.min_confidence else frame)
+
+    def _sure(self, frame: TrackedFrame) -> TrackedFrame:
         hands, unsure = [], []
         for hand in frame.hands:
             before = self._given.get(hand.id)
@@ -86,7 +96,29 @@ class SureHands:
         ]
         is_beside = hands or frame.time - self._posed <= RECENT_S
         present = [one for one in frame.present if one.is_sure or not is_beside]
-        return frame._replace(hands=tuple(hands), lost=tuple(lost), present=(*present, *unsure))
+        return frame._replace(hands=tuple(hands), lost=tuple(lost), present=(*unsure, *present))
+
+    def _numbered(self, frame: TrackedFrame) -> TrackedFrame:
+        """The frame with the ids that are reported, and without lost hands that never were."""
+        with_joints, without = [one.id for one in frame.hands], [one.id for one in frame.present]
+        for id in with_joints + without:
+            self.ids.setdefault(id, len(self.ids))
+        hands = [_with_id(hand, self.ids[hand.id]) for hand in frame.hands]
+        lost = [one._replace(id=self.ids[one.id]) for one in frame.lost if one.id in self.ids]
+        present = [one._replace(id=self.ids[one.id]) for one in frame.present]
+        return frame._replace(hands=_by_id(hands), lost=_by_id(lost), present=_by_id(present))
 
     def _can_be_lost(self, id: int) -> bool:
         return id in self._given and self._given[id].frames >= MIN_GIVEN
+
+
+def _with_id(hand: TrackedHand, id: int) -> TrackedHand:
+    """A hand with another id, also as one of the other side."""
+    if hand.id == id:
+        return hand
+    other = None if hand.other is None else replace(hand.other, id=id)
+    return replace(hand, id=id, other=other)
+
+
+def _by_id(hands: list[T]) -> tuple[T, ...]:
+    return tuple(sorted(hands, key=operator.attrgetter("id")))

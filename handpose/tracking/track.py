@@ -66,7 +66,7 @@ class TrackedPoses(NamedTuple):
 class TrackedHand:
     """One hand in one frame.
 
-    id          of this hand, the same in all frames
+    id          of this hand, the same in all frames; from 0 in the order of first reports
     hand        "right" or "left"
     confidence  probability that the joints' mean error is below 30 mm; NaN if it was not measured
     error_mm    expected error; NaN likewise
@@ -143,9 +143,11 @@ class PresentHand(NamedTuple):
     confidence  of its pose
     place       (3,) mm, camera axes: its middle
     reason      one line
-    mask        (height, width) its pixels in the frame; None if unknown
+    mask        (height, width) its pixels in the last frame in which a finder looked for hands;
+                None if unknown
     is_sure     False if only a low presence says that it is a hand; then it is not reported beside
                 one with joints
+    is_seen     False if a finder looked since, and did not see it
     """
 
     id: int
@@ -156,6 +158,7 @@ class PresentHand(NamedTuple):
     reason: str
     mask: NDArray[np.bool_] | None = None
     is_sure: bool = True
+    is_seen: bool = True
 
 
 class TrackedFrame(NamedTuple):

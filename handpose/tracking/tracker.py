@@ -45,7 +45,7 @@ from handpose.tracking.present_hands import (
 from handpose.tracking.reasons import NO_POSE, why_missing
 from handpose.tracking.reporting import RECENT_S, SureHands
 from handpose.tracking.sizing import checked
-from handpose.tracking.track import LostHand, PresentHand, TrackedFrame, TrackHeader
+from handpose.tracking.track import LostHand, PresentHand, TrackedFrame, TrackedHand, TrackHeader
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
 
@@ -109,7 +109,8 @@ class Tracker:
         self.finder, self.min_presence = predictor.finder, min_presence
         self.present = PresentHands(min_presence)
         self._searched = -np.inf  # s, when further hands were searched for
-        self.known: dict[int, HandTrack] = {}  # all hands of the recording by their ids
+        # all hands of the recording by the tracker's own ids (``SureHands.ids``)
+        self.known: dict[int, HandTrack] = {}
         self._sure = SureHands(min_confidence)
         self._time = -np.inf
         self._read = False  # True once a frame had a reading
@@ -118,6 +119,10 @@ class Tracker:
     def tracks(self) -> list[HandTrack]:
         """The hands that are tracked."""
         return [track for track in self.known.values() if track.is_tracked]
+
+    def track_of(self, hand: TrackedHand) -> HandTrack:
+        """The state of a hand that ``step`` returned last."""
+        return next(track for id, track in self.known.items() if self._sure.ids.get(id) == hand.id)
 
     def header(self, source: str) -> TrackHeader:
         """The header of the track."""
@@ -309,11 +314,10 @@ class Tracker:
         likely = sorted(self.present.there, key=lambda place: not place.is_sure)
         for place in likely[: self.limit - len(self.tracks)]:
             side, (x, y, z) = place.hand.side, place.hand.middle.tolist()
-            mask = place.hand.mask if place.time == time else None
-            hand = PresentHand(
-                place.id, side, place.presence, 0.0, (x, y, z), NO_POSE, mask, place.is_sure
-            )
-            present.append(hand)
+            hand = PresentHand(place.id, side, place.presence, 0.0, (x, y, z), NO_POSE)
+            is_seen = place.time == self._searched
+            mask = place.hand.mask if is_seen else None
+            present.append(hand._replace(mask=mask, is_sure=place.is_sure, is_seen=is_seen))
         return TrackedFrame(number, time, tuple(hands), tuple(lost), tuple(present))
 
     def _lost(self) -> list[int]:

@@ -122,7 +122,7 @@ def test_what_is_seen_of_tracked_poses(mirrored: bool) -> None:
         frames.append(frame)
         [hand] = frame.hands
         found = judged(
-            evidence_of_track(frame.tracker.known[hand.id], frame.tracker.estimator.model)
+            evidence_of_track(frame.tracker.track_of(hand), frame.tracker.estimator.model)
         )
         assert hand.confidence == pytest.approx(hand.side_confidence * found.confidence[0])
         assert hand.error_mm == pytest.approx(found.error_mm[0])

@@ -23,6 +23,7 @@ from handpose.frames.cameras import ICVL
 from handpose.frames.formats import open_recording
 from handpose.frames.formats.stack import StackRecording
 from handpose.frames.recording import DepthFrame
+from handpose.output.drawing.tracks import Painter
 from handpose.output.tracks.json_file import read_track
 from handpose.tracking.later_frames import LaterFrames
 from handpose.tracking.track import TrackedFrame
@@ -200,6 +201,23 @@ def test_which_hand_is_known() -> None:
     assert {hand.hand for frame in read_track("a.json").frames for hand in frame.hands} <= {"left"}
 
 
+@pytest.mark.parametrize("picture", [["--sheet", "a.png"], ["--video", "a.mp4"]], ids=" ".join)
+def test_gestures_in_pictures(picture: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """They are those of JSON."""
+    draw, labels = Painter.seen, []
+
+    def seen(self: Painter, depth: Any, frame: TrackedFrame, gestures: dict[int, str]) -> Any:
+        labels.append(gestures)
+        return draw(self, depth, frame, gestures)
+
+    monkeypatch.setattr(Painter, "seen", seen)
+    run_tool("track", "takes/take.npz", "--json", "a.json", "--gestures", *picture)
+    frames = json.loads(Path("a.json").read_text())["frames"]
+    assert labels == [
+        {hand["id"]: hand["gesture"]["name"] or "" for hand in frame["hands"]} for frame in frames
+    ]
+
+
 @pytest.mark.parametrize(
     ("source", "name"),
     [
@@ -259,7 +277,7 @@ def test_a_first_look(monkeypatch: pytest.MonkeyPatch) -> None:
         ["--hands", "0"],
         ["--joints", "smpl"],
         ["--joints", "mano", "--sheet", "a.png"],
-        ["--gestures", "--sheet", "a.png"],
+        ["--gestures", "--look", "a.png"],
         ["--frames", "0"],
         ["--size", "0"],
         ["--min-confidence", "1.1"],

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose import Recording
+from handpose.body.gestures import GestureReader
 from handpose.frames.camera_places import places_next_to
 from handpose.frames.formats import PICTURES
 from handpose.frames.formats.folder import FolderRecording
@@ -39,6 +40,8 @@ from tools.common.sources import add_joints_option
 
 FILES = ("json", "csv")
 DRAWN = ("video", "sheet")
+# the outputs that show what an option adds
+SHOWN_IN = {"joints": (*FILES, "serve"), "gestures": (*FILES, "serve", *DRAWN)}
 LOCAL = "127.0.0.1"
 TOKEN = "HANDPOSE_TOKEN"  # environment variable
 _CHECK_S = 0.1  # interval between checks for a request to stop
@@ -60,7 +63,7 @@ def add_output_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--gestures",
         action="store_true",
-        help="gesture of each hand and its confidence, in --json and --csv",
+        help="gesture of each hand, in --json and --csv with its confidence, and in pictures",
     )
     parser.add_argument(
         "--video",
@@ -113,9 +116,10 @@ def settle_outputs(args: argparse.Namespace, parser: argparse.ArgumentParser) ->
     args.unnamed = args.look is None and not selected
     if args.unnamed:
         args.json, args.sheet = (f"{_stem(args.source)}{ending}" for ending in (".json", ".png"))
-    for option in ("joints", "gestures"):
-        if getattr(args, option) and not _given(args, "json", "csv", "serve"):
-            parser.error(f"--{option} is for --json, --csv and --serve; name one of them")
+    for option, names in SHOWN_IN.items():
+        if getattr(args, option) and not _given(args, *names):
+            listed = ", ".join(f"--{name}" for name in names)
+            parser.error(f"--{option} is for {listed}; name one of them")
 
 
 def _stem(source: str) -> str:
@@ -167,6 +171,7 @@ class Outputs:
         # Missing packages are reported here, before any file is started.
         self._args = args
         self._painter = Painter(header) if args.video or args.sheet else None
+        self._gestures = GestureReader(header.skeleton) if args.gestures else None
         self._sheet = ContactSheet() if args.sheet else None
         self._video = VideoFile(Path(args.video), rate or 30.0) if args.video else None
         self._live = LiveOutput(args, header) if args.serve else None
@@ -202,16 +207,28 @@ class Outputs:
         """Write a frame. Raises NetlibError, OSError."""
         for writer in self._writers:
             writer.write(frame)
-        painter = self._painter
+        painter, gestures = self._painter, self._gestures_in(frame)
         if painter and self._video:
-            image = painter.picture(depth, frame)
+            image = painter.picture(depth, frame, gestures)
             self._video.write(image, frame.time)
             if self._sheet:
                 self._sheet.add(frame.time, lambda: image[HEAD:])
         elif painter and self._sheet:
-            self._sheet.add(frame.time, lambda: painter.seen(depth, frame))
+            self._sheet.add(frame.time, lambda: painter.seen(depth, frame, gestures))
         if self._live:
             self._live.write(depth, frame)
+
+    def _gestures_in(self, frame: TrackedFrame) -> dict[int, str]:
+        """The gestures for the pictures by the ids of hands.
+
+        They are read in every frame, also if it is not drawn, because a gesture lasts.
+        """
+        if self._painter is None or self._gestures is None:
+            return {}
+        read = self._gestures.read
+        return {
+            hand.id: read(hand.id, hand.hand, hand.xyz, frame.time).name for hand in frame.hands
+        }
 
     def __exit__(
         self,

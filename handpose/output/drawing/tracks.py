@@ -7,6 +7,8 @@ for frame in track:                      # TrackedFrame
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +34,7 @@ from netlib.errors import printable
 MAX_WIDTH, MAX_HEIGHT = 960, 720  # pixels of the depth image
 HEAD = 32  # pixels of height of the line on top
 PRESENT_MM = 60.0  # radius of the circle that marks a hand without joints
-MAX_LOST = 3  # number of lost hands that are listed
+MAX_LOST, LOST_S = 3, 3.0  # number of lost hands that are listed, and for how many seconds
 _INK: Colour = (40, 40, 40)
 _MIN_DEPTH_MM = 1.0  # joints behind the camera are drawn at this depth, far outside the image
 
@@ -51,12 +53,17 @@ class Painter:
         self._size = max(round(camera.width * zoom), 1), max(round(camera.height * zoom), 1)
         self._contrast, self._window = Contrast(), Window(camera)
 
-    def picture(self, depth: NDArray[np.floating], frame: TrackedFrame) -> Image:
+    def picture(
+        self,
+        depth: NDArray[np.floating],
+        frame: TrackedFrame,
+        gestures: Mapping[int, str] | None = None,
+    ) -> Image:
         """``seen`` below a line with the source and the time, which is HEAD pixels high.
 
         Raises DataError.
         """
-        seen = self.seen(depth, frame)
+        seen = self.seen(depth, frame, gestures)
         head = np.full((HEAD, seen.shape[1], 3), 255, dtype=np.uint8)
         raw = "" if self.header.smoothed else ", not smoothed"
         middle = seen.shape[1] * 2 // 3
@@ -69,10 +76,18 @@ class Painter:
             )
         return np.concatenate([head, seen])
 
-    def seen(self, depth: NDArray[np.floating], frame: TrackedFrame) -> Image:
+    def seen(
+        self,
+        depth: NDArray[np.floating],
+        frame: TrackedFrame,
+        gestures: Mapping[int, str] | None = None,
+    ) -> Image:
         """The part of the depth image around the hands, with the hands on it, (height, width, 3).
 
-        ``depth`` is in mm, 0 without a reading. Raises DataError.
+        depth     in mm, 0 without a reading
+        gestures  names of gestures for the labels, by the ids of hands; empty for none
+
+        A present hand that the finder looked for and did not see is not drawn. Raises DataError.
         """
         check_size(depth, self.header.camera)
         joints = np.concatenate([np.empty((0, 3)), *(hand.xyz for hand in frame.hands)])
@@ -85,9 +100,10 @@ class Painter:
             low, high = part.corners(hand)
             cv2.rectangle(canvas, _pixel(low), _pixel(high), colour_of(hand.id), 1, cv2.LINE_AA)
             self._hand(canvas, hand, part.camera)
+        frame = frame._replace(present=tuple(one for one in frame.present if one.is_seen))
         for present in frame.present:
             _present(canvas, present, part)
-        _tags(canvas, frame, part)
+        _tags(canvas, frame, part, gestures or {})
         return canvas
 
     def _hand(self, canvas: Image, hand: TrackedHand, camera: Camera) -> None:
@@ -158,12 +174,13 @@ def _present(canvas: Image, hand: PresentHand, part: _Part) -> None:
     )
 
 
-def _tags(canvas: Image, frame: TrackedFrame, part: _Part) -> None:
-    """Label the hands and their confidence above their crops; list lost hands and reasons
-    at the bottom.
+def _tags(canvas: Image, frame: TrackedFrame, part: _Part, gestures: Mapping[int, str]) -> None:
+    """Label the hands, their confidence and gestures above their crops; list hands that were lost a
+    short time ago and reasons at the bottom.
     """
     tags = Tags(canvas)
-    for lost in sorted(frame.lost, key=lambda lost: -lost.since)[:MAX_LOST]:
+    recent = [lost for lost in frame.lost if frame.time - lost.since <= LOST_S]
+    for lost in sorted(recent, key=lambda lost: -lost.since)[:MAX_LOST]:
         tags.add(spoken_loss(lost, frame.time), 0, len(canvas), colour_of(lost.id))
     for present in frame.present:
         u, v, d = part.camera.project(present.place)
@@ -176,7 +193,8 @@ def _tags(canvas: Image, frame: TrackedFrame, part: _Part) -> None:
         )
     for hand in frame.hands:
         left, top = part.corners(hand)[0]
-        tags.add(spoken(hand), left, top, colour_of(hand.id), sure=hand.known_side is not None)
+        label = spoken(hand, gestures.get(hand.id, ""))
+        tags.add(label, left, top, colour_of(hand.id), sure=hand.known_side is not None)
 
 
 def _pixel(point: Array) -> tuple[int, int]:

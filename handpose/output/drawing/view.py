@@ -172,9 +172,9 @@ def percent(confidence: float) -> str:
     return ">99%" if confidence >= 0.995 else f"{confidence:.0%}"
 
 
-def spoken(hand: TrackedHand | PresentHand) -> str:
+def spoken(hand: TrackedHand | PresentHand, gesture: str = "") -> str:
     """``right 93%``, ``right? 49%`` while the side is assumed; ``left hand 43%``, its presence,
-    without joints.
+    without joints; ``right 93%, thumb up`` with a gesture.
 
     The number is omitted if it was not measured.
     """
@@ -182,7 +182,8 @@ def spoken(hand: TrackedHand | PresentHand) -> str:
         side, chance = f"{hand.hand} hand" if hand.hand else "hand", hand.presence
     else:
         side, chance = hand.known_side or f"{hand.hand}?", hand.confidence
-    return f"{side} {percent(chance)}" if math.isfinite(chance) else side
+    label = f"{side} {percent(chance)}" if math.isfinite(chance) else side
+    return f"{label}, {gesture.replace('_', ' ')}" if gesture else label
 
 
 def spoken_loss(hand: LostHand, time: float) -> str:

@@ -1,7 +1,8 @@
 """A track as CSV: a row per frame and hand, for tables and plots.
 
     number, time_s   of the frame in its recording, from 0
-    id, hand         the hand's constant number; right or left
+    id, hand         the hand's constant number; right, left or unknown; empty if no hand has a row
+                     in this frame
     lost             empty, or the reason why the hand or its pose is not found in this frame: then
                      joints are empty
     presence         probability that it is a hand; empty if unknown
@@ -15,7 +16,8 @@ With a joint format (``joint_values``) its columns replace the last two kinds.
 
 A lost hand keeps its rows, so that a plot over time has gaps instead of lines: in pandas,
 ``read_csv(path)`` reads empty fields as NaN, and ``table[table.lost.isna()]`` are the rows with a
-hand. A frame without tracked hands has no row.
+hand. A hand has no row before its first joints. A frame in which no hand has a row gets one with
+the reason, that of the most present hand if there is one.
 """
 
 from __future__ import annotations
@@ -31,8 +33,10 @@ from handpose.body.model import FINGERS, has_fingers
 from handpose.frames.cameras import Camera
 from handpose.output.tracks import joint_values
 from handpose.output.tracks.json_values import free_dofs
-from handpose.tracking.track import TrackedFrame, TrackedHand, TrackHeader, side_name
+from handpose.tracking.track import PresentHand, TrackedFrame, TrackedHand, TrackHeader, side_name
 from layers.hand.skeleton import Skeleton
+
+NO_HAND_SEEN = "no hand is seen"
 
 
 class FrameRows:
@@ -54,11 +58,13 @@ class FrameRows:
             *["gesture", "gesture_confidence"] * gestures,
         ]
         self._empty = [""] * len(own)
+        self._posed: set[int] = set()  # ids of the hands that had joints
         self.head = rows_of([["number", "time_s", "id", "hand", "lost", *own]])
 
     def encoded(self, frame: TrackedFrame) -> bytes:
         """The lines of a frame."""
         about = [frame.number, f"{frame.time:.6f}"]
+        self._posed.update(hand.id for hand in frame.hands)
         rows = [
             [*about, hand.id, side_name(hand.known_side), "", *self._values(hand, frame.time)]
             for hand in frame.hands
@@ -67,19 +73,20 @@ class FrameRows:
             [*about, lost.id, side_name(lost.hand), lost.reason, *self._empty]
             for lost in frame.lost
         ]
+        known_hands = [one for one in frame.present if one.id in self._posed]
         rows += [
-            [
-                *about,
-                one.id,
-                side_name(one.hand),
-                one.reason,
-                known("%.3f", one.presence),
-                known("%.4f", one.confidence),
-                *self._empty[2:],
-            ]
-            for one in frame.present
+            [*about, one.id, side_name(one.hand), *self._without_joints(one)] for one in known_hands
         ]
-        return rows_of(rows)
+        return rows_of(rows or [[*about, "", "", *self._without_hands(frame)]])
+
+    def _without_joints(self, hand: PresentHand) -> list[str]:
+        chances = [known("%.3f", hand.presence), known("%.4f", hand.confidence)]
+        return [hand.reason, *chances, *self._empty[2:]]
+
+    def _without_hands(self, frame: TrackedFrame) -> list[str]:
+        if not frame.present:
+            return [NO_HAND_SEEN, *self._empty]
+        return self._without_joints(max(frame.present, key=lambda hand: hand.presence))
 
     def _values(self, hand: TrackedHand, time: float) -> list[str]:
         values = self._columns.about_values(hand) + self._columns.pose_values(hand, self._camera)

@@ -129,7 +129,7 @@ def test_a_hand_is_present_that_is_sure_later(model: CapsuleModel, later: str) -
     for frame in frames_of((tracked(), doubtful), (tracked(), last), step=1 / RATE):
         assert not one.add(None, frame)
     first, _ = (frame for _, frame in one.finish())
-    assert [hand.id for hand in first.present] == [7] * (later != "neither")
+    assert [hand.place for hand in first.present] == [doubtful.place] * (later != "neither")
 
 
 def test_a_moving_hand_is_followed_without_lag(model: CapsuleModel) -> None:
@@ -200,7 +200,7 @@ def test_a_missing_hand_is_not_smoothed_across(model: CapsuleModel) -> None:
 
 def test_hands_that_were_not_smoothed_are_unchanged(model: CapsuleModel) -> None:
     """Raw poses, and those of other sources, pass."""
-    frames = frames_of(*[(tracked(),)] * 5, step=1 / RATE)
+    frames = frames_of(*[(tracked(id=0),)] * 5, step=1 / RATE)
     assert all(
         found.hands[0] is given.hands[0] for found, given in zip(smoothed(model, frames), frames)
     )

@@ -18,10 +18,10 @@ from tests.handpose.tracking.conftest import frames_of
 from tests.support.tracked_hands import HEADER, tracked
 
 SURE, UNSURE = (
-    replace(tracked(confidence=0.3), presence=0.8),
-    replace(tracked(confidence=0.299), presence=0.7),
+    replace(tracked(id=0, confidence=0.3), presence=0.8),
+    replace(tracked(id=0, confidence=0.299), presence=0.7),
 )
-GONE = LostHand(1, "right", 1.0, "left the image")
+GONE = LostHand(0, "right", 1.0, "left the image")
 
 
 def present(hand: TrackedHand, side: Side | None = "right") -> PresentHand:
@@ -34,6 +34,10 @@ def present(hand: TrackedHand, side: Side | None = "right") -> PresentHand:
 def reported(*frames: tuple[TrackedHand | LostHand, ...]) -> list[TrackedFrame]:
     """Frames with these hands, one per second, after the rule."""
     return [*map(SureHands(0.3), frames_of(*frames))]
+
+
+def ids(hands: tuple[TrackedHand | LostHand | PresentHand, ...]) -> list[int]:
+    return [hand.id for hand in hands]
 
 
 def test_a_hand_that_becomes_unsure() -> None:
@@ -69,16 +73,16 @@ def test_a_hand_that_was_never_sure() -> None:
 @pytest.mark.parametrize("frames", [MIN_GIVEN - 1, MIN_GIVEN])
 def test_only_a_hand_that_had_joints_for_some_frames_is_lost(frames: int) -> None:
     *_, last = reported(*[(SURE,)] * frames, (GONE,))
-    assert [one.id for one in last.lost] == [1] * (frames == MIN_GIVEN)
+    assert ids(last.lost) == [0] * (frames == MIN_GIVEN)
 
 
-PLACE = PresentHand(7, None, 0.6, 0.0, (0.0, 0.0, 700.0), "no pose was found there", None, False)
+PLACE = PresentHand(2, None, 0.6, 0.0, (0.0, 0.0, 700.0), "no pose was found there", None, False)
 
 
 def test_beside_a_hand_with_joints_a_present_one_is_reported_only_if_it_is_sure() -> None:
-    sure = PLACE._replace(id=8, is_sure=True)
+    sure = PLACE._replace(id=1, is_sure=True)
     frames = reported((SURE, PLACE, sure), (UNSURE, PLACE), (PLACE,))
-    assert [frame.present for frame in frames] == [(sure,), (PLACE, present(UNSURE)), (PLACE,)]
+    assert [frame.present for frame in frames] == [(sure,), (present(UNSURE), PLACE), (PLACE,)]
 
 
 @pytest.mark.parametrize("later", [(UNSURE,), (GONE,)])
@@ -86,7 +90,8 @@ def test_shortly_after_a_hand_with_joints_too(later: tuple[TrackedHand | LostHan
     """If it had them for some frames; a hand that had them once hides others in that frame only."""
     frames = frames_of(*[(SURE, PLACE)] * MIN_GIVEN, *[(*later, PLACE)] * 8, step=RECENT_S / 4)
     counts = [
-        sum(one.id == PLACE.id for one in frame.present) for frame in map(SureHands(0.3), frames)
+        sum(one.place == PLACE.place for one in frame.present)
+        for frame in map(SureHands(0.3), frames)
     ]
     assert counts == [0] * (MIN_GIVEN + 4) + [1] * 4
 
@@ -102,7 +107,7 @@ def test_the_side_that_was_known(before: TrackedHand, side: Side | None) -> None
 
 def test_each_hand_by_itself() -> None:
     a, b, c = (tracked(id=id) for id in (0, 1, 2))
-    other, unsure = present(tracked(id=7)), replace(b, confidence=0.4)
+    other, unsure = present(tracked(id=3)), replace(b, confidence=0.4)
     sure = SureHands(0.5)
     *before, last = frames_of(
         *[(a, b, c)] * MIN_GIVEN, (unsure, c, LostHand(0, "right", 0.0, "x"), other)
@@ -110,9 +115,7 @@ def test_each_hand_by_itself() -> None:
     assert [*map(sure, before)] == before and not sure.note
     found = sure(last)
     assert (
-        found.hands == (c,)
-        and [one.id for one in found.lost] == [0]
-        and found.present == (other, present(unsure))
+        found.hands == (c,) and ids(found.lost) == [0] and found.present == (present(unsure), other)
     )
     assert sure.frames == 1 and sure.note.startswith(
         "1 frames have a hand with a confidence below 50%"
@@ -120,14 +123,40 @@ def test_each_hand_by_itself() -> None:
 
 
 def test_a_confidence_that_is_unknown_is_not_below() -> None:
-    [frame] = frames_of((tracked(confidence=np.nan),))
+    [frame] = frames_of((tracked(id=0, confidence=np.nan),))
     assert SureHands(1.0)(frame).hands == frame.hands
 
 
-def test_nothing_is_changed_by_0() -> None:
-    other = present(tracked(id=7))
-    [frame] = frames_of((tracked(confidence=0.0), other))
+def test_nothing_is_removed_by_0() -> None:
+    other = present(tracked(id=1))
+    [frame] = frames_of((tracked(id=0, confidence=0.0), other))
     assert SureHands(0)(frame) == frame
+
+
+@pytest.mark.parametrize("minimum", [0, 0.3])
+def test_ids_are_counted_in_the_order_of_first_reports(minimum: float) -> None:
+    """In one frame a hand with joints comes before one without; a hand that returns has its id."""
+    sure, first, second = PLACE._replace(id=1, is_sure=True), tracked(id=5), tracked(id=3)
+    gone = LostHand(5, "right", 0.0, "hidden")
+    frames = frames_of(*[(first, sure)] * MIN_GIVEN, (second, sure, gone), (first, second, sure))
+    *_, before, without, after = map(SureHands(minimum), frames)
+    assert ids(before.hands) == [0] and ids(before.present) == [1]
+    assert ids(without.hands) == [2] and ids(without.lost) == [0]
+    assert ids(after.hands) == [0, 2] and ids(after.present) == [1]
+
+
+def test_what_is_not_reported_has_no_id() -> None:
+    """Neither a place that is hidden by a hand with joints, nor a hand that is lost at once."""
+    found = reported((SURE, PLACE), (SURE, tracked(id=9), GONE._replace(id=7)))
+    assert ids(found[1].hands) == [0, 1] and not found[1].lost
+    [frame] = frames_of((GONE._replace(id=7),))
+    assert not SureHands(0)(frame).lost
+
+
+def test_a_hand_of_an_undecided_side_has_its_id_as_either() -> None:
+    hand = replace(tracked(id=4), side_confidence=0.6, other=tracked("left", id=4))
+    [frame] = reported((hand,))
+    assert [frame.hands[0].id, frame.hands[0].other.id] == [0, 0]
 
 
 def test_no_output_has_the_joints(tmp_path: Path) -> None:

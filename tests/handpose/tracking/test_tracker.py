@@ -216,8 +216,8 @@ def seeing(tracker: Tracker, *places: tuple[float, ...]) -> Tracker:
 
 
 def test_what_only_the_finder_takes_for_a_hand(shown: Take, predictor: Predictor) -> None:
-    """It is present without joints where the finder sees it, and is gone when the finder no
-    longer sees it.
+    """It is present without joints where the finder sees it, also in the frames between two looks,
+    and is gone some looks after the finder has seen it last.
     """
     tracker = seeing(Tracker(predictor), (0.0, 60, 1400, 0.7))
     for n in range(12):
@@ -228,9 +228,12 @@ def test_what_only_the_finder_takes_for_a_hand(shown: Take, predictor: Predictor
             and present.place == (0, 60, 1400)
             and present.presence == pytest.approx(0.7)
         )
+        assert present.is_seen and present.mask is not None
     seeing(tracker)
-    for n in range(12, 17):
-        found = tracker.step(plain(n))
+    for n in range(12, 16):
+        [present] = tracker.step(plain(n)).present
+        assert not present.is_seen and present.mask is None
+    found = tracker.step(plain(16))
     assert found == TrackedFrame(16, 16 / RATE, (), ()) and not tracker.tracks
 
 

@@ -6,6 +6,7 @@ import { element, formatNumber } from "./elements.js";
 const SECONDS = 8;
 const LEFT = 42, RIGHT = 12, TOP = 8, BOTTOM = 20; // px, margins around the curves
 const MAX_GAP = 0.5; // s: a curve is interrupted where frames are missing for longer
+const LOST_S = 3; // a lost hand leaves the list after these seconds
 
 export class Confidence {
   constructor(canvas, list, colours) {
@@ -26,9 +27,10 @@ export class Confidence {
       mark.style.background = this.colour(id);
       return mark;
     };
+    const recent = record.lost.filter(({ since_s: since }) => now - since <= LOST_S);
     this.list.replaceChildren(
       ...record.hands.map((hand) => element("li", {}, colourMark(hand.id), stateOf(hand))),
-      ...record.lost.map(({ id, hand, since_s: since, reason }) => element(
+      ...recent.map(({ id, hand, since_s: since, reason }) => element(
         "li", { class: "lost" }, colourMark(id),
         `${hand ? `${hand} ` : ""}hand lost ${formatNumber(now - since, 1)} s: ${reason}`,
       )),

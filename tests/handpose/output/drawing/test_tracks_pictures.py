@@ -11,7 +11,7 @@ import pytest
 from handpose.frames.cameras import CAMERAS, Camera
 from handpose.output.drawing import hands
 from handpose.output.drawing.strokes import Image
-from handpose.output.drawing.tracks import HEAD, MAX_HEIGHT, MAX_WIDTH, Painter
+from handpose.output.drawing.tracks import HEAD, LOST_S, MAX_HEIGHT, MAX_WIDTH, Painter
 from handpose.output.drawing.view import Window, box_of, colour_of
 from handpose.tracking.track import LostHand, PresentHand, TrackedFrame, TrackedHand, TrackHeader
 from tests.support.tracked_hands import CAMERA, HEADER, seen, tracked
@@ -97,6 +97,17 @@ def test_each_hand_has_its_label_in_its_colour() -> None:
     assert (picture[rows, columns] == colour_of(1)).all(axis=2).any()
 
 
+def test_the_gesture_is_in_the_label() -> None:
+    """Only the label is wider."""
+    plain, shown = (
+        Painter(HEADER).seen(DEPTH, of(RIGHT, LEFT), gestures) for gestures in (None, {1: "open"})
+    )
+    rows, columns = where(plain, shown)
+    assert rows.stop - rows.start <= 22 and columns.stop - columns.start < 100
+    before, after = ((image == colour_of(1)).all(axis=2).sum() for image in (plain, shown))
+    assert after > before
+
+
 def test_a_lost_hand_is_said_to_be_lost_and_why() -> None:
     """The reason is written in the hand's colour in the lower left corner, and the
     hand is not drawn.
@@ -109,6 +120,13 @@ def test_a_lost_hand_is_said_to_be_lost_and_why() -> None:
     other = lost._replace(reason="hidden by a nearer object")
     rows, columns = where(picture, annotated(DEPTH, of(RIGHT, lost=(other,)))[HEAD:])
     assert rows.start >= MAX_HEIGHT - 22 and columns.stop < 500
+
+
+def test_a_lost_hand_is_listed_for_three_seconds() -> None:
+    lost = LostHand(2, "left", 0.5, "left the image")
+    for time, is_listed in ((0.5 + LOST_S, True), (0.6 + LOST_S, False)):
+        picture = annotated(DEPTH, of(RIGHT, lost=(lost,), time=time))
+        assert (picture == colour_of(2)).all(axis=2).any() == is_listed
 
 
 def test_a_hand_without_joints_is_outlined_or_marked() -> None:
@@ -132,6 +150,12 @@ def test_a_hand_without_joints_is_outlined_or_marked() -> None:
         coloured[1][round(v), round(u) - 6 : round(u) + 7].any()
         and not coloured[0][round(v), round(u)]
     )
+
+
+def test_nothing_is_drawn_where_the_finder_no_longer_sees_a_hand() -> None:
+    hand = PresentHand(2, None, 0.4, 0.0, (0.0, 0.0, 600.0), "no pose", is_seen=False)
+    picture = annotated(DEPTH, of()._replace(present=(hand,)))
+    assert np.array_equal(picture, annotated(DEPTH, of()))
 
 
 def test_a_hand_partly_or_wholly_beside_the_image_does_no_harm() -> None:

@@ -137,6 +137,7 @@ def test_words() -> None:
     assert spoken(tracked("right", confidence=0.934)) == "right 93%"
     assert spoken(tracked("left", confidence=float("nan"))) == "left"
     assert spoken(replace(tracked("left", confidence=0.49), side_confidence=0.7)) == "left? 49%"
+    assert spoken(tracked("right", confidence=0.934), "thumb_up") == "right 93%, thumb up"
     present = PresentHand(1, "left", 0.43, 0.1, (0.0, 0.0, 600.0), "no pose")
     assert [spoken(one) for one in (present, present._replace(hand=None))] == [
         "left hand 43%",

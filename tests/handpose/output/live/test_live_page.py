@@ -111,6 +111,12 @@ def test_a_side_that_is_assumed(shown: Shown) -> None:
     assert texts[0].startswith("right? 93%, ") and texts[1] == "hand lost 0.0 s: hidden"
 
 
+def test_a_lost_hand_is_listed_for_three_seconds(shown: Shown) -> None:
+    lost = (LostHand(2, "left", 0.0, "hidden"), LostHand(3, "right", -0.2, "hidden"))
+    shown.show(TrackedFrame(1, 2.9, (), lost))
+    assert shown.tab.locator("#hands li").all_inner_texts() == ["left hand lost 2.9 s: hidden"]
+
+
 def test_the_space(shown: Shown) -> None:
     """Surface, skeleton and points are drawn, and can be switched off."""
     shown.show(BOTH)

@@ -69,15 +69,43 @@ def test_what_is_not_known_is_empty(tmp_path: Path) -> None:
     hand.finger_error_mm[1] = np.nan
     reason = 'it is "dark", 3 mm'
     present = PresentHand(2, None, 0.5, 0.25, (0, 0, 700), reason)
-    frame = TrackedFrame(0, 0, (hand,), (LostHand(1, "left", 0, reason),), (present,))
-    seen, lost, there = written(tmp_path / "a.csv", HAND, [frame])
+    before = TrackedFrame(0, 0, (replace(hand, id=2),))
+    frame = TrackedFrame(1, 1, (hand,), (LostHand(1, "left", 0, reason),), (present,))
+    _, seen, lost, there = written(tmp_path / "a.csv", HAND, [before, frame])
     assert seen["confidence"] == seen["error_mm"] == seen["index_error_mm"] == ""
     assert lost["lost"] == reason
     assert list(there.values())[2:8] == ["2", "unknown", reason, "0.500", "0.2500", ""]
 
 
-def test_no_hand_no_row(tmp_path: Path) -> None:
-    assert written(tmp_path / "a.csv", HAND, [TrackedFrame(0, 0.0, ())]) == []
+def present(id: int, presence: float, reason: str) -> PresentHand:
+    return PresentHand(id, None, presence, 0.1, (0, 0, 700), reason)
+
+
+def test_a_hand_has_no_row_before_its_first_joints(tmp_path: Path) -> None:
+    hand = replace(any_hand(HAND, np.random.default_rng(0)), id=1)
+    other, same = present(0, 0.9, "a cup"), present(1, 0.8, "uncertain")
+    frames = [
+        TrackedFrame(0, 0.0, (), (), (other, same)),
+        TrackedFrame(1, 1.0, (hand,), (), (other,)),
+        TrackedFrame(2, 2.0, (), (), (other, same)),
+        TrackedFrame(3, 3.0, (), (), (other,)),
+    ]
+    rows = written(tmp_path / "a.csv", HAND, frames)
+    assert [row["id"] for row in rows] == ["", "1", "1", ""]
+    assert [row["lost"] for row in rows] == ["a cup", "", "uncertain", "a cup"]
+
+
+def test_a_frame_without_a_hand_has_a_row_with_the_reason(tmp_path: Path) -> None:
+    """It is that of the most present hand."""
+    places = present(0, 0.4, "a cup"), present(1, 0.6, "no pose")
+    frames = [TrackedFrame(0, 0.0, ()), TrackedFrame(1, 1.0, (), (), places)]
+    none, best = (list(row.values()) for row in written(tmp_path / "a.csv", HAND, frames))
+    assert none[2:8] == ["", "", "no hand is seen", "", "", ""]
+    assert best[2:8] == ["", "", "no pose", "0.600", "0.1000", ""]
+
+
+def test_the_columns(tmp_path: Path) -> None:
+    written(tmp_path / "a.csv", HAND, [])
     assert (
         (tmp_path / "a.csv")
         .read_text()
