@@ -40,9 +40,9 @@ from netlib.errors import DataError
 from netlib.net import Net
 
 # A crop moves no farther than this from its start, which is in the hand: a prediction farther
-# away is wrong. In two real frames of NYU, the middle of the joints, where a finder sees a hand, is
-# 92 and 103 mm from the place of NYU's crops, near the wrist.
-MAX_MOVE_MM = 120.0
+# away is wrong. A finder's place is the middle of the joints, in two real frames of NYU 92 and
+# 103 mm from the place of NYU's crops, near the wrist.
+MAX_MOVE_MM, FROM_MIDDLE_MM = 60.0, 120.0
 
 
 class HandEstimator:
@@ -90,16 +90,16 @@ class HandEstimator:
         candidates = [Candidate.of_side(side, crop, center_uvd, camera) for side in self.sides]
         return _likelier(self.estimate(candidates, camera, self.plan))
 
-    def in_frame(self, frame: SideView, place: Array, *, unmoved_too: bool = False) -> Hand:
+    def in_frame(self, frame: SideView, place: Array, *, is_middle: bool = False) -> Hand:
         """The hand at a place (3,) in a frame, px, px, mm in its view.
 
-        unmoved_too  the crop about the place competes with that about the palm, because some hands
-                     are lost on the way
+        is_middle  the place is the middle of the joints, not that of a crop. Then the crop about it
+                   competes with that about the palm, because some hands are lost on the way
 
         Raises DataError for a place outside the image, or if the hand is predicted behind the
         camera; NetlibError.
         """
-        hand = self._select(self._candidates(frame, place, unmoved_too), frame)
+        hand = self._select(self._candidates(frame, place, is_middle), frame)
         if not (hand.xyz[:, 2] > 0).all():
             raise DataError(
                 f"a pose is predicted in which a joint is at a depth of {hand.xyz[:, 2].min():.0f} mm, "
@@ -121,20 +121,23 @@ class HandEstimator:
         crop = clear_crop(view.depth, place, self.cube_mm, view.camera)
         return Candidate(place, view.side, crop=crop)
 
-    def _candidates(self, frame: SideView, place: Array, unmoved_too: bool) -> list[Candidate]:
+    def _candidates(self, frame: SideView, place: Array, is_middle: bool) -> list[Candidate]:
         """The crops about the palms that are predicted from a place, once for each side."""
         candidates: list[Candidate] = []
+        most = FROM_MIDDLE_MM if is_middle else MAX_MOVE_MM
         for side in self.sides:
             view = frame.of(side)
             unmoved = self._candidate(view, frame.pixel_in(side, place))
-            moved = self._moved_to_palm(view, unmoved)
-            both = unmoved_too and self.plan is not None and moved is not unmoved
+            moved = self._moved_to_palm(view, unmoved, most)
+            both = is_middle and self.plan is not None and moved is not unmoved
             candidates += [unmoved, moved] if both else [moved]
         return candidates
 
-    def _moved_to_palm(self, view: SideView, candidate: Candidate) -> Candidate:
-        """The crop moved to the palm that is predicted in it; the unchanged candidate if it is
-        already there.
+    def _moved_to_palm(
+        self, view: SideView, candidate: Candidate, most: float = MAX_MOVE_MM
+    ) -> Candidate:
+        """The crop moved to the palm that is predicted in it, by at most so many mm; the unchanged
+        candidate if it is already there.
         """
         start, camera = candidate.center_uvd, view.camera
         for _ in range(self.refine):
@@ -143,7 +146,7 @@ class HandEstimator:
             if np.array_equal(palm, candidate.center_uvd):
                 break
             distance = np.linalg.norm(camera.unproject(palm) - camera.unproject(start))
-            if not (distance < MAX_MOVE_MM and palm[2] > self.cube_mm / 2):
+            if not (distance < most and palm[2] > self.cube_mm / 2):
                 break
             try:
                 candidate = self._candidate(view, palm)

@@ -172,10 +172,10 @@ class Predictor:
         )
 
     def _judged(
-        self, frame: SideView, place: Array, unmoved_too: bool, presence: float = np.nan
+        self, frame: SideView, place: Array, is_middle: bool, presence: float = np.nan
     ) -> Hand:
         """The hand at a place (3,) in a frame, px, px, mm in its view, as one side."""
-        found = self.estimator.in_frame(frame, place, unmoved_too=unmoved_too)
+        found = self.estimator.in_frame(frame, place, is_middle=is_middle)
         return dataclasses.replace(as_one_side(found), presence=presence)
 
     def _found(self, frame: SideView) -> list[FoundHand]:

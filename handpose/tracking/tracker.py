@@ -288,7 +288,7 @@ class Tracker:
         """
         try:
             start = view.camera.project(hand.middle * mirror_of(view.side))
-            first = self.estimator.in_frame(view, start, unmoved_too=True)
+            first = self.estimator.in_frame(view, start, is_middle=True)
         except DataError:  # outside the image, or behind the camera
             return []
         if first.chance < ENOUGH_FIRST:

@@ -121,9 +121,7 @@ def test_what_is_seen_of_tracked_poses(mirrored: bool) -> None:
     for frame in tracked_labels(recording, true_labels(recording), 0, mirrored, min_confidence=0):
         frames.append(frame)
         [hand] = frame.hands
-        found = judged(
-            evidence_of_track(frame.tracker.track_of(hand), frame.tracker.estimator.model)
-        )
+        found = judged(evidence_of_track(frame.tracker.track_of(hand), frame.tracker.model))
         assert hand.confidence == pytest.approx(hand.side_confidence * found.confidence[0])
         assert hand.error_mm == pytest.approx(found.error_mm[0])
         np.testing.assert_allclose(hand.finger_error_mm, found.finger_error_mm[0])

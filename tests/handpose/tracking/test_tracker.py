@@ -243,7 +243,7 @@ def test_a_place_out_of_sight(
     """Where no crop can be taken, no hand is followed; the finder's is reported."""
     tracker = Tracker(predictor)
     monkeypatch.setattr(
-        tracker.estimator, "estimate", lambda depth, regions, *others: [None] * len(regions)
+        tracker.estimator, "in_regions", lambda frame, regions, *others: [None] * len(regions)
     )
     frame = tracker.step(shown.frames[0])
     assert not frame.hands and not frame.lost and [hand.id for hand in frame.present] == [0]
