@@ -164,10 +164,8 @@ def test_fits_to_depth(tmp_path: Path, seed: int) -> None:
     assert after.mean() < 0.6 * before.mean() and (after < before).mean() > 0.8
 
 
-def test_parts_that_are_about_hands(tmp_path: Path) -> None:
-    """Features for hands, such as detection, mirroring and tracking, reject other bodies with a
-    one-line error.
-    """
+def test_features_for_hands_reject_other_bodies(tmp_path: Path) -> None:
+    """Detection, mirroring and tracking raise a one-line error."""
     prior = write_body(tmp_path, 1)
     text = net_text(tmp_path, prior_file.load(prior).body())
     start, end = text.index("layer {"), text.index('layer {\n  name: "small"')

@@ -78,10 +78,10 @@ def test_a_person_of_adult_size() -> None:
     ],
 )
 @pytest.mark.parametrize("side", ["left", "right"])
-def test_which_way_limbs_bend(side: str, dof: str, joint: str, moves: tuple[object, ...]) -> None:
-    """Limbs bend in the same direction on both sides; the limits of knees and elbows allow only
-    one direction.
-    """
+def test_limbs_bend_the_same_way_on_both_sides(
+    side: str, dof: str, joint: str, moves: tuple[object, ...]
+) -> None:
+    """The limits of knees and elbows allow only one direction."""
     out = 1 if side == "left" else -1
     wanted = [
         {"out": out, "in": -out}.get(move, move) if isinstance(move, str) else move
@@ -215,7 +215,7 @@ def test_a_page_of_a_person() -> None:
     assert body("hand", skeletons.load())["place"]["center_uvd"][2] == 700
 
 
-def test_what_is_no_prior_or_not_for_a_body(
+def test_unsuitable_bodies_and_recipes_are_rejected(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A body without a name has no folder, a skeleton is no prior, and recipes are

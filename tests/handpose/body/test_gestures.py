@@ -146,7 +146,7 @@ DOUBTFUL = {"two": (BEGIN + END) / 2}
         "gone",
     ],
 )
-def test_over_time(
+def test_gestures_have_hysteresis(
     monkeypatch: pytest.MonkeyPatch, seen: list[dict[str, float]], found: list[str]
 ) -> None:
     """A gesture begins above a threshold and lasts until it is below another one, both smoothed."""
@@ -161,7 +161,7 @@ def test_hands_are_apart(monkeypatch: pytest.MonkeyPatch) -> None:
     )
 
 
-def test_a_hand_that_was_away_begins_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_gesture_is_forgotten_while_the_hand_is_away(monkeypatch: pytest.MonkeyPatch) -> None:
     away = FORGET_S + 0.1
     assert read(monkeypatch, {"open": 1.0}, {"two": 0.5}, times=[0.0, away]) == ["open", ""]
 

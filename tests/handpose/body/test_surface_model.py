@@ -79,7 +79,7 @@ def test_offsets_turn_with_their_axes() -> None:
     np.testing.assert_allclose(surface.ends(pose, offset=0.0), pose.joints, atol=1e-12)
 
 
-def test_what_keeps_apart() -> None:
+def test_parts_of_different_digits_are_kept_apart() -> None:
     """Parts of different digits, and digits and palm, are pairs; parts that touch at rest, or have
     no name, are not.
     """

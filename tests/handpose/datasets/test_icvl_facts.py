@@ -66,7 +66,7 @@ def test_joints(hand: Skeleton) -> None:
     np.testing.assert_array_equal(hand.initial[:3], 0)
 
 
-def test_it_is_the_nyu_hand_in_a_mirror(hand: Skeleton) -> None:
+def test_the_hand_is_the_mirrored_nyu_hand(hand: Skeleton) -> None:
     """With equal bones, and NYU's doubled joints in one place, every pose is NYU's
     with x mirrored.
     """

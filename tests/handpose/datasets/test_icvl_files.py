@@ -86,7 +86,7 @@ def test_a_small_copy(copy: Path) -> None:
     ]
 
 
-def test_what_is_missing(copy: Path) -> None:
+def test_missing_files_are_reported(copy: Path) -> None:
     frame = copy / "Testing" / "Depth" / "test_seq_1" / "1.png"
     frame.unlink()
     missing = "of 4 depth frames are missing, the first is"

@@ -39,7 +39,7 @@ def test_half_cubes(tmp_path, shape):
         assert found.dtype == np.float64 and found.tolist() == [100, 101, 102, 103]
 
 
-def test_what_a_file_need_not_have(tmp_path):
+def test_half_cubes_and_the_origin_are_optional(tmp_path):
     """Without half-cubes NYU's are taken; the origin is unknown unless the file names it."""
     path = write_hdf5(tmp_path / "a.h5", joint=ROWS)
     found = labels.read(path, 2)
@@ -49,7 +49,7 @@ def test_what_a_file_need_not_have(tmp_path):
     assert labels.read(path, 2).made_from == "a test"
 
 
-def test_joints_that_are_not_seen(tmp_path):
+def test_missing_joints_and_those_outside_the_crop_are_unseen(tmp_path):
     joints = np.array(
         [
             [0.5, -0.5, 0, 0.9, -0.9, 0],
@@ -115,7 +115,7 @@ JOINTS = "(N, 6) for 2 joints"
         )
     },
 )
-def test_labels_with_something_wrong_in_them(tmp_path, given, rejected):
+def test_invalid_labels_are_rejected(tmp_path, given, rejected):
     """The error names the file, the data set, what was found and what was expected, on one line."""
     path = write_hdf5(
         tmp_path / "a.h5", **({"joint": ROWS} if "half_cube" in given else {}), **given
@@ -142,7 +142,7 @@ def test_the_camera_of_one_frame(tmp_path, name):
 @pytest.mark.parametrize(
     ("camera", "by"), [(NYU, 0.0), (Camera("mine", 500.0, 510.0, 333.0, 222.0, 666, 444), 50.0)]
 )
-def test_centers_that_tell_no_camera(tmp_path, camera, by):
+def test_crop_centers_that_fit_no_known_camera_are_rejected(tmp_path, camera, by):
     """On the optical axis all cameras agree; an unknown camera, and several, are refused."""
     uvd = np.tile([camera.u0 + by, camera.v0 + by, 700.0], (4, 1))
     with pytest.raises(
@@ -152,7 +152,7 @@ def test_centers_that_tell_no_camera(tmp_path, camera, by):
 
 
 @pytest.mark.parametrize("value", [1e-300, 1e300, np.nan, np.inf, -700.0, 0.0])
-def test_centers_that_are_nowhere(tmp_path, value):
+def test_invalid_crop_centers_are_rejected(tmp_path, value):
     """Centres that are not finite, or not in front of the camera, raise an error of one line."""
     uvd = np.array([[200.0, 100, 700], [400, 90, 600], [300, 300, 500], [500, 200, 800]])
     with pytest.raises(

@@ -60,7 +60,7 @@ def test_another_number_of_frames(tmp_path: Path, count: int, fatal: bool) -> No
     ]
 
 
-def test_something_else_than_the_data_set(tmp_path: Path) -> None:
+def test_folders_without_the_data_set_are_reported(tmp_path: Path) -> None:
     assert flaws(tmp_path / "no") == [(f"{tmp_path}/no: no such folder", True)]
     expected = f"{tmp_path}: no folder 'test', which holds depth_1_0000001.png ... and joint_data.mat; found "
     assert flaws(tmp_path) == [(f"{expected}nothing", True)]

@@ -92,7 +92,9 @@ PART, LIST = "train_001.h5", "train.txt"
     ],
     ids=range(10),
 )
-def test_what_may_be_replaced(tmp_path: Path, name: str, there: Any, refused: str) -> None:
+def test_other_files_are_replaced_only_with_force(
+    tmp_path: Path, name: str, there: Any, refused: str
+) -> None:
     """A part of the same source and body and a list of parts are replaced, anything else only
     with ``force``.
     """

@@ -96,8 +96,8 @@ def test_of_a_net_with_sizes(net: Net, model: CapsuleModel) -> None:
     )
 
 
-def test_moved_to_the_joints(net: Net, model: CapsuleModel) -> None:
-    """If the net predicts joints in addition to its hand model, the start is near them."""
+def test_starts_are_moved_to_the_predicted_joints(net: Net, model: CapsuleModel) -> None:
+    """Some nets predict joints in addition to their hand model."""
     net.params["joints"][1].data.reshape(31, 3)[:, 0] += 0.2
     poses, (x,) = hand_poses(net, crops(1)), fit_starts(net, model, crops(1), (0,))
     assert poses.joints is not None

@@ -91,7 +91,7 @@ def test_a_left_hand_is_mirrored_back(model: CapsuleModel, side: Side) -> None:
     np.testing.assert_array_equal(found.crop, CROP[:, ::-1] if side == "left" else CROP)
 
 
-def test_before_it_is_judged(model: CapsuleModel) -> None:
+def test_an_unjudged_hand_has_no_confidence(model: CapsuleModel) -> None:
     """The selection cost is the fit's cost, and the chance of a visible hand is 1."""
     found, empty = fitted(model, "right"), fitted(model, "right", cost=np.inf)
     assert np.isnan([found.confidence, found.error_mm, *found.finger_error_mm]).all()

@@ -41,10 +41,10 @@ def test_a_hand_behind_the_camera(fixed: Callable[..., netlib.Net], frame: np.nd
         Predictor(fixed(0, 0, -140), KINECT2, refine=0).in_frame(frame, (260, 210, 160))
 
 
-def test_a_crop_at_rest_is_looked_at_once(
+def test_a_crop_that_does_not_move_is_evaluated_once(
     seeing: netlib.Net, frame: np.ndarray, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A crop that does not move is evaluated once, for any limit on the moves."""
+    """For any limit on the moves."""
     looks: list[int] = []
     monkeypatch.setattr(
         "handpose.estimate.estimator.recenter",
@@ -80,7 +80,9 @@ def test_a_crop_as_in_training_stays(fixed: Callable[..., netlib.Net], frame: np
     assert np.linalg.norm(palm) == pytest.approx(np.linalg.norm(CENTER_IN_PALM), abs=1e-3)
 
 
-def test_a_prediction_gone_astray(fixed: Callable[..., netlib.Net], frame: np.ndarray) -> None:
+def test_a_wrong_prediction_moves_the_crop_within_limits(
+    fixed: Callable[..., netlib.Net], frame: np.ndarray
+) -> None:
     """A wrong prediction moves the crop by at most MAX_MOVE_MM, not out of the image, and not
     to the camera.
     """
@@ -157,8 +159,7 @@ def test_either_hand_is_where_it_is_seen(
     np.testing.assert_allclose(found.xyz[0], place, atol=2.4)
 
 
-def test_weights_that_are_not_finite(fixed: Callable[..., netlib.Net]) -> None:
-    """Weights that are not finite raise an error."""
+def test_weights_that_are_not_finite_raise_an_error(fixed: Callable[..., netlib.Net]) -> None:
     net = fixed(0, 0, 0)
     net.params["DoF"][1].data[4] = np.nan
     with pytest.raises(NetlibError, match="predicts joints that are not finite; check its weights"):
@@ -215,8 +216,7 @@ def stick(joints: str) -> Callable[[], object]:
         ),
     },
 )
-def test_where_no_hand_can_be(given, rejected):
-    """A place without depth, and a body without a palm, are errors."""
+def test_places_without_depth_and_bodies_without_a_palm_are_rejected(given, rejected):
     with rejected:
         given()
 
@@ -238,8 +238,7 @@ def moved(inputs, sampler, by):
     return sampler.kinematics.joints(result)
 
 
-def test_a_crop_beside_moves_to_the_place_of_training(hands):
-    """The centre moves by its error."""
+def test_recentering_removes_the_error_of_the_center(hands):
     inputs, centers, sampler = hands
     off = np.array([25.0, -40.0, 30.0])
     for joints, center in zip(moved(inputs, sampler, off), centers):
@@ -247,10 +246,8 @@ def test_a_crop_beside_moves_to_the_place_of_training(hands):
         assert NYU.unproject(found) == pytest.approx(center, abs=1e-9)
 
 
-def test_how_the_palm_is_turned(hands):
-    """The palm's rotation is computed from joint positions; with noise it is a rotation close
-    to the true one.
-    """
+def test_the_rotation_of_the_palm_is_computed_from_joints(hands):
+    """With noise it is a rotation close to the true one."""
     inputs, _, sampler = hands
     pose = sampler.kinematics.forward(inputs)
     truth = sampler.kinematics.rotation_of(pose, sampler.skeleton.joint_names.index("palm"))

@@ -102,7 +102,7 @@ def test_the_packaged_net_sees_frames_padded_to_its_stride() -> None:
     assert found and all(hand.mask.shape == (100, 150) for hand in found)
 
 
-def test_nothing_is_found_where_nothing_was_read() -> None:
+def test_no_hand_is_found_without_depth() -> None:
     depth = frame()
     depth[:, :80] = 0
     assert [hand.side for hand in found_in(depth)] == ["left"]

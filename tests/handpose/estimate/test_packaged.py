@@ -139,8 +139,8 @@ FIELDS = "expected name, caffemodel, license, sha256, net_sha256"
         ),
     },
 )
-def test_cards_with_something_wrong(copy: Path, given: str | None, rejected: Any) -> None:
-    """An invalid model card raises an error that names the file."""
+def test_invalid_model_cards_are_rejected(copy: Path, given: str | None, rejected: Any) -> None:
+    """The error names the file."""
     card = copy / "readme.md"
     card.unlink()
     if given is not None:

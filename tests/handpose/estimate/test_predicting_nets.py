@@ -27,7 +27,7 @@ def crops() -> np.ndarray:
     return crops
 
 
-def test_the_hand_model_takes_them(net: Net, crops: np.ndarray) -> None:
+def test_predicted_poses_give_the_joints_of_the_net(net: Net, crops: np.ndarray) -> None:
     """Posing the skeleton with the inputs, in the predicted size, gives the net's joints;
     fixed DoFs are 0.
     """

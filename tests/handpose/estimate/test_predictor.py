@@ -76,9 +76,9 @@ def test_nets_of_another_kind(net_of: NetOf, given: str, rejected: Any) -> None:
         "text": (np.full((128, 128), "a"), "crop is an array of <U1, expected numbers"),
     },
 )
-def test_crops_that_are_refused(seeing: netlib.Net, given: Any, rejected: Any) -> None:
-    """A crop of another shape or with invalid values raises an error about the crop, not
-    about the net.
+def test_invalid_crops_are_rejected(seeing: netlib.Net, given: Any, rejected: Any) -> None:
+    """A crop of another shape or with invalid values raises an error about the crop, not about the
+    net.
     """
     with rejected:
         Predictor(seeing).in_crop(given)
@@ -105,8 +105,9 @@ def test_a_net_that_predicts_bones(net_of: NetOf) -> None:
     assert best_fit(net) == "no"
 
 
-def test_what_is_masked(seeing: netlib.Net, frame: np.ndarray) -> None:
-    """Masked pixels of a crop are background, those of a frame have no reading."""
+def test_masked_pixels_are_background_in_crops_and_unread_in_frames(
+    seeing: netlib.Net, frame: np.ndarray
+) -> None:
     shown, predictor = some_crop(), Predictor(seeing, KINECT2, refine=0)
     shown[:20] = 1
     hidden = np.ma.array(some_crop(), mask=np.arange(128)[:, None] < np.full(128, 20))
@@ -191,7 +192,7 @@ def test_a_confidence_that_was_not_measured_is_not_below(seeing: netlib.Net) -> 
         ),
     },
 )
-def test_frames_that_are_refused(
+def test_invalid_frames_and_centers_are_rejected(
     seeing: netlib.Net, frame: np.ndarray, given: Any, rejected: Any
 ) -> None:
     """A frame in another unit, of another size or without readings, and an invalid centre,
@@ -215,8 +216,8 @@ def test_a_finder_is_loaded_when_it_is_used(seeing: netlib.Net, frame: np.ndarra
     assert predictor.finder is load.return_value
 
 
-def test_where_to_start(seeing: netlib.Net, frame: np.ndarray) -> None:
-    """The start is a pixel with the depth around it, or a given place."""
+def test_the_start_is_a_pixel_or_a_place(seeing: netlib.Net, frame: np.ndarray) -> None:
+    """A pixel is completed by the depth around it."""
     predictor = Predictor(seeing, KINECT2, refine=0)
     np.testing.assert_array_equal(
         predictor.in_frame(frame, (260, 210)).center_uvd, depth_around(frame, 260, 210)
@@ -229,7 +230,7 @@ def test_where_to_start(seeing: netlib.Net, frame: np.ndarray) -> None:
 @pytest.mark.parametrize(
     ("finder", "said"), [(None, "this predictor has no finder"), (Said(), "no hand is seen")]
 )
-def test_where_nothing_is_found(
+def test_without_a_found_hand_a_place_is_required(
     seeing: netlib.Net, frame: np.ndarray, finder: Said | None, said: str
 ) -> None:
     predictor = Predictor(seeing, KINECT2, refine=0, finder=finder)
@@ -261,7 +262,7 @@ def test_the_hand_with_the_highest_presence(seeing: netlib.Net, frame: np.ndarra
     assert given.center_uvd.tolist() == [260, 210, 690] and np.isnan(given.presence)
 
 
-def test_of_found_hands_the_one_with_a_sure_pose(frame: np.ndarray) -> None:
+def test_the_found_hand_with_a_sure_pose_is_selected(frame: np.ndarray) -> None:
     """Also if another place is more likely a hand."""
     predictor = load_predictor(KINECT2, fit="fast", hand="right")
     hand, wall = found_at(frame, (30.0, -20, 700), 0.5), found_at(frame, (-250.0, 100, 1480), 0.7)
@@ -295,8 +296,10 @@ WHOLE = "expected a whole number from 0 to 100"
         )
     },
 )
-def test_options_that_are_none(seeing: netlib.Net, given: dict[str, Any], rejected: Any) -> None:
-    """An invalid option raises an error at construction, also with the packaged weights."""
+def test_invalid_options_are_rejected(
+    seeing: netlib.Net, given: dict[str, Any], rejected: Any
+) -> None:
+    """The error is raised at construction, also with the packaged weights."""
     for make in (lambda: Predictor(seeing, **given), lambda: load_predictor(**given)):
         with rejected:
             make()

@@ -90,7 +90,9 @@ def poses(*shape: int, value: float = 0, joints: Any = None) -> Callable[[], obj
         "an infinite joint": (poses(2, 31, 3, value=np.inf), "frame 0 has an infinite joint"),
     },
 )
-def test_what_cannot_be_fitted(given: Callable[[], object], rejected: Any) -> None:
+def test_unsuitable_bodies_and_joints_are_rejected(
+    given: Callable[[], object], rejected: Any
+) -> None:
     """Bodies with other roots, and joints that are too few, unknown or not finite,
     raise an error.
     """

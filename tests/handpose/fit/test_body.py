@@ -30,10 +30,10 @@ def exact_ends(model: CapsuleModel, x: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("text", [None, ARM, COUPLED], ids=["hand", "arm", "coupled"])
-def test_ends_and_how_they_move(model: CapsuleModel, text: str | None) -> None:
-    """Ends and their motion equal the surface's and its central differences, with all
-    kinds of variables.
-    """
+def test_ends_and_their_motion_equal_those_of_the_surface(
+    model: CapsuleModel, text: str | None
+) -> None:
+    """The motion is compared with central differences, with all kinds of variables."""
     surface = model if text is None else body(text)
     x = np.random.default_rng(0).normal(0, 0.2, (5, surface.variables))
     posed = surface.posed(x)
@@ -58,10 +58,8 @@ def test_variables_of_the_hand(model: CapsuleModel) -> None:
     assert rigid == {"wrist_left", "wrist_middle", "forearm"} | knuckles
 
 
-def test_there_and_back(model: CapsuleModel) -> None:
-    """Inputs survive conversion to variables and back; limbs are clipped to their limits; size
-    scales the joints.
-    """
+def test_inputs_survive_conversion_to_variables_and_back(model: CapsuleModel) -> None:
+    """Limbs are clipped to their limits; size scales the joints."""
     inputs = np.zeros((3, 47))
     inputs[:, ~model.skeleton.fixed] = np.random.default_rng(1).normal(0, 0.05, (3, 26))
     lower, upper = model.skeleton.lower, model.skeleton.upper

@@ -70,8 +70,9 @@ def test_the_same_frames_give_the_same_bits(fitter: DepthFitter, few: Scene, pla
         engine.get().set_threads(threads)
 
 
-def test_nothing_to_be_seen_is_no_hand(fitter: DepthFitter, scene: Scene) -> None:
-    """All signs of an empty crop and of a speck are infinite, and so is the cost."""
+def test_an_empty_crop_and_a_speck_have_infinite_signs_and_cost(
+    fitter: DepthFitter, scene: Scene
+) -> None:
     crops = np.ones((2, 128, 128), np.float32)
     crops[1, 60:70, 60:70] = 0
     found = fitter.fit(observe(crops, scene.center_uvd[:2], NYU, 300.0), [scene.truth[:2]], FAST)
@@ -87,10 +88,10 @@ def test_the_wrong_hand_explains_less(fitter: DepthFitter, scene: Scene) -> None
     assert (right.cost < left.cost).all()
 
 
-def test_from_the_frame_before(fitter: DepthFitter, scene: Scene) -> None:
-    """The previous frame is one more start, which wins if the network is far off, and loses if it
-    is far off itself.
-    """
+def test_the_pose_of_the_previous_frame_is_one_more_start(
+    fitter: DepthFitter, scene: Scene
+) -> None:
+    """It wins if the network is far off, and loses if it is far off itself."""
     model = fitter.model
     far = scene.truth.copy()
     far[:, model.limbs] = np.clip(
@@ -109,7 +110,7 @@ def test_from_the_frame_before(fitter: DepthFitter, scene: Scene) -> None:
     assert (accurate.start == 4).mean() > 0.5
 
 
-def test_frames_without_a_frame_before(fitter: DepthFitter, few: Scene) -> None:
+def test_a_frame_without_a_previous_one_is_fitted_alone(fitter: DepthFitter, few: Scene) -> None:
     """A frame with NaN as its previous frame is fitted as if it had none; the other frames
     are not affected.
     """
@@ -140,10 +141,10 @@ def test_known_sizes_are_kept(fitter: DepthFitter, scene: Scene) -> None:
 
 
 @pytest.mark.parametrize("plan", [FAST, ACCURATE], ids=lambda plan: plan.name)
-def test_following(fitter: DepthFitter, scene: Scene, plan: Plan) -> None:
-    """Following reduces the error without a network; ``moved``, the network's
-    error, stays a sign.
-    """
+def test_following_reduces_the_error_without_a_network(
+    fitter: DepthFitter, scene: Scene, plan: Plan
+) -> None:
+    """``moved``, the network's error, stays a sign."""
     model = fitter.model
     before = scene.truth + np.random.default_rng(0).normal(0, 0.05, scene.truth.shape)
     before[:, -2:] = 0

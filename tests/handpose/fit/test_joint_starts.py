@@ -29,8 +29,8 @@ def test_joints_of_another_size(model: CapsuleModel, scene: Scene) -> None:
     np.testing.assert_allclose(np.exp(found[:, SIZE]), 1.1, atol=0.02)
 
 
-def test_joints_that_are_no_body(model: CapsuleModel, scene: Scene) -> None:
-    """Independent joint errors of 14 mm become smaller, because the result is a body."""
+def test_fitting_a_body_reduces_independent_joint_errors(model: CapsuleModel, scene: Scene) -> None:
+    """The given errors are 14 mm (root mean square)."""
     noisy = scene.joints + np.random.default_rng(1).normal(0, 14 / 3**0.5, scene.joints.shape)
     found = near_joints(model, scene.truth, noisy)
     given = np.linalg.norm(noisy - scene.joints, axis=2).mean()

@@ -45,7 +45,9 @@ def test_natural_poses() -> None:
 @pytest.mark.parametrize(
     "poses", [None, Poses(np.linspace(0.1, 0.5, 20), np.diag(np.linspace(1.0, 2.0, 20)))]
 )
-def test_what_is_stored_is_read(model: CapsuleModel, tmp_path: Path, poses: Poses | None) -> None:
+def test_stored_errors_are_read_back(
+    model: CapsuleModel, tmp_path: Path, poses: Poses | None
+) -> None:
     """Other arrays, such as the tables of files of earlier versions, are not read."""
     errors = NetworkErrors(np.eye(20) * 0.04, poses)
     found = read_errors(write(tmp_path / "w.h5", **arrays_of(errors), fast=np.ones((3, 3))), model)
@@ -55,8 +57,8 @@ def test_what_is_stored_is_read(model: CapsuleModel, tmp_path: Path, poses: Pose
         np.testing.assert_array_equal(one, other)
 
 
-def test_weights_that_nobody_measured(model: CapsuleModel, tmp_path: Path) -> None:
-    """For Caffe's weights, or those of another format, a default spread is assumed."""
+def test_unmeasured_weights_get_a_default_spread(model: CapsuleModel, tmp_path: Path) -> None:
+    """Caffe's weights, and those of another format, are not measured."""
     with h5py.File(tmp_path / "w.h5", "w") as file:
         file.create_group("data")
     (tmp_path / "binary.caffemodel").write_bytes(b"\x0a\x03abc")
@@ -96,7 +98,7 @@ LIMBS = "expected a covariance (20, 20)"
         )
     },
 )
-def test_files_with_something_wrong(
+def test_invalid_groups_are_rejected(
     model: CapsuleModel, tmp_path: Path, given: dict[str, object], rejected: Any
 ) -> None:
     """An invalid group ``fit`` raises an error with the name and the shape."""

@@ -60,7 +60,7 @@ def test_outside_and_nearest() -> None:
     assert observe(cut, [[320, 240, 700]], NYU, 300.0).outside.max() < -60 * px
 
 
-def test_few_points_and_none() -> None:
+def test_small_and_empty_crops_have_fewer_points() -> None:
     """If there are fewer pixels than points, each is used once and the rest are unknown; an empty
     crop has none.
     """
@@ -71,8 +71,7 @@ def test_few_points_and_none() -> None:
     assert len(np.unique(seen.points[0, :, :50], axis=1).T) == 50 and (seen.points[1] == 0).all()
 
 
-def test_what_lies_outside_the_image_is_no_surface() -> None:
-    """Crop pixels beyond the image border yield no points."""
+def test_pixels_outside_the_image_yield_no_points() -> None:
     crop = np.zeros((1, 128, 128), np.float32)
     seen = observe(crop, [[5, 240, 700]], NYU, 300.0)
     u = NYU.project(seen.points[0].T + seen.center[0])[:, 0]

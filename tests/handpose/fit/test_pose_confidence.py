@@ -82,7 +82,7 @@ def test_half_at_thirty_millimetres() -> None:
     )
 
 
-def test_less_in_sight() -> None:
+def test_confidence_falls_with_the_visible_share() -> None:
     """The less was seen, the lower the confidence and the higher the expected error, most if
     it is covered.
     """
@@ -205,7 +205,7 @@ def test_weights_belong_to_their_signs(tmp_path: Path) -> None:
         )
     },
 )
-def test_weights_with_something_wrong(
+def test_invalid_weights_are_rejected(
     tmp_path: Path, given: tuple[str, str], rejected: Any
 ) -> None:
     path = tmp_path / "w.prototxt"

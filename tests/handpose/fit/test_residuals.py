@@ -100,7 +100,9 @@ def test_the_surface_of_a_cone() -> None:
     np.testing.assert_allclose(found.place[0], s, atol=1e-4)
 
 
-def test_how_residuals_change(model: CapsuleModel, scene: Scene) -> None:
+def test_derivatives_of_point_residuals_agree_with_differences(
+    model: CapsuleModel, scene: Scene
+) -> None:
     """With fixed capsules, direction and swelling are the residuals' derivatives by each variable.
 
     This holds for the facing side only: the place of points behind it slides along the outline,
@@ -135,7 +137,9 @@ def test_the_nearest_of_all_capsules(model: CapsuleModel, scene: Scene) -> None:
     assert (distance(chosen) - every.min(axis=0)).max() < 2
 
 
-def test_how_they_change(model: CapsuleModel, scene: Scene) -> None:
+def test_derivatives_of_sphere_residuals_agree_with_differences(
+    model: CapsuleModel, scene: Scene
+) -> None:
     """The interpolated outline has an exact slope: active residuals change as direction and
     swelling predict.
     """

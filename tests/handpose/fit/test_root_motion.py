@@ -99,9 +99,9 @@ def test_any_crop_centre(
 
 
 @given(seed=st.integers(0, 10**6), angle=st.floats(0, np.pi))
-def test_a_step_leads_there_and_back(seed: int, angle: float) -> None:
-    """The step to a pose is the place's way, the turn about an axis of the world, and what
-    others changed by.
+def test_a_step_and_its_inverse_restore_the_pose(seed: int, angle: float) -> None:
+    """A step is the change of the place, a rotation about an axis of the world, and the change of
+    the other variables.
     """
     rng = np.random.default_rng(seed)
     axis = rng.normal(size=3)

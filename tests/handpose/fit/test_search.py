@@ -55,8 +55,8 @@ def test_at_a_limit(side: int) -> None:
         )
 
 
-def test_nothing_depends_on_a_variable() -> None:
-    """A variable without influence stays, because the ridge makes the matrix invertible."""
+def test_a_variable_without_influence_stays() -> None:
+    """The ridge makes the matrix invertible."""
     still, gradient = A.copy(), B.copy()
     still[:, 1] = still[:, :, 1] = gradient[:, 1] = 0
     np.testing.assert_array_equal(

@@ -35,10 +35,10 @@ def of(model: CapsuleModel, image: np.ndarray, move: tuple[float, ...] = (0, 0, 
     ("value", "part"),
     [(30, "hidden"), (300, "hidden"), (0, "missing"), (np.nan, "missing"), (900, "empty")],
 )
-def test_covered(model: CapsuleModel, image: np.ndarray, value: float, part: str) -> None:
-    """A part of the hand that is covered, not read, or farther than the pose counts in
-    proportion to its area.
-    """
+def test_parts_of_the_hand_count_in_proportion_to_their_area(
+    model: CapsuleModel, image: np.ndarray, value: float, part: str
+) -> None:
+    """A part may be covered, not read, or farther than the pose."""
     assert of(model, image).seen[0] > 0.97  # although parts of the hand cover others
     half = image.copy()
     columns = np.flatnonzero((image < 700).any(axis=0))
@@ -115,7 +115,9 @@ def test_a_flat_part_between_thin_edges() -> None:
     assert (part.hidden[0], part.seen[0]) == (0, 1)
 
 
-def test_elsewhere(model: CapsuleModel, image: np.ndarray) -> None:
+def test_a_pose_elsewhere_is_in_empty_space_or_outside_the_image(
+    model: CapsuleModel, image: np.ndarray
+) -> None:
     """A pose next to the hand is in empty space; a part of it may be outside the image, or
     behind the camera.
     """

@@ -201,7 +201,7 @@ def undistort(model: str, *coefficients: float) -> Callable[[], object]:
         ),
     },
 )
-def test_values_that_are_refused(given: Callable[[], object], rejected: Any) -> None:
+def test_invalid_values_are_rejected(given: Callable[[], object], rejected: Any) -> None:
     with rejected:
         given()
 
@@ -241,7 +241,7 @@ def test_values_that_are_refused(given: Callable[[], object], rejected: Any) -> 
         ),
     },
 )
-def test_files_that_are_refused(
+def test_invalid_files_are_rejected(
     tmp_path: Path, given: Callable[[Path], object], rejected: Any
 ) -> None:
     content = cv2.imencode(

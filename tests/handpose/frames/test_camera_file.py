@@ -72,8 +72,7 @@ def test_the_example_of_the_docstring() -> None:
     ],
     ids=["nothing", "a unit", "a camera", "a range", "a list", "RealSense", "by name"],
 )
-def test_what_is_understood(text: str, expected: CameraInfo) -> None:
-    """This project's keys, and RealSense's, are accepted."""
+def test_this_projects_and_realsenses_keys_are_accepted(text: str, expected: CameraInfo) -> None:
     assert replace(parse(text, "x"), origin="x") == expected
 
 
@@ -145,7 +144,7 @@ NUMBER, WHAT = (
         '<?xml version="1.0"?>': "x: XML; expected JSON or YAML, which OpenCV's FileStorage writes, too",
     },
 )
-def test_what_is_refused(given: str, rejected: Any) -> None:
+def test_invalid_camera_files_are_rejected(given: str, rejected: Any) -> None:
     with rejected:
         parse(given, "x")
 
@@ -618,7 +617,7 @@ LENS = Lens((0.1, -0.2, 0.01, 0.02, 0.0))
         ("\n".join(f"{line}\r" for line in OST.split("\n")), LENS),
     ],
 )
-def test_what_programs_print(text: str, lens: Lens | None) -> None:
+def test_the_output_of_camera_programs_is_accepted(text: str, lens: Lens | None) -> None:
     """pyrealsense2's two forms, Python's and NumPy's, Orbbec, Azure, RealSense Viewer, ScanNet,
     ROS's ost, sections.
     """

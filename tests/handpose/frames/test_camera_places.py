@@ -83,7 +83,7 @@ def test_the_camera_json_of_a_recording() -> None:
         ("info.txt", "m_calibrationDepthIntrinsic = " + " ".join(TABLE.split())),
     ],
 )
-def test_where_programs_put_the_camera(depth: Path, name: str, text: str) -> None:
+def test_camera_files_of_other_programs_are_found(depth: Path, name: str, text: str) -> None:
     """In the folder of the frames, its parent, or a folder next to it."""
     path = wrote(name, text)
     for source in (depth, depth / "*.png", depth.absolute()):
@@ -106,7 +106,9 @@ def test_the_folder_in_the_error_is_that_of_the_frames() -> None:
     assert open_recording(folder).camera == CAMERA
 
 
-def test_from_within_the_folder(depth: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_camera_is_found_from_within_the_folder(
+    depth: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     wrote("camera_intrinsic.json")
     monkeypatch.chdir(depth)
     assert open_recording(".").camera == CAMERA
@@ -215,7 +217,7 @@ def test_files_of_other_recordings_are_not_used(depth: Path, name: str) -> None:
         ),
     },
 )
-def test_files_that_are_not_understood_are_named(
+def test_unreadable_camera_files_are_named(
     depth: Path, given: dict[str, Any], rejected: Any
 ) -> None:
     """With the reason, but only if they are needed."""

@@ -208,10 +208,8 @@ def test_isolated_near_readings() -> None:
     np.testing.assert_array_equal(without_isolated_near(arm, 150.0), arm)
 
 
-def test_what_hides_the_hand() -> None:
-    """Readings in front of the cube are at the near face, those nearer than the camera
-    measures included.
-    """
+def test_readings_in_front_of_the_cube_hide_the_hand() -> None:
+    """They are at the near face, those nearer than the camera measures included."""
     depth = np.full((424, 512), 600, np.float32)
     depth[200:220, 250:260], depth[220:225, 250:260] = 40, 300
     center = (256.0, 212.0, 600.0)

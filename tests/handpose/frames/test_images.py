@@ -15,9 +15,9 @@ from handpose.frames.recording import CameraInfo
 from tests.support.nyu_data_set import pack_depth
 
 
-def test_png_that_is_not_whole(tmp_path: Path) -> None:
-    """A PNG file that is truncated at any place, or has one wrong byte, is rejected before
-    it is decoded.
+def test_a_truncated_or_damaged_png_is_rejected(tmp_path: Path) -> None:
+    """It may be truncated at any place, or have one wrong byte; it is rejected before it is
+    decoded.
     """
     image = np.random.default_rng(0).integers(0, 65536, (40, 30)).astype(np.uint16)
     raw = cv2.imencode(".png", image)[1].tobytes()
@@ -65,8 +65,8 @@ def test_crops_are_normalised(tmp_path: Path) -> None:
     assert crop.shape == (128, 128) and (crop[:, :64] == -1).all() and (crop[:, 64:] == 1).all()
 
 
-def test_what_is_masked_was_not_read() -> None:
-    """Masked pixels become 0; an array without a mask is returned unchanged."""
+def test_masked_pixels_become_0() -> None:
+    """An array without a mask is returned unchanged."""
     image = np.array([[700, 0], [65535, 800]], np.uint16)
     assert depth_image(image) is image
     assert depth_image(np.ma.masked_equal(image, 65535)).tolist() == [[700, 0], [0, 800]]
@@ -81,7 +81,7 @@ def test_one_plausible_depth(image: np.ndarray) -> None:
 
 
 @pytest.mark.parametrize("unread", [0, -1, np.nan, np.inf])
-def test_nothing_read(unread: float) -> None:
+def test_a_frame_without_readings_passes_the_check_of_its_unit(unread: float) -> None:
     check_unit(np.full((2, 2), unread))
 
 

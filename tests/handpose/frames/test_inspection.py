@@ -40,8 +40,8 @@ def moving(factor: float = 1.0) -> list[np.ndarray]:
     return [hand_sized(distance=500 + i) * float(factor) for i in range(3)]
 
 
-def test_what_is_seen() -> None:
-    """Size, depth, zeros and field of view are reported, without warnings for a valid recording."""
+def test_a_valid_recording_is_described_without_warnings() -> None:
+    """Size, depth, zeros and field of view are reported."""
     images = moving()
     images[0][:24] = 0
     found = inspect(Taken(images))
@@ -117,10 +117,8 @@ def test_a_unit_for_any_distance(true_mm: float, distance: int) -> None:
     assert (right.warnings, right.doubt) == ((), "")
 
 
-def test_a_person_is_no_hand() -> None:
-    """A wide object beyond 1 m is a person, or a hand of another unit; the hand of a near person
-    is not doubted.
-    """
+def test_a_wide_object_beyond_1_m_gives_a_warning() -> None:
+    """It is a person, or a hand of another unit; the hand of a near person is not doubted."""
     assert inspect(Taken([hand_sized(distance=1300)])).warnings == ()
     image = np.full((48, 64), 2800)
     image[:, 16:48] = 1300
@@ -151,7 +149,7 @@ def test_a_person_is_no_hand() -> None:
         ),
     ],
 )
-def test_a_camera_of_another_picture(camera: Camera, what: str) -> None:
+def test_a_camera_that_does_not_fit_the_image_gives_a_warning(camera: Camera, what: str) -> None:
     assert what in " ".join(inspect(Taken(moving(), camera)).warnings)
 
 
@@ -181,7 +179,7 @@ def test_readings_nearer_than_the_camera_measures() -> None:
     assert not any("min_range_mm" in warning for warning in nearer.warnings)
 
 
-def test_nothing_was_read() -> None:
+def test_a_recording_without_depth_gives_a_warning() -> None:
     found = inspect(Taken([np.zeros((48, 64))] * 3))
     assert (found.depth_mm, found.nearest, found.zeros) == (None, None, 1)
     assert "every depth is 0" in found.warnings[0]

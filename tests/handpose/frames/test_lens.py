@@ -63,10 +63,8 @@ def test_the_inverse_lens_is_the_inverse(coefficients: tuple[float, ...]) -> Non
     np.testing.assert_allclose(back, (x, y), atol=1e-4)
 
 
-def test_nothing_is_shown_beyond_a_fold() -> None:
-    """With k1 = -1/3 the formula folds back at slope 1; rays beyond it are not in the
-    image and become 0.
-    """
+def test_pixels_beyond_a_fold_of_the_lens_become_0() -> None:
+    """With k1 = -1/3 the formula folds back at slope 1; rays beyond it are not in the image."""
     wide = Camera("own", 40.0, 40.0, 79.5, 59.5, 160, 120)
     straight = Undistorter(wide, Lens((-1 / 3, 0, 0, 0)))(numbered())
     assert straight[60, 80] > 0 and straight[60, 80 + 38] > 0

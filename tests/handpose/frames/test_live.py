@@ -49,10 +49,8 @@ def frame(
     return DeviceFrame(time, hand_sized(distance=value), number, clock)
 
 
-def test_frames_as_they_come() -> None:
-    """Times begin at 0, depth is in mm, and missing numbers are counted; a repeated
-    frame is skipped.
-    """
+def test_times_begin_at_0_and_lost_frames_are_counted() -> None:
+    """Depth is in mm; a repeated frame is skipped."""
     device = Simulated(
         [frame(5.0, 7), frame(5.1, 8), frame(5.1, 8), None, frame(5.4, 11), EOFError()]
     )

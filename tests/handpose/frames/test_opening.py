@@ -93,10 +93,9 @@ def test_readers_that_need_packages(
         for name in ("a.bag", "realsense")
     },
 )
-def test_a_unit_of_times_where_there_is_none(
+def test_sources_with_a_clock_reject_a_unit_of_times(
     tmp_path: Path, asked: list[Any], monkeypatch: pytest.MonkeyPatch, given: str, rejected: Any
 ) -> None:
-    """Sources with a clock of their own reject a given unit of times."""
     monkeypatch.chdir(tmp_path)
     if "." in given:
         Path(given).touch()
@@ -120,10 +119,10 @@ def test_a_unit_of_times_where_there_is_none(
         "a.txt": "a.txt: not a recording; expected a folder with a 16-bit PNG, ...: realsense or realsense:SERIAL",
     },
 )
-def test_what_is_no_recording(
+def test_missing_and_unknown_files_are_rejected(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: str, rejected: Any, asked: list[Any]
 ) -> None:
-    """A missing or unknown file raises an error before any reader is asked."""
+    """The error is raised before any reader is called."""
     monkeypatch.chdir(tmp_path)
     Path("a.txt").touch()
     Path("a.raw").touch()

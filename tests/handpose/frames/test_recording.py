@@ -32,7 +32,7 @@ def test_depth_is_in_mm(dtype: str) -> None:
     np.testing.assert_array_equal(depth, [[0, 0.5, 32.5]])
 
 
-def test_what_is_no_number_was_not_read() -> None:
+def test_invalid_depth_values_become_0() -> None:
     np.testing.assert_array_equal(
         decode(np.array([[np.nan, np.inf, -np.inf, 1e300, 2]])), [[0, 0, 0, 0, 1]]
     )
@@ -56,7 +56,7 @@ def test_stored_is_the_inverse(values: list[int], unit_mm: float) -> None:
     np.testing.assert_array_equal(stored(decode(raw, unit_mm), unit_mm, "take"), raw)
 
 
-def test_the_user_is_believed_first() -> None:
+def test_values_of_the_user_take_precedence() -> None:
     own, beside = (
         CameraInfo(SR305, unit_mm=0.25),
         CameraInfo(CAMERA, unit_mm=2.0, rate=5.0, origin="camera.json"),
@@ -79,8 +79,8 @@ def test_the_unit_of_a_known_camera() -> None:
     assert found.unit_mm == 1 and "unit unknown: a value of 1 is taken for 1 mm" in found.remarks[1]
 
 
-def test_a_lens_that_is_left_in_is_told() -> None:
-    """The user's camera replaces the file's camera and its lens, which a remark reports."""
+def test_the_users_camera_replaces_the_lens_of_the_file() -> None:
+    """A remark reports it."""
     own = CameraInfo(CAMERA, Lens((0.3, 0, 0, 0)), 1.0)
     found = DepthDecoder((48, 64), U16, "take", CameraInfo(CAMERA), own)
     assert found.lens is None and "the distortion in take is of another camera" in found.remarks[0]
@@ -99,7 +99,7 @@ def test_frames_without_times() -> None:
 LENS = Lens((0.1, 0, 0, 0))
 
 
-def test_what_is_not_known_is_filled_in() -> None:
+def test_unknown_parameters_are_filled_in() -> None:
     assert CameraInfo(NYU, unit_mm=0.5).or_else(
         CameraInfo(KINECT2, None, 1.0, 30.0, "a file")
     ) == CameraInfo(NYU, None, 0.5, 30.0, "a file")

@@ -62,7 +62,7 @@ def test_a_recording_comes_back(tmp_path: Path, name: str) -> None:
     unit_mm=st.sampled_from([0.1, 0.125, 1 / 3, 1.0]),
 )
 @pytest.mark.parametrize("name", ["take", "take.npz"])
-def test_to_the_last_value(
+def test_written_depths_and_times_are_restored_exactly(
     tmp_path_factory: pytest.TempPathFactory,
     name: str,
     values: list[list[int]],
@@ -101,7 +101,7 @@ def test_to_the_last_value(
         ),
     },
 )
-def test_frames_that_cannot_be_kept(
+def test_frames_that_cannot_be_stored_are_rejected(
     tmp_path: Path, name: str, given: DepthFrame, rejected: Any
 ) -> None:
     with rejected, RecordingWriter(tmp_path / name, SMALL, 1.0) as writer:
@@ -127,10 +127,10 @@ def test_frames_that_cannot_be_kept(
         },
     },
 )
-def test_places_that_are_refused(
+def test_existing_and_impossible_places_are_rejected(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: str, rejected: Any
 ) -> None:
-    """What is there is never replaced."""
+    """Existing files are never replaced."""
     monkeypatch.chdir(tmp_path)
     Path("file").touch()
     for name in ("take", "take.npz"):

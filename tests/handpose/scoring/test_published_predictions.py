@@ -51,7 +51,7 @@ def test_read_joints(tmp_path: Path) -> None:
         LINE.replace(" ", "\t") * 3,
     ],
 )
-def test_what_editors_make_of_a_file(tmp_path: Path, text: str) -> None:
+def test_line_ends_and_whitespace_do_not_matter(tmp_path: Path, text: str) -> None:
     """Trailing empty lines, a missing line end, CRLF, a byte order mark and tabs give the
     same three frames.
     """

@@ -102,7 +102,7 @@ def test_sides() -> None:
     assert (own.wrong_side, own.side_switches) == (4, 3)
 
 
-def test_a_hand_far_from_all_is_invented() -> None:
+def test_a_hand_far_from_all_true_ones_counts_as_invented() -> None:
     tracked = [frame._replace(hands=(moved(frame.hands[0], 0, 0, 120),)) for frame in TRUTH]
     scores = score(HEADER, tracked, TRUTH)
     assert scores.found == 0 and scores.invented == 90
@@ -156,7 +156,9 @@ SHORT = [TRUTH[0]._replace(hands=(replace(TRUTH[0].hands[0], xyz=BASE[:21]),))]
         ),
     },
 )
-def test_what_cannot_be_compared(given: Callable[[], object], rejected: Any) -> None:
+def test_tracks_that_do_not_match_the_truth_are_rejected(
+    given: Callable[[], object], rejected: Any
+) -> None:
     """Frames missing in the truth, repeated frames and other skeletons raise errors."""
     with rejected:
         given()
@@ -174,10 +176,8 @@ def moving(times: Array) -> Array:
 
 
 @pytest.mark.parametrize("lag", [0.0, 0.04, 0.0123, -0.025])
-def test_a_track_that_is_late_is_told_by_how_much(lag: float) -> None:
-    """The lag is measured in seconds, more finely than a frame; a constant error does
-    not affect it.
-    """
+def test_the_lag_of_a_track_is_measured(lag: float) -> None:
+    """The lag is in seconds, more finely than a frame; a constant error does not affect it."""
     late = moving(TIMES - lag) + (3, -4, 5)
     assert lag_s(NUMBERS, TIMES, late, moving(TIMES)) == pytest.approx(lag, abs=1e-4)
 
@@ -191,8 +191,8 @@ def test_lag_with_noise_and_holes() -> None:
     )
 
 
-def test_nothing_moves_nothing_lags() -> None:
-    """The lag of a hand at rest, of a very short track, or out of range is NaN."""
+def test_the_lag_of_a_hand_at_rest_is_nan() -> None:
+    """So is that of a very short track, or one out of range."""
     still = np.broadcast_to(BASE, (300, 31, 3))
     assert np.isnan(lag_s(NUMBERS, TIMES, still, still))
     assert np.isnan(lag_s(NUMBERS, TIMES, moving(TIMES - 0.35), moving(TIMES)))

@@ -60,8 +60,8 @@ def test_joints_are_inside_the_surface() -> None:
     assert np.median(gap) == pytest.approx(12, abs=6)
 
 
-def test_nothing_is_seen_outside_the_image() -> None:
-    """For hands at the image border, crop pixels without an image pixel are background."""
+def test_crop_pixels_outside_the_image_are_background() -> None:
+    """The hands are at the image border."""
     at_the_border = prior_file.load().but(
         lateral_x=NormalParameter(-0.5, 0.02),
         lateral_y=NormalParameter(0.38, 0.02),

@@ -81,11 +81,11 @@ def after(
         *((value, ("no depth", "only background")) for value in (0.0, np.nan)),
     ],
 )
-def test_half_of_it_or_more(
+def test_a_hand_covered_by_half_or_more_has_no_confident_pose(
     begun: Tracker, resting: Take, value: float, reasons: tuple[str, ...]
 ) -> None:
-    """From half of the hand to the whole view: no confident pose, and the reason; then the hand is
-    tracked again.
+    """It is lost with the reason, from half of the hand to the whole view; then it is tracked
+    again.
     """
     for share in (0.5, 0.6, 0.9, 1.0, 2.0):
         for reported in after(begun, resting, share, value):

@@ -139,10 +139,8 @@ def test_the_mean_decides_which_hand_it_is(
     assert one.hand == one.decided == one.best.estimate.hand == side and one.side_confidence == 1
 
 
-def test_a_side_that_is_not_seen_says_nothing() -> None:
-    """A side out of sight is no evidence; a side whose crop shows no hand counts
-    against that side.
-    """
+def test_an_unseen_side_is_no_evidence() -> None:
+    """A side whose crop shows no hand counts against that side."""
     one = followed(track(both()), [[estimate("left")]] * 29)
     assert one.side_confidence == 0.5 and one.hand == "right"
     followed(one, [[estimate("right", cost=np.inf, confidence=0), estimate("left")]], 30)
@@ -189,9 +187,9 @@ def expected_x(one: HandTrack, frame: int) -> float:
     return float(region.center_uvd[0])
 
 
-def test_where_to_look_next() -> None:
-    """The first region is at the hand; later ones are extrapolated, by no more than its velocity
-    and for some time.
+def test_the_next_region_is_extrapolated() -> None:
+    """The first region is at the hand; later ones move by no more than its velocity and for some
+    time.
     """
     assert expected_x(moving([0.0]), 1) == 0
     one = moving([10.0 * n for n in range(10)])
@@ -216,10 +214,10 @@ def test_where_to_look_next() -> None:
         ([0, 0, 0], 50, 65, 75),  # as far as a fast hand gets
     ],
 )
-def test_a_pose_found_anew(
+def test_a_pose_found_anew_changes_the_velocity(
     before: Sequence[float], found: float, least: float, most: float
 ) -> None:
-    """It changes the velocity unless it is too far away, but not how the hand turns and bends."""
+    """It does so unless it is too far away, but it does not change how the hand turns and bends."""
     one = moving([float(x) for x in before])
     hand = estimate(x=found, is_tracked=False)
     turned = hand.body._replace(rotation=np.diag([-1.0, -1.0, 1.0]), others=np.ones(4))
@@ -231,9 +229,9 @@ def test_a_pose_found_anew(
     np.testing.assert_array_equal(expected.others, turned.others)
 
 
-def test_the_network_is_asked_now_and_then() -> None:
-    """The network runs in some frames while the fit is good, and in all others; in between its last
-    error is reused.
+def test_the_network_runs_only_in_some_frames_while_the_fit_is_good() -> None:
+    """While the fit is not good, it runs in every frame. Where it does not run, its last error is
+    reused.
     """
     one, asked = track([estimate()]), []
     for n in range(1, 31):
@@ -313,10 +311,8 @@ def test_of_several_looks_the_best_counts() -> None:
 
 
 @pytest.mark.parametrize("seen", [[], [estimate(confidence=0.1)]], ids=["nothing", "unlike"])
-def test_losing(seen: list[Hand]) -> None:
-    """A frame without the hand does not end its track: its credit does, which time with
-    the hand renews.
-    """
+def test_a_track_ends_when_its_credit_is_used_up(seen: list[Hand]) -> None:
+    """A single frame without the hand does not end it; time with the hand renews the credit."""
     one = moving([0, 1])
     assert one.credit == pytest.approx(FIRST_CREDIT + 2 * FRAME)
     smooth = one.best.smooth.place[0]
@@ -338,8 +334,8 @@ def test_smoothing_begins_with_the_first_pose() -> None:
     assert 0 < moving([0, 10, 10]).best.smooth.place[0] < 10
 
 
-def test_how_sure_it_is_that_it_is_a_hand() -> None:
-    """The finder's last looks count, or a sure pose."""
+def test_the_evidence_is_that_of_the_finder_or_of_a_sure_pose() -> None:
+    """The finder's last looks count."""
     one = track([estimate(confidence=0.5)], presence=0.6)
     assert one.evidence == one.presence == 0.6
     one.look(SEEN)

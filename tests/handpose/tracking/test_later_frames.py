@@ -206,7 +206,7 @@ def test_hands_that_were_not_smoothed_are_unchanged(model: CapsuleModel) -> None
     )
 
 
-def test_errors_last(model: CapsuleModel) -> None:
+def test_errors_and_confidences_are_averaged_over_time(model: CapsuleModel) -> None:
     """Expected errors are means over half a second before and after, and the confidence is
     that mean at most.
     """

@@ -173,6 +173,6 @@ def test_the_error_of_each_finger(model: CapsuleModel, side: Side) -> None:
     assert worse[0] > 1.3 * whole[0] and (worse[1:] < 1.1 * whole[1:]).all()
 
 
-def test_errors_that_were_not_measured(model: CapsuleModel) -> None:
+def test_errors_without_readings_are_unknown(model: CapsuleModel) -> None:
     hand = output(model, state(model, "right", readings=None), smooth=True)
     assert np.isnan([hand.error_mm, hand.confidence, *hand.finger_error_mm]).all()

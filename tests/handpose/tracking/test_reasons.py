@@ -96,5 +96,7 @@ def test_only_the_hand_itself_leaves() -> None:
         (plate(600), {"missing": 0.7}, "no depth at its last position, 600 mm away"),
     ],
 )
-def test_what_is_at_its_place(depth: np.ndarray, place: dict[str, float], expected: str) -> None:
+def test_the_reason_follows_from_the_depth_at_the_place_of_the_hand(
+    depth: np.ndarray, place: dict[str, float], expected: str
+) -> None:
     assert why(depth, **place) == expected

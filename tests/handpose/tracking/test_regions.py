@@ -63,22 +63,19 @@ def test_a_hand_is_seen(
         np.testing.assert_allclose(estimate.center_mm, ICVL.unproject(center))
 
 
-def test_the_wrong_hand_is_doubted(
+def test_the_wrong_side_has_a_larger_expected_error(
     estimator: HandEstimator, frame: SideView, center: np.ndarray
 ) -> None:
-    """The expected error of the wrong side is larger than that of the right one."""
     right, left = estimator.in_regions(
         frame, [SearchRegion(center, side) for side in ("right", "left")]
     )
     assert right is not None and left is not None and right.error_mm < left.error_mm
 
 
-def test_places_of_all_kinds_together(
+def test_estimates_of_several_regions_equal_those_of_single_ones(
     estimator: HandEstimator, frame: SideView, center: np.ndarray
 ) -> None:
-    """Estimates are in the order of the regions, equal those of single regions, and are
-    None out of sight.
-    """
+    """They are in the order of the regions, and None out of sight."""
     (before,) = estimator.in_regions(frame, [SearchRegion(center, "right")])
     assert before is not None
     regions = [
@@ -112,16 +109,14 @@ def test_a_known_size(estimator: HandEstimator, frame: SideView, center: np.ndar
     )
 
 
-def test_from_the_pose_before(
+def test_the_network_does_not_run_if_its_last_error_is_given(
     estimator: HandEstimator,
     frame: SideView,
     center: np.ndarray,
     shown: Take,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """From a previous pose, also about another centre, the network does not run if its last
-    error is given.
-    """
+    """From a previous pose, also about another centre."""
     (first,) = estimator.in_regions(frame, [SearchRegion(center, "right")])
     assert first is not None
     monkeypatch.setattr("handpose.estimate.crop_fits.fit_starts", None)  # any call raises an error
@@ -139,8 +134,9 @@ def test_from_the_pose_before(
         estimator.in_regions(frame, [SearchRegion(center, "right", first.body)])
 
 
-def test_does_it_go_on(estimator: HandEstimator, frame: SideView, center: np.ndarray) -> None:
-    """``is_tracked`` is true only if the previous pose wins against the network's."""
+def test_is_tracked_only_if_the_previous_pose_wins_against_the_networks(
+    estimator: HandEstimator, frame: SideView, center: np.ndarray
+) -> None:
     (first,) = estimator.in_regions(frame, [SearchRegion(center, "right")])
     assert first is not None
     far = first.body._replace(
@@ -172,10 +168,10 @@ def test_a_left_hand_is_the_mirror_image() -> None:
     )
 
 
-def test_where_the_next_crop_is(
+def test_the_next_crop_is_near_the_middle_of_the_palm(
     estimator: HandEstimator, frame: SideView, center: np.ndarray
 ) -> None:
-    """The next centre is near the middle of the palm, by the fit and by the network."""
+    """By the fit and by the network."""
     (estimate,) = estimator.in_regions(frame, [SearchRegion(center + (10, 0, 0), "right")])
     assert estimate is not None
     for found in (
@@ -217,7 +213,7 @@ def test_the_network_sees_no_covering(
     assert error(behind, shown) < error(among, shown)
 
 
-def test_what_is_not_read_around_the_hand_is_unknown(
+def test_unread_pixels_around_the_hand_are_unknown(
     estimator: HandEstimator, frame: SideView, center: np.ndarray
 ) -> None:
     """Without readings in one half, the crop is unknown up to AROUND_MM from the expected hand,

@@ -79,15 +79,17 @@ def test_only_a_hand_that_had_joints_for_some_frames_is_lost(frames: int) -> Non
 PLACE = PresentHand(2, None, 0.6, 0.0, (0.0, 0.0, 700.0), "no pose was found there", None, False)
 
 
-def test_beside_a_hand_with_joints_a_present_one_is_reported_only_if_it_is_sure() -> None:
+def test_a_hand_with_joints_hides_present_ones_unless_they_are_sure() -> None:
     sure = PLACE._replace(id=1, is_sure=True)
     frames = reported((SURE, PLACE, sure), (UNSURE, PLACE), (PLACE,))
     assert [frame.present for frame in frames] == [(sure,), (present(UNSURE), PLACE), (PLACE,)]
 
 
 @pytest.mark.parametrize("later", [(UNSURE,), (GONE,)])
-def test_shortly_after_a_hand_with_joints_too(later: tuple[TrackedHand | LostHand]) -> None:
-    """If it had them for some frames; a hand that had them once hides others in that frame only."""
+def test_a_recent_hand_with_joints_hides_present_ones(later: tuple[TrackedHand | LostHand]) -> None:
+    """If it had joints for some frames; a hand that had them once hides others only in that
+    frame.
+    """
     frames = frames_of(*[(SURE, PLACE)] * MIN_GIVEN, *[(*later, PLACE)] * 8, step=RECENT_S / 4)
     counts = [
         sum(one.place == PLACE.place for one in frame.present)
@@ -127,7 +129,7 @@ def test_a_confidence_that_is_unknown_is_not_below() -> None:
     assert SureHands(1.0)(frame).hands == frame.hands
 
 
-def test_nothing_is_removed_by_0() -> None:
+def test_a_minimum_confidence_of_0_removes_nothing() -> None:
     other = present(tracked(id=1))
     [frame] = frames_of((tracked(id=0, confidence=0.0), other))
     assert SureHands(0)(frame) == frame
@@ -145,7 +147,7 @@ def test_ids_are_counted_in_the_order_of_first_reports(minimum: float) -> None:
     assert ids(after.hands) == [0, 2] and ids(after.present) == [1]
 
 
-def test_what_is_not_reported_has_no_id() -> None:
+def test_unreported_hands_have_no_id() -> None:
     """Neither a place that is hidden by a hand with joints, nor a hand that is lost at once."""
     found = reported((SURE, PLACE), (SURE, tracked(id=9), GONE._replace(id=7)))
     assert ids(found[1].hands) == [0, 1] and not found[1].lost

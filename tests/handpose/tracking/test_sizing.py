@@ -136,7 +136,7 @@ def test_the_least_of_few_costs(costs: list[float], step: float) -> None:
 @pytest.mark.parametrize(
     ("confidence", "every"), [(0.3, 0.2), (1.0, 0.001)], ids=["uncertain", "too soon"]
 )
-def test_frames_that_say_nothing(
+def test_uncertain_and_too_frequent_frames_are_not_kept(
     model: CapsuleModel, poses: Poses, confidence: float, every: float
 ) -> None:
     assert kept(model, estimates(model, poses, confidence=confidence), every) == []

@@ -134,7 +134,9 @@ def test_a_point_has_no_axes(seed: int) -> None:
     most=st.sampled_from([2.0, 30.0, math.inf]),
     gap=st.sampled_from([0.0, 2.0]),
 )
-def test_trembling_is_no_movement(seed: int, noise: float, most: float, gap: float) -> None:
+def test_noise_is_subtracted_from_the_speed(
+    seed: int, noise: float, most: float, gap: float
+) -> None:
     """The deviation of the speed is subtracted from it, up to a bound, gaps add to it, and large
     errors count less.
     """
@@ -188,8 +190,8 @@ def test_a_step_is_approached(slope: float, which: str) -> None:
     assert 9 < found[-1, 0] <= 10 and -4 <= found[-1, 1] < -3.6
 
 
-def test_what_moves_faster_lags_less() -> None:
-    """The lag in seconds is shorter for faster motion; without the slope it is constant."""
+def test_faster_motion_lags_less() -> None:
+    """Without the slope the lag in seconds is constant."""
 
     def lag(speed: float, slope: float) -> float:
         values = speed * FRAMES[:, None]
@@ -240,8 +242,7 @@ def test_rotations_have_no_axes(seed: int) -> None:
 # -------------------------------------------------------------------------------------------- times
 
 
-def test_at_rest_it_stays() -> None:
-    """Constant poses are unchanged."""
+def test_constant_poses_are_unchanged() -> None:
     values, R = (
         np.tile([3.3, -1e5, 0], (60, 1)),
         np.tile(Rotation.from_rotvec([2, 1, -2]).as_matrix(), (60, 1, 1)),
@@ -321,7 +322,7 @@ def test_a_moving_hand_is_not_left_behind(model: CapsuleModel) -> None:
     assert behind[30:].max() < way[30:].max()
 
 
-def test_a_pose_that_is_not_sure_moves_little(model: CapsuleModel, trembling: np.ndarray) -> None:
+def test_an_uncertain_pose_has_a_small_weight(model: CapsuleModel, trembling: np.ndarray) -> None:
     """A larger expected error gives a smaller weight, which is never 0; an unknown error counts
     as a small one.
     """

@@ -53,8 +53,7 @@ def test_each_hand_by_itself() -> None:
     ]
 
 
-def test_how_sure() -> None:
-    """The confidence is the median of the known ones."""
+def test_the_confidence_is_the_median_of_the_known_ones() -> None:
     hands = [(tracked(confidence=value),) for value in (0.2, 0.9, 0.8, float("nan"))]
     found = [summed(*hands), summed(hands[-1]), summed((gone(1),))]
     assert [one.hands[1].sure for one in found] == ["80%", "unknown", "unknown"]

@@ -110,7 +110,7 @@ def test_raw_and_smoothed(shown: Take, raw: Take) -> None:
     )
 
 
-def test_it_goes_frame_by_frame(shown: Take, predictor: Predictor) -> None:
+def test_frames_are_read_one_at_a_time(shown: Take, predictor: Predictor) -> None:
     """The next frame is read only after the previous one has been reported."""
     frames = iter(shown.frames)
     reported = Tracker(predictor).follow(frames)
@@ -165,12 +165,10 @@ def test_a_hand_that_leaves_and_returns(leaving: Take) -> None:
     assert gone[0].reason.startswith(LEFT) and leaving.reported[-1].hands
 
 
-def test_what_does_not_look_like_a_hand_is_dropped(
+def test_a_hand_of_low_confidence_is_dropped(
     shown: Take, begun: Callable[[], Tracker], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A pose whose confidence by the frame is low is none, and the hand is lost when its
-    credit is used up.
-    """
+    """It is lost when its credit is used up."""
     tracker = begun()
     (track,), tracker.finder = tracker.tracks, Said()
 
@@ -215,9 +213,11 @@ def seeing(tracker: Tracker, *places: tuple[float, ...]) -> Tracker:
     return tracker
 
 
-def test_what_only_the_finder_takes_for_a_hand(shown: Take, predictor: Predictor) -> None:
-    """It is present without joints where the finder sees it, also in the frames between two looks,
-    and is gone some looks after the finder has seen it last.
+def test_a_hand_that_only_the_finder_sees_is_present_without_joints(
+    shown: Take, predictor: Predictor
+) -> None:
+    """Also in the frames between two looks; it is gone some looks after the finder has seen it
+    last.
     """
     tracker = seeing(Tracker(predictor), (0.0, 60, 1400, 0.7))
     for n in range(12):
@@ -323,7 +323,7 @@ def doubled(tracker: Tracker, time: float) -> HandTrack:
 
 
 @pytest.mark.parametrize(("begun_s", "id"), [(-1.0, 1), (5 / RATE, 0)])
-def test_one_hand_is_not_two(
+def test_two_tracks_of_one_hand_are_merged(
     shown: Take, begun: Callable[[], Tracker], begun_s: float, id: int
 ) -> None:
     """Of two tracks of one hand the better one goes on, with the older one's id; the
@@ -433,7 +433,9 @@ def test_a_second_hand_of_another_recording_is_found(
 
 
 @pytest.mark.parametrize("mm", [0, 250, 600, 1200, 3000])
-def test_nobody(begun: Callable[[], Tracker], predictor: Predictor, mm: float) -> None:
+def test_no_hand_is_tracked_without_readings_or_on_a_plane(
+    begun: Callable[[], Tracker], predictor: Predictor, mm: float
+) -> None:
     """A second without readings, or of a plane, as of a covered lens, has no hand, whether or not
     one was there.
     """
@@ -445,7 +447,7 @@ def test_nobody(begun: Callable[[], Tracker], predictor: Predictor, mm: float) -
         )
 
 
-def test_what_is_masked_was_not_read(shown: Take, predictor: Predictor) -> None:
+def test_a_masked_frame_has_no_hands(shown: Take, predictor: Predictor) -> None:
     frame = DepthFrame(0, 0.0, np.ma.array(shown.frames[0].depth, mask=True))
     assert Tracker(predictor).step(frame) == TrackedFrame(0, 0.0, (), ())
 
@@ -458,8 +460,8 @@ def test_a_frame_of_another_size(begun: Callable[[], Tracker]) -> None:
         begun().step(DepthFrame(7, 7 / RATE, np.full((480, 640), 700, np.float32)))
 
 
-def test_times_that_do_not_ascend(shown: Take, begun: Callable[[], Tracker]) -> None:
-    """Times that do not ascend raise an error, because velocities would be undefined."""
+def test_times_must_ascend(shown: Take, begun: Callable[[], Tracker]) -> None:
+    """Velocities would be undefined."""
     tracker = begun()
     for time in (5 / RATE, 0.0, float("nan")):
         with pytest.raises(DataError, match=r"frame 9 is of \S+ s, after one of 0.333333 s"):
@@ -494,7 +496,7 @@ def test_another_unit(shown: Take, begun: Callable[[], Tracker], predictor: Pred
         ),
     ],
 )
-def test_options_that_are_none(predictor: Predictor, name: str, value: Any) -> None:
+def test_invalid_options_are_rejected(predictor: Predictor, name: str, value: Any) -> None:
     with pytest.raises(NetlibError, match=f"^{name}[= ]{value!r}.* expected "):
         Tracker(predictor, **{name: value})
 
@@ -504,8 +506,8 @@ def test_predictors_of_other_kinds() -> None:
         Tracker(load_predictor(NYU, fit="no", hand="right"))
 
 
-def test_in_five_lines() -> None:
-    """The tracker is loaded with the packaged weights and options."""
+def test_load_tracker_applies_its_options() -> None:
+    """The weights are the packaged ones."""
     tracker = load_tracker(ICVL, fit="fast", seed=3, hands=1, smooth=False)
     header = tracker.header("a recording")
     assert (header.source, header.camera, header.unit_mm, header.smoothed) == (

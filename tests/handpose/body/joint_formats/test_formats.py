@@ -51,7 +51,7 @@ def test_bones_are_pairs_of_joints(name: FormatName) -> None:
     assert len(bones) >= len(joints) - 1
 
 
-def test_nyu_is_the_evaluation() -> None:
+def test_the_nyu_format_has_the_evaluation_joints() -> None:
     joints = right_hand(any_pose(np.random.default_rng(0)))
     assert np.array_equal(
         formatted("nyu", PEOPLE, "right", joints).positions, joints[list(EVALUATION_JOINTS)]
@@ -122,7 +122,7 @@ def with_dof(name: str, value: float) -> Array:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_hinges_are_the_models(seed: int) -> None:
+def test_hinge_angles_equal_the_models(seed: int) -> None:
     """PIP, DIP and the thumb's hinges equal the model's angles in any pose and place, in degrees,
     up to the sign.
     """
@@ -178,7 +178,7 @@ def test_noise_near_a_right_angle(finger: str) -> None:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_place_turn_size_and_side_do_not_matter(seed: int) -> None:
+def test_angles_do_not_depend_on_place_rotation_size_and_side(seed: int) -> None:
     inputs = any_pose(np.random.default_rng(seed))
     elsewhere = np.where(np.arange(len(inputs)) < 6, 0.3, inputs)
     found = np.array(list(angles(inputs).values()))

@@ -98,8 +98,8 @@ def test_the_skin_is_a_radius_beyond_the_last_joint() -> None:
         )
 
 
-def test_another_body_has_none() -> None:
-    """The error names the joint that another body lacks."""
+def test_a_body_without_fingers_is_rejected() -> None:
+    """The error names the joint that the body lacks."""
     arm = load(NYU_HAND.parents[1] / "body" / "arm.prototxt")
     with pytest.raises(DataError, match=r"no joint 'thumb_mcp'; only hands"):
         weights_of(list(POINTS.values()), arm)

@@ -87,7 +87,7 @@ POSITION = (
         },
     },
 )
-def test_joints_that_are_no_positions(call: str, given: Any, rejected: Any) -> None:
+def test_invalid_joint_positions_are_rejected(call: str, given: Any, rejected: Any) -> None:
     with rejected:
         CALLS[call](given)
 

@@ -79,7 +79,7 @@ def test_angles_within_limits_stay(seed):
     assert np.allclose(angles.canonical(NYU_HAND, x), x)
 
 
-def test_angle_errors_are_the_short_way_round():
+def test_angle_errors_wrap_around():
     """179 and -179 degrees differ by 2 degrees."""
     a, b = np.zeros((2, 1, 47))
     palm_z = NYU_HAND.dof_names.index("palm_rot_z")
@@ -88,7 +88,7 @@ def test_angle_errors_are_the_short_way_round():
     assert errors.shape == (1, 23) and errors.sum() == pytest.approx(2)
 
 
-def test_no_flip_where_a_bone_would_feel_it():
+def test_flips_that_would_change_the_pose_are_ruled_out():
     """A bone across the flip's axis, a fixed rotation below it, or a DoF of two joints
     rules the flip out.
     """

@@ -140,7 +140,7 @@ LONGER = [
         "a broken companion",
     ],
 )
-def test_what_has_changed_is_made_again(source, change, request):
+def test_a_companion_is_made_again_only_after_a_change(source, change, request):
     """A companion made in the same way from the same file is reused; all frames
     count as progress.
     """
@@ -198,7 +198,7 @@ def test_companions_replace_nothing(source, tmp_path, given, rejected):
         ),
     },
 )
-def test_files_with_something_wrong_in_them(tmp_path, given, rejected):
+def test_invalid_files_are_rejected(tmp_path, given, rejected):
     """The error names the file on one line, and no file is written."""
     write(tmp_path / "data" / "bad.h5", **given)
     with rejected:

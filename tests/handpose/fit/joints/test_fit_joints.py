@@ -68,10 +68,8 @@ def test_a_root_that_turns_about_two_axes(rng, limits):
     )
 
 
-def test_joints_that_are_not_known(inputs):
-    """Frames with missing joints are fitted to the others, and the positions of nearby joints
-    are recovered.
-    """
+def test_frames_with_missing_joints_are_fitted_to_the_others(inputs):
+    """The positions of nearby joints are recovered."""
     targets = joints_of(NYU_HAND, inputs)
     hidden = targets.copy()
     hidden[::2, [0, 5, 28]] = np.nan  # tips and a joint of the thumb

@@ -87,10 +87,10 @@ def test_camera_json(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "left"), [("1.png", [(1, 0.1), (2, 0.3)]), ("2.png", [(0, 0.0), (2, 0.3)])]
 )
-def test_a_damaged_frame_is_left_out_and_said(
+def test_a_damaged_frame_is_skipped_and_reported(
     folder: Path, name: str, left: list[tuple[int, float]]
 ) -> None:
-    """Its number and time are skipped, also of the first one, and a remark reports it."""
+    """Its number and time are skipped, too, also those of the first frame."""
     path = folder / name
     path.write_bytes(path.read_bytes()[:-30])
     recording = FolderRecording(folder, GIVEN)
@@ -103,7 +103,7 @@ def test_a_damaged_frame_is_left_out_and_said(
         )
 
 
-def test_no_frame_is_whole(folder: Path) -> None:
+def test_a_folder_of_damaged_frames_is_an_error(folder: Path) -> None:
     for path in folder.iterdir():
         path.write_bytes(b"")
     with pytest.raises(DataError, match=r"1\.png: not an image"):
@@ -128,10 +128,10 @@ def test_no_frame_is_whole(folder: Path) -> None:
         ),
     },
 )
-def test_another_kind_of_picture_is_no_damage(
+def test_a_picture_of_another_size_or_type_is_an_error(
     folder: Path, given: np.ndarray, rejected: Any
 ) -> None:
-    """A picture of another size or type raises an error instead of being skipped."""
+    """It is not skipped as damaged."""
     put(folder / "2.png", given)
     with rejected:
         list(FolderRecording(folder, GIVEN))
@@ -241,7 +241,7 @@ def test_infrared_is_not_joined_into_depth(tmp_path: Path, kind: str) -> None:
 
 
 @pytest.mark.parametrize("depth", ["depth_{}.npy", "{}.png", "{}.npz"])
-def test_arrays_that_are_not_depth_may_lie_beside(tmp_path: Path, depth: str) -> None:
+def test_arrays_of_other_data_are_ignored(tmp_path: Path, depth: str) -> None:
     """Colours, 8-bit infrared, a matrix, joints and a whole take; also if the first
     frame is damaged.
     """
@@ -264,8 +264,8 @@ def test_arrays_that_are_not_depth_may_lie_beside(tmp_path: Path, depth: str) ->
     assert [frame.depth[20, 30] for frame in FolderRecording(tmp_path, GIVEN)] == [500.5, 501]
 
 
-def test_what_the_archives_of_frames_hold(tmp_path: Path) -> None:
-    """The camera of the first one is used; what is not used is named."""
+def test_archives_of_frames_may_contain_the_camera(tmp_path: Path) -> None:
+    """The camera of the first archive is used. Unused arrays are named in a warning."""
     others = {
         "K": [[60, 0, 31.5], [0, 61, 23.5], [0, 0, 1]],
         "color": np.zeros((48, 64, 3), np.uint8),
@@ -384,7 +384,7 @@ def test_raw_values_have_the_size_of_the_camera(tmp_path: Path) -> None:
     },
 )
 @pytest.mark.parametrize("is_later", [False, True])
-def test_arrays_that_are_not_depth(
+def test_arrays_other_than_depth_are_rejected(
     tmp_path: Path, given: tuple[str, Any], is_later: bool, rejected: Any
 ) -> None:
     """In one line, also of a later frame, which is not taken for a damaged one."""
@@ -453,7 +453,7 @@ def tiff(path: Path, count: int) -> None:
         ),
     },
 )
-def test_nothing_to_read(
+def test_folders_without_depth_frames_are_rejected(
     tmp_path: Path, given: tuple[tuple[str, ...], str] | Any, rejected: Any
 ) -> None:
     """The error names what was found instead, before any frame is read."""
@@ -557,7 +557,7 @@ NANO = 10**9
         ),
     ],
 )
-def test_what_names_tell(
+def test_file_names_give_the_order_and_the_times(
     names: list[str], times: tuple[int, ...], ticks: int, interpretation: str
 ) -> None:
     """Numbers, and times with a known unit, relative to the first frame."""
@@ -637,8 +637,8 @@ def test_a_given_unit(names: list[str], unit: str, times: tuple[int, ...], ticks
         ),
     },
 )
-def test_names_that_tell_nothing(given: list[str], rejected: Any) -> None:
-    """Ambiguous or invalid names raise an error with the reason."""
+def test_ambiguous_and_invalid_names_are_rejected(given: list[str], rejected: Any) -> None:
+    """The error gives the reason."""
     with rejected:
         in_order(given, "here")
 

@@ -103,10 +103,8 @@ def fake(monkeypatch: pytest.MonkeyPatch) -> FakeModule:
     return module
 
 
-def test_frames_as_they_come(fake: FakeModule) -> None:
-    """Depth is in the camera's unit, with its numbers and times; unplugging the camera ends
-    the recording.
-    """
+def test_a_camera_is_read_until_it_is_unplugged(fake: FakeModule) -> None:
+    """Depth is in the camera's unit, with its numbers and times."""
     with open_live("0123", UNKNOWN) as recording:
         assert recording.camera == Camera("Fake D400 0123", 60.5, 61.5, 31.25, 23.75, 64, 48)
         assert (recording.unit_mm, recording.rate, recording.live, recording.count) == (

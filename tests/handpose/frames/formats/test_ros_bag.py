@@ -259,7 +259,7 @@ def test_the_same_image_again(tmp_path: Path) -> None:
         ("mcap", "cannot read the bag: damaged or cut: "),
     ],
 )
-def test_a_cut_bag(tmp_path: Path, name: str, expected: str) -> None:
+def test_a_truncated_bag_is_rejected(tmp_path: Path, name: str, expected: str) -> None:
     """A truncated bag of ROS 1 has no index; the error names the command that repairs it."""
     path = KINDS[name](tmp_path / name, DEPTH)
     file = (
@@ -270,8 +270,10 @@ def test_a_cut_bag(tmp_path: Path, name: str, expected: str) -> None:
         BagRecording(file, UNKNOWN)
 
 
-def test_a_bag_that_is_cut_later(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The frames before the damage are read, and ``cut`` says why there are no more."""
+def test_frames_before_the_damage_of_a_bag_are_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """``cut`` gives the reason why there are no more."""
     path = KINDS["plain.bag"](tmp_path / "a.bag", DEPTH)
     recording = BagRecording(path, UNKNOWN)
     values_of, calls = ros_bag.values_of, iter(range(9))
@@ -355,7 +357,7 @@ COLOUR = "/camera/color/image_raw"
         },
     },
 )
-def test_bags_that_are_refused(tmp_path: Path, given: Any, rejected: Any) -> None:
+def test_invalid_bags_are_rejected(tmp_path: Path, given: Any, rejected: Any) -> None:
     """Other lenses and topics, compression that does not preserve depth, and damage
     raise an error.
     """
@@ -370,7 +372,7 @@ def test_bags_that_are_refused(tmp_path: Path, given: Any, rejected: Any) -> Non
         for text in ("e", "1e", "--", "", "2", "0", "nan")
     },
 )
-def test_depth_units_that_are_no_number(tmp_path: Path, given: str, rejected: Any) -> None:
+def test_invalid_depth_units_are_rejected(tmp_path: Path, given: str, rejected: Any) -> None:
     """The unit of the depth in a .db3 of RealSense is a number of metres."""
 
     def make(of: bags.Messages, depth: bags.Depth) -> bags.Content:

@@ -66,7 +66,7 @@ def test_frames(tmp_path: Path, suffix: str, dtype: str) -> None:
     assert recording.cut == ""
 
 
-def test_what_stands_beside_the_frames(tmp_path: Path) -> None:
+def test_times_and_camera_are_read_with_the_frames(tmp_path: Path) -> None:
     """Times may start anywhere; the camera is stored as numbers or as the text of a camera.json."""
     recording = opened(tmp_path, UNKNOWN, time=5 + SECONDS, **BESIDE)
     assert times_of(recording) == pytest.approx(SECONDS)
@@ -204,7 +204,9 @@ def cut(path: Path, size: int | None = None, flip: int = 0) -> Path:
         "a text": (lambda tmp: text(tmp / "a.npz"), f"...a.npz: holds nothing; {EXPECTED}"),
     },
 )
-def test_what_is_no_stack(tmp_path: Path, given: Callable[[Path], Path], rejected: Any) -> None:
+def test_invalid_stacks_are_rejected(
+    tmp_path: Path, given: Callable[[Path], Path], rejected: Any
+) -> None:
     path = given(tmp_path)
     with rejected:
         list(StackRecording(path, GIVEN))
@@ -287,7 +289,7 @@ def test_precedence_of_units_of_times(tmp_path: Path) -> None:
     assert recording.remarks[0] == "times from 'times_ms', in ns as given"
 
 
-def test_of_several_arrays_of_times_one_is_used(tmp_path: Path) -> None:
+def test_one_of_several_arrays_of_times_is_used(tmp_path: Path) -> None:
     """The documented name, otherwise one with a unit; the others are named."""
     recording = opened(tmp_path, stamps_s=5 * SECONDS, time_us=10**6 * SECONDS, time=2 * SECONDS)
     assert times_of(recording) == pytest.approx(2 * SECONDS)
@@ -301,8 +303,7 @@ def test_of_several_arrays_of_times_one_is_used(tmp_path: Path) -> None:
     )
 
 
-def test_what_is_named_like_times(tmp_path: Path) -> None:
-    """The date of a recording, and a translation, are not times of its frames."""
+def test_a_date_and_a_translation_are_not_taken_for_times(tmp_path: Path) -> None:
     recording = opened(tmp_path, timestamp=1_700_000_000, t=np.zeros(3))
     assert times_of(recording) == pytest.approx([0, 0.1, 0.2, 0.3])  # by the rate
     assert "arrays 'timestamp', 't' are not used" in recording.warnings[0]
@@ -340,8 +341,10 @@ def test_precedence(tmp_path: Path) -> None:
     assert opened(tmp_path, GIVEN, K=np.zeros((4, 3, 3))).camera == CAMERA
 
 
-def test_what_is_not_used_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """In one warning of the report: also what is too large or of another kind to be a parameter."""
+def test_unused_arrays_are_named_in_one_warning(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also those that are too large, or of another kind, to be a parameter."""
     recording = opened(
         tmp_path,
         foo=1,
@@ -416,6 +419,8 @@ def test_what_is_not_used_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         )
     },
 )
-def test_what_is_wrong(tmp_path: Path, given: dict[str, Any], rejected: Any) -> None:
+def test_invalid_times_and_parameters_are_rejected(
+    tmp_path: Path, given: dict[str, Any], rejected: Any
+) -> None:
     with rejected:
         opened(tmp_path, UNKNOWN, **given)

@@ -55,6 +55,8 @@ DEPTH = np.zeros((480, 640), np.float32)
         ),
     },
 )
-def test_what_cannot_be_drawn(given: Callable[[], object], rejected: Any) -> None:
+def test_invalid_pictures_and_tracks_are_rejected(
+    given: Callable[[], object], rejected: Any
+) -> None:
     with rejected:
         given()

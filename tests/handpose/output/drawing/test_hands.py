@@ -40,7 +40,7 @@ def test_every_finger_has_its_colour() -> None:
         assert {*hands.COLOURS.values(), hands.GREY} <= colours_in(picture)
 
 
-def test_a_guess_is_hollow() -> None:
+def test_a_guessed_finger_is_drawn_hollow() -> None:
     """A finger that is a guess is white with a rim in its colour; the others keep theirs."""
     assert hands.guessed(np.array([30.0, 31, np.nan, 60, 2])) == ["index", "ring"]
     picture = hands.overlay(EMPTY, JOINTS, SKELETON, center_uvd=CENTER, guesses=["thumb"])
@@ -71,7 +71,7 @@ def test_truth_is_drawn_too() -> None:
     )
 
 
-def test_joints_far_outside_do_no_harm() -> None:
+def test_joints_far_outside_the_picture_are_harmless() -> None:
     wild = JOINTS * 1e9
     tip = SKELETON.joint_names.index("index_tip")
     wild[tip] = 0

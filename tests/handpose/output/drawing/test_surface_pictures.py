@@ -62,7 +62,7 @@ def test_surface_is_painted_where_a_camera_sees_it(size: int) -> None:
     )
 
 
-def test_surface_beside_the_picture_or_behind_the_camera_is_not_painted() -> None:
+def test_surface_outside_the_picture_or_behind_the_camera_is_not_painted() -> None:
     camera, canvas = Camera("any", 100, 100, 50, 50, 100, 100), np.zeros((100, 100, 3), np.uint8)
     for away in ((2000, 0, 0), (0, 0, -1000), (0, -2000, -480)):
         moved = BALL._replace(a=BALL.a + away, b=BALL.b + away)

@@ -152,13 +152,13 @@ def test_a_hand_without_joints_is_outlined_or_marked() -> None:
     )
 
 
-def test_nothing_is_drawn_where_the_finder_no_longer_sees_a_hand() -> None:
+def test_a_hand_that_the_finder_no_longer_sees_is_not_drawn() -> None:
     hand = PresentHand(2, None, 0.4, 0.0, (0.0, 0.0, 600.0), "no pose", is_seen=False)
     picture = annotated(DEPTH, of()._replace(present=(hand,)))
     assert np.array_equal(picture, annotated(DEPTH, of()))
 
 
-def test_a_hand_partly_or_wholly_beside_the_image_does_no_harm() -> None:
+def test_a_hand_partly_or_wholly_outside_the_image_is_harmless() -> None:
     for at in ((-330, 0, 600), (5000, 0, 600), (0, 0, 60)):
         hand = tracked("right", at)
         assert annotated(seen([]), of(hand)).shape == (HEAD + MAX_HEIGHT, MAX_WIDTH, 3)

@@ -60,10 +60,8 @@ def test_every_picture_at_its_time_as_browsers_play_it(tmp_path: Path) -> None:
         assert file.duration / 1e6 == pytest.approx(1.6 + 1 / 30, abs=0.001)
 
 
-def test_odd_sizes_and_rates_that_no_player_knows(tmp_path: Path) -> None:
-    """The picture gets a row and a column; the rate is clipped, because it affects only the last
-    picture's duration.
-    """
+def test_odd_sizes_are_padded_and_extreme_rates_clipped(tmp_path: Path) -> None:
+    """The picture gets a row and a column. The rate affects only the last picture's duration."""
     for rate in (1e-300, 1e300):
         with VideoFile(tmp_path / "a.mp4", rate) as video:
             video.write(picture(3, 63, 95), 0.0)
@@ -76,7 +74,7 @@ def test_odd_sizes_and_rates_that_no_player_knows(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("stop", [KeyboardInterrupt, ValueError])
-def test_what_was_written_before_a_stop_is_kept(tmp_path: Path, stop: type[BaseException]) -> None:
+def test_pictures_written_before_a_stop_are_kept(tmp_path: Path, stop: type[BaseException]) -> None:
     """After Ctrl-C or an error the file has all pictures so far, replaces an older file, and is the
     only one left.
     """
@@ -100,12 +98,8 @@ def test_without_a_picture_there_is_no_file(tmp_path: Path) -> None:
     assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"old"]
 
 
-def test_what_cannot_be_written_is_one_error_about_the_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A full disk, a missing folder and a folder of that name raise an error with the file name;
-    no file is left.
-    """
+def test_errors_of_writing_name_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A full disk, a missing folder and a folder of that name raise an error; no file is left."""
 
     def full(video: VideoFile, frame: object) -> None:
         raise av.error.FFmpegError(28, "No space left on device", "something.tmp")
@@ -133,7 +127,7 @@ LATER = "expected a later one, by 1/60000 s at least and 1e+08 s at most"
         for time in (1.0, 1.000001, 1e300)
     },
 )
-def test_times_that_do_not_ascend(tmp_path: Path, given: float, rejected: Any) -> None:
+def test_times_must_ascend(tmp_path: Path, given: float, rejected: Any) -> None:
     with VideoFile(tmp_path / "a.mp4") as video:
         video.write(picture(1), 1.0)
         with rejected:
@@ -149,7 +143,7 @@ def test_times_that_do_not_ascend(tmp_path: Path, given: float, rejected: Any) -
         "b.mp4": "...b.mp4: PyAV has no encoder of H.264 here; expected libx264 or libopenh264, ...",
     },
 )
-def test_what_is_not_begun(
+def test_unsupported_formats_and_missing_encoders_are_rejected(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: str, rejected: Any
 ) -> None:
     """Another suffix, a missing PyAV, and one without an encoder of H.264 raise errors."""

@@ -58,7 +58,7 @@ def test_a_part_lies_within_the_frame(hands: list, time: float) -> None:
     assert CAMERA.width / MAX_ZOOM <= view.width * 1.0001
 
 
-def test_it_moves_slowly() -> None:
+def test_the_window_moves_slowly() -> None:
     """Without hands the whole frame is shown, at once in the first frame and later
     after some seconds.
     """
@@ -130,7 +130,7 @@ def test_colours() -> None:
     assert all(0.11 * blue + 0.59 * green + 0.3 * red < 140 for blue, green, red in colours)
 
 
-def test_words() -> None:
+def test_labels_have_the_side_and_the_confidence() -> None:
     """The confidence or presence is in whole per cent, omitted if unknown; a lost hand has the time
     and the reason.
     """
@@ -155,10 +155,10 @@ def test_words() -> None:
 
 
 @given(PLACES)
-def test_all_are_within_the_picture_and_none_covers_another(
+def test_labels_lie_within_the_picture_and_do_not_overlap(
     places: list[tuple[float, float]],
 ) -> None:
-    """Labels lie within the picture and do not overlap, for hands at any place."""
+    """For hands at any place."""
     canvas = np.zeros((300, 400, 3), np.uint8)
     tags = Tags(canvas)
     areas = []
@@ -172,7 +172,7 @@ def test_all_are_within_the_picture_and_none_covers_another(
     assert (canvas.any(axis=2)).sum() == sum(areas)
 
 
-def test_a_side_that_is_assumed_has_another_tag() -> None:
+def test_the_tag_of_an_assumed_side_has_inverted_colours() -> None:
     """The text is coloured on white; the tag has the same size, and its corner at
     the given point.
     """

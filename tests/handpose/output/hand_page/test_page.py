@@ -175,7 +175,7 @@ def test_a_pose_is_pasted(visit: Visit, bare: Path) -> None:
     ],
     ids=range(7),
 )
-def test_a_pose_that_is_refused(tab: Any, text: str, line: str) -> None:
+def test_an_invalid_pose_is_rejected(tab: Any, text: str, line: str) -> None:
     tab.locator("#pose").fill(text)
     assert tab.locator("#pose-error").inner_text() == line
     assert tab.evaluate("hand.body.inputs.every((value) => value === 0)")
@@ -371,7 +371,7 @@ def test_names_are_text_and_no_markup(visit: Visit, tmp_path: Path) -> None:
     assert (colours(tab)[:, 3] == 255).mean() > 1e-4
 
 
-def test_nothing_else_runs_and_nothing_is_fetched(browser: Any, bare: Path) -> None:
+def test_the_page_blocks_other_scripts_and_requests(browser: Any, bare: Path) -> None:
     tab, console = browser.new_page(), []
     tab.on("console", lambda message: console.append(message.text))
     tab.goto(bare.as_uri())

@@ -285,7 +285,7 @@ DEMANDS: dict[str, Any] = {
 
 
 @pytest.mark.parametrize("demand", DEMANDS)
-def test_what_the_gate_must_hold(
+def test_the_server_withstands_invalid_requests_and_clients(
     demand: str,
     serve: Serve,
     connect: Connect,
@@ -293,9 +293,7 @@ def test_what_the_gate_must_hold(
     capfd: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Each demand on requests and clients; after any of them the page is served, and no log
-    has the token.
-    """
+    """After any of them the page is served, and no log has the token."""
     monkeypatch.setattr(module, "GRACE_S", 0.5)
     caplog.set_level(logging.DEBUG)
     with serve() as server:
@@ -397,7 +395,7 @@ def test_a_port_that_is_in_use(serve: Serve, server: LiveServer) -> None:
 @pytest.mark.parametrize(
     ("host", "why"), [("x" * 70, "unknown host"), ("192.0.2.1", "cannot listen: ")]
 )
-def test_an_address_that_is_not_of_this_machine(serve: Serve, host: str, why: str) -> None:
+def test_an_address_of_another_machine_is_rejected(serve: Serve, host: str, why: str) -> None:
     with pytest.raises(NetlibError, match=f"^{host}:0: {why}"), serve(host):
         pass
 

@@ -61,10 +61,8 @@ def test_a_row_per_frame_and_hand(tmp_path: Path, header: TrackHeader) -> None:
     assert next(rows, None) is None
 
 
-def test_what_is_not_known_is_empty(tmp_path: Path) -> None:
-    """Unknown values are empty, which pandas reads as NaN; a reason may contain
-    commas and quotes.
-    """
+def test_unknown_values_are_empty(tmp_path: Path) -> None:
+    """pandas reads them as NaN. A reason may contain commas and quotes."""
     hand = replace(any_hand(HAND, np.random.default_rng(0)), confidence=np.nan, error_mm=np.nan)
     hand.finger_error_mm[1] = np.nan
     reason = 'it is "dark", 3 mm'

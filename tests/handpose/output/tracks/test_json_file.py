@@ -74,10 +74,10 @@ def check_same(track: Track, header: TrackHeader, frames: list[TrackedFrame]) ->
 @both
 @settings(max_examples=15)
 @given(seed=st.integers(0, 10**6))
-def test_what_is_written_can_be_read(
+def test_any_written_track_is_restored_by_reading(
     tmp_path_factory: pytest.TempPathFactory, layout: str, seed: int
 ) -> None:
-    """Pose, bones and joints of both hands, and lost hands, are restored for any body."""
+    """Pose, bones and joints of both hands, and lost hands, for any body."""
     header = header_of(any_skeleton(seed), unit_mm=100.0)
     frames = any_track(header, seed)
     path = tmp_path_factory.mktemp("track") / f"a.{layout}"
@@ -220,7 +220,7 @@ def test_no_frame_at_all(tmp_path: Path, layout: str) -> None:
     assert written(tmp_path / f"a.{layout}", HAND, []).frames == []
 
 
-def test_numbers_that_are_not_known_are_null() -> None:
+def test_unknown_numbers_are_null() -> None:
     """NaN and infinity become null, alone and within lists, because JSON lacks them."""
     nan, infinity = float("nan"), float("inf")
     assert rounded(nan, 2) is None
@@ -328,7 +328,7 @@ def test_a_document_that_another_program_laid_out(tmp_path: Path) -> None:
         )
     },
 )
-def test_what_is_no_track(tmp_path: Path, given: tuple[str, str], rejected: Any) -> None:
+def test_invalid_tracks_are_rejected(tmp_path: Path, given: tuple[str, str], rejected: Any) -> None:
     """The error names the place and what was expected, on one line."""
     path = tmp_path / "a.json"
     written(path, HAND, any_track(HAND, 1, 2))

@@ -19,7 +19,7 @@ FULL = OSError(errno.ENOSPC, "No space left on device")
 
 
 @pytest.mark.parametrize("name", ["a.json", "b.JSONL", "c.csv"])
-def test_by_the_ending(tmp_path: Path, name: str) -> None:
+def test_the_suffix_selects_the_format(tmp_path: Path, name: str) -> None:
     frames = any_track(HAND, 1)
     with open_writer(tmp_path / name, HAND) as writer:
         for frame in frames:
@@ -79,11 +79,11 @@ class Stream:
 @pytest.mark.parametrize("shown", [False, True])
 @pytest.mark.parametrize("count", [0, 1])
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), FULL], ids=["interrupt", "disk"])
-def test_a_frame_that_was_not_written_whole(
+def test_a_partly_written_frame_is_removed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException, count: int, shown: bool
 ) -> None:
-    """It is removed, from a file that is shown at once; without a whole one the old file stays; the
-    error names it.
+    """From a shown file it is removed at once. Without a complete frame the old file stays. The
+    error names the file.
     """
     path, content = tmp_path / "a.txt", b"<a>" if count else b"old"
     path.write_bytes(b"old")
@@ -101,10 +101,8 @@ def test_a_frame_that_was_not_written_whole(
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_file_that_is_shown(tmp_path: Path) -> None:
-    """It replaces an old file, or a link but not its target, with its first frame, and
-    grows from then on.
-    """
+def test_a_shown_file_grows_from_its_first_frame_on(tmp_path: Path) -> None:
+    """It replaces an old file, or a link but not its target, with its first frame."""
     path, target = tmp_path / "a.txt", tmp_path / "target.txt"
     target.write_text("old")
     path.symlink_to(target)
@@ -119,7 +117,7 @@ def test_a_file_that_is_shown(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["folder", "none/a.txt"])
-def test_where_no_file_can_be(tmp_path: Path, name: str) -> None:
+def test_a_path_that_cannot_be_written_is_rejected_at_once(tmp_path: Path, name: str) -> None:
     (tmp_path / "folder").mkdir()
     with pytest.raises(OSError) as caught, pieces(tmp_path / name):
         pytest.fail("began all the same")

@@ -62,7 +62,7 @@ def test_the_nearest_solid_is_shown_with_its_number() -> None:
     assert np.isinf(layer.depth[0, 0, 0]) and layer.number[0, 0, 0] == 0
 
 
-def test_solids_that_are_not_shown_or_too_near_are_left_out() -> None:
+def test_hidden_and_too_near_solids_are_left_out() -> None:
     far = balls(500)._replace(shown=np.zeros((1, 1), bool))
     layer = solid_layer(joined([balls(80), far]), 1, (X[None], X[None]))
     assert np.isinf(layer.depth).all()
