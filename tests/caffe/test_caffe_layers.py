@@ -31,7 +31,7 @@ def test_layer(case: Case, dtype: Any) -> None:
     assert {what: far for what, far in found.items() if not far <= TOLERANCE[dtype]} == {}
 
 
-def test_no_case_is_lost() -> None:
+def test_all_recorded_cases_are_present() -> None:
     cases = layer_cases()
     assert len({case.name for case in cases}) == 122
     assert [case.name for case in cases if not case.types <= KNOWN] == []

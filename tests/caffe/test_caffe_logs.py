@@ -30,7 +30,7 @@ def solver_of(log: str, tmp_path: Path, **changes: str) -> netlib.Solver:
     return netlib.get_solver(tmp_path / "solver.prototxt")
 
 
-def test_the_log_of_signals(
+def test_signals_are_handled_and_logged_as_in_caffe(
     solvers: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     """SIGHUP writes a snapshot and continues, SIGINT writes one and stops, in a hundredth of
@@ -77,6 +77,6 @@ def test_plot_log_reads_caffes_trainings(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["test.log", "time.log"])
-def test_plot_log_says_that_others_are_no_trainings(name: str) -> None:
+def test_plot_log_rejects_logs_of_other_commands(name: str) -> None:
     with pytest.raises(DataError, match="expected a training log"):
         plot_log.read_log(FOLDER / "logs" / name)

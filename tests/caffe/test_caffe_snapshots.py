@@ -64,7 +64,7 @@ def test_training_goes_on_from_caffes_solver_state(
 
 @ITERATIONS
 @FORMATS
-def test_our_snapshot_says_what_caffes_says(
+def test_snapshots_have_the_same_values_as_caffes(
     ours: Path, iteration: int, theirs: str, format: str
 ) -> None:
     name = f"{CASE}_iter_{iteration}"
@@ -141,10 +141,9 @@ def test_caffes_binary_files_are_read_and_written_byte_for_byte(solvers: Path) -
 
 
 @pytest.mark.parametrize(("net", "weights"), [("net", "init"), ("net_shared", "init_shared")])
-def test_what_a_net_saves_is_caffes_own_file(
+def test_a_net_loaded_and_saved_is_caffes_file_byte_for_byte(
     solvers: Path, tmp_path: Path, net: str, weights: str
 ) -> None:
-    """A net loaded and saved again gives Caffe's file, byte for byte."""
     made = netlib.Net(f"{net}.prototxt", netlib.TRAIN)
     made.copy_from(f"{weights}.caffemodel")
     made.save(tmp_path / "ours.caffemodel")

@@ -31,14 +31,14 @@ for library in blas._loaded("openblas"):
 
 
 @pytest.mark.parametrize("first", ["import netlib, numpy", "import numpy, netlib"])
-def test_one_thread_a_product(first: str) -> None:
+def test_blas_uses_one_thread_per_product(first: str) -> None:
     counts = run(first + THREADS).split()
     if not counts:
         pytest.skip("NumPy has no OpenBLAS here")
     assert set(counts) == {"1"}
 
 
-def test_the_user_decides() -> None:
+def test_environment_variables_of_the_user_take_precedence() -> None:
     note = run(
         "import netlib; print(netlib.BLAS_NOTE)",
         OPENBLAS_NUM_THREADS="2",
@@ -50,7 +50,7 @@ def test_the_user_decides() -> None:
     )
 
 
-def test_late_import_is_told() -> None:
+def test_an_import_after_numpy_is_reported() -> None:
     note = run(
         "import numpy, netlib, os; print(netlib.BLAS_NOTE, os.environ.get('OPENBLAS_CORETYPE'))"
     )

@@ -86,7 +86,7 @@ def run(net: netlib.Net, batch: dict[str, np.ndarray]) -> None:
 
 
 @pytest.mark.parametrize("name", OPERATIONS)
-def test_an_interrupt_at_any_line(name: str) -> None:
+def test_passes_after_an_interrupt_at_any_line_are_correct(name: str) -> None:
     model = prototxt.parse(TEXT)
     plain = netlib.Net(model, netlib.TRAIN, engine="plain", seed=1, dtype=np.float64)
     run(plain, SECOND)

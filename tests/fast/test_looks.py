@@ -201,7 +201,9 @@ def check(seed: int) -> None:
 
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("moment", MOMENTS)
-def test_a_look_at_any_moment(moment: str, monkeypatch: Any, caplog: Any) -> None:
+def test_first_accesses_at_any_moment_agree_with_the_plain_engine(
+    moment: str, monkeypatch: Any, caplog: Any
+) -> None:
     caplog.set_level("ERROR", "netlib")
     monkeypatch.setattr(slices, "MAX_SLICE", 64)  # restored after the test
     first = list(MOMENTS).index(moment)

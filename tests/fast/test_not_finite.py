@@ -206,7 +206,7 @@ LAYERS = [
 
 @pytest.mark.parametrize("phase", [netlib.TRAIN, netlib.TEST])
 @pytest.mark.parametrize("layer", LAYERS)
-def test_other_windows(layer: str, phase: int) -> None:
+def test_engines_agree_on_pooling_and_normalization(layer: str, phase: int) -> None:
     """One such value in x or in dy of a pooling, with winners and without, or of a
     normalization.
     """

@@ -156,7 +156,9 @@ def test_slices_give_what_layer_by_layer_gives(
 @pytest.mark.parametrize(
     "background", ["none", "nothing else", "another value", "nothing else, and zero"]
 )
-def test_any_background_gives_the_same(net_of: MakeNet, background: str) -> None:
+def test_slices_agree_with_layer_by_layer_for_any_background(
+    net_of: MakeNet, background: str
+) -> None:
     inputs = batch(4)
     if background == "none":
         inputs["depth"] = (
@@ -190,12 +192,10 @@ def check_blob(net: netlib.Net, name: str, half: str, expected: dict[str, Arrays
 
 @pytest.mark.parametrize("when", ["before forward", "after forward", "after backward"])
 @pytest.mark.parametrize("name", UNSTORED)
-def test_an_unstored_blob_is_true_when_somebody_looks(
+def test_an_unstored_blob_is_correct_whenever_it_is_accessed(
     net_of: MakeNet, name: str, when: str
 ) -> None:
-    """An unstored blob is correct whenever it is first accessed and in later passes; the access
-    changes no other value.
-    """
+    """It is also correct in later passes; the access changes no other value."""
     net, inputs = net_of(PAPER), batch(10, flat=name != "c2")
     expected = expected_of(net_of, inputs)
     if when == "before forward":
@@ -234,10 +234,8 @@ def test_a_look_costs_one_pass_and_all_blobs_are_stored_from_then_on(
 
 
 @pytest.mark.parametrize("how", ["a look", "a part"])
-def test_what_overflows_is_computed_again_without_a_warning(net_of: MakeNet, how: str) -> None:
-    """Computing infinite values again gives no warning, as in the pass itself.
-    (A warning fails the tests.)
-    """
+def test_recomputing_infinite_values_gives_no_warning(net_of: MakeNet, how: str) -> None:
+    """As in the pass itself. (A warning fails the tests.)"""
     net = net_of(PAPER)
     for params in net.params.values():
         params[0].data[...] = 1e30

@@ -14,7 +14,7 @@ from tests.support.plain_loops import pool
 from tests.support.tiled import load, store, tiled
 
 
-def test_where_a_value_stands_in_tiles() -> None:
+def test_tiles_store_each_value_at_its_documented_index() -> None:
     """The value of row h, column w, channel c, image n is at [h, w % T, c, n, w // T]."""
     N, C, H, W, T = 2, 3, 5, 7, 3
     x = np.arange(N * C * H * W, dtype=np.float32).reshape(N, C, H, W)

@@ -98,15 +98,13 @@ def test_forward_and_backward(rng, seen, T, k, size, dtype):
     [(4, 3, 16, 1), (4, 5, 18, 1), (3, 4, 12, 1), (4, 5, 16, 2), (None, 5, 16, 1)],
     ids=["another kernel", "another size", "another tile", "two channels", "no tiles"],
 )
-def test_what_does_not_fit(T, k, size, channels):
-    """Other shapes are rejected: a window must read exactly 2 x 2 blocks of one channel, with
-    T of 2, 4 or 8.
-    """
+def test_other_shapes_do_not_fit(T, k, size, channels):
+    """A window must read exactly 2 x 2 blocks of one channel, with T of 2, 4 or 8."""
     bottom, top = Blob((1, channels, size, size)), tiled((1, 2, size - k + 1, size - k + 1), T)
     assert not fits(bottom, top, (2, channels, k, k))
 
 
-def test_only_windows_that_see_something_are_stored():
+def test_only_windows_with_foreground_are_stored():
     """One foreground pixel, in block (2, 2) of 4 x 4 pixels, gives the four windows that
     read this block.
     """

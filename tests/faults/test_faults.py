@@ -199,7 +199,7 @@ def test_the_harness_finds_failures(folder: Path) -> None:
     assert "ended by SIGSEGV" in found
 
 
-def test_no_flipped_bit_in_a_binary_solver_state_is_believed() -> None:
+def test_a_flipped_bit_in_a_binary_solver_state_is_rejected_or_harmless() -> None:
     make_states()
     path, rng = Path("older_iter_2.solverstate"), random.Random(0)
     content, expected = path.read_bytes(), digest(read_state(path))
@@ -307,7 +307,7 @@ def limited_size(number: int) -> None:
 
 @pytest.mark.parametrize("write", [write_nets, write_tracks, write_recordings])
 @pytest.mark.parametrize("fault", [kill_before_rename, full_disk, limited_size])
-def test_old_or_new(
+def test_a_failed_write_leaves_the_old_or_the_new_file(
     write: Callable[[int], None], fault: Callable[[int], object], folder: Path
 ) -> None:
     write(1)

@@ -836,7 +836,7 @@ BAD = [
         for text, bottoms, line, tops in BAD
     },
 )
-def test_layers_that_are_refused(given, rejected):
+def test_invalid_layers_are_rejected(given, rejected):
     text, bottoms, tops = given
     with rejected:
         Run(text, arrays(bottoms), tops)
@@ -869,7 +869,7 @@ def test_layers_that_are_refused(given, rejected):
         ),
     },
 )
-def test_texts_that_are_refused(given, rejected):
+def test_invalid_options_are_rejected(given, rejected):
     count = 3 if "Output" in given else 2 if "Loss" in given else 1
     with rejected:
         Run(given, [np.zeros((2, 3))] * count, in_place="MVN" in given)
@@ -1007,7 +1007,7 @@ def test_shapes_that_must_stay(given, rejected):
         )
     },
 )
-def test_what_has_no_gradient(given, rejected):
+def test_backward_without_a_gradient_is_an_error(given, rejected):
     kind, bottoms, wanted, tops = given
     options = {
         "Embed": "embed_param { num_output: 2 input_dim: 3 }",
@@ -1055,7 +1055,7 @@ def test_what_has_no_gradient(given, rejected):
         ),
     },
 )
-def test_nets_that_are_refused(net_of, given, rejected):
+def test_invalid_nets_are_rejected(net_of, given, rejected):
     """Layers that cannot run in place, statistics with a learning rate, and options of another
     type are an error.
     """

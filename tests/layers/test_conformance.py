@@ -37,7 +37,7 @@ def test_the_gradient_agrees_with_differences(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", [name for name in CASES if LAYER_TYPES[name].in_place])
-def test_in_place_if_it_says_so(name: str) -> None:
+def test_layers_declared_in_place_compute_the_same_in_place(name: str) -> None:
     layer, bottoms = made(name)
     options = CASES[name][2]
     if options.get("tops", 1) == 1:

@@ -48,7 +48,7 @@ def test_the_layers_run_once(items: int) -> None:
     assert (net.params["b"][0].diff == 3 * 5 * items).all()
 
 
-def test_what_has_run_is_not_run_again() -> None:
+def test_layers_that_have_run_are_not_run_again() -> None:
     """A layer before it runs once, but what others have read keeps its values."""
     drop = layer("drop", "Dropout", "y", "y")
     net = net_of(X + linear("a", "x", "y") + drop + linear("b", "y", "z"))
@@ -114,8 +114,8 @@ def test_a_layer_whose_forward_fails_runs_again(monkeypatch: pytest.MonkeyPatch)
     np.testing.assert_allclose(net.backward(y=np.ones(shape))["x"], 1)
 
 
-def test_a_net_of_another_size_for_a_while() -> None:
-    """Its values are discarded, so backward runs the layers again with the current input, 0."""
+def test_a_temporary_change_of_size_discards_the_values() -> None:
+    """Backward runs the layers again with the current input, 0."""
     net = net_of(X + layer("k", "TanH", "x", "y") + layer("s", "Softmax", "y", "z"))
     net.forward(x=np.full((2, 3), 3))
     for items in (5, 2):

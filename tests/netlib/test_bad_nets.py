@@ -239,7 +239,7 @@ def after(shape: str, layer: str) -> str:
         )
     },
 )
-def test_nets_that_are_refused(net_of: MakeNet, given: str, rejected: Any) -> None:
+def test_invalid_nets_are_rejected(net_of: MakeNet, given: str, rejected: Any) -> None:
     with rejected:
         net_of(given).forward()
 
@@ -292,7 +292,7 @@ MASKED = np.ma.masked_equal(np.ones((2, 3)), 0)
         ),
     },
 )
-def test_calls_that_are_refused(
+def test_invalid_calls_are_rejected(
     net_of: MakeNet, given: Callable[[netlib.Net], object], rejected: Any
 ) -> None:
     with rejected:
@@ -312,7 +312,7 @@ def test_calls_that_are_refused(
         "int32": ({"dtype": np.int32}, "a net computes in float32 or float64, not in int32"),
     },
 )
-def test_arguments_that_are_refused(
+def test_invalid_arguments_are_rejected(
     net_of: MakeNet, given: dict[str, object], rejected: Any
 ) -> None:
     with rejected:
@@ -351,6 +351,8 @@ def filled(shape: tuple[int, ...], *arguments: Any, **options: Any) -> Callable[
         },
     },
 )
-def test_messages_that_are_refused(given: Callable[[], object], rejected: Any) -> None:
+def test_invalid_messages_and_fillers_are_rejected(
+    given: Callable[[], object], rejected: Any
+) -> None:
     with rejected:
         given()

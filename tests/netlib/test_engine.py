@@ -16,7 +16,7 @@ needs_fast = pytest.mark.skipif(not engine.has_fast(), reason="the folder fast/ 
 NET = X + ip("a", "x", "a") + 'layer { name: "r" type: "ReLU" bottom: "a" top: "a" }'
 
 
-def test_plain_is_always_there(net_of: MakeNet) -> None:
+def test_the_plain_engine_runs_each_layer_in_its_own_step(net_of: MakeNet) -> None:
     net = net_of(NET, engine="plain")
     assert net.engine.name == "plain"
     assert type(net.engine) is Engine
@@ -66,7 +66,7 @@ def test_a_solver_takes_an_engine(solver_of: MakeSolver) -> None:
 
 
 @needs_fast
-def test_an_empty_choice_is_no_choice() -> None:
+def test_an_empty_variable_selects_the_default_engine() -> None:
     """BLAS is configured as usual."""
     code = "import netlib; from netlib import engine; print(engine.get().name, netlib.BLAS_NOTE)"
     out = run_python("-c", code, NETLIB_ENGINE="").out

@@ -54,7 +54,7 @@ def test_the_nearest_name() -> None:
         ("new_dim", "new_width"),
     ],
 )
-def test_options_of_forks_are_no_misspellings(name: str, other: str) -> None:
+def test_options_of_forks_are_not_taken_for_misspellings(name: str, other: str) -> None:
     """Parts that many names have do not make two options similar; a wrong hint would hide the list
     of known names.
     """
@@ -85,5 +85,5 @@ def test_an_error_can_be_shown_whatever_it_names(name: str) -> None:
     ],
     ids=ascii,
 )
-def test_what_is_escaped(text: str, shown: str) -> None:
+def test_unprintable_characters_are_escaped(text: str, shown: str) -> None:
     assert printable(text) == shown

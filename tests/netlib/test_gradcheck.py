@@ -165,7 +165,7 @@ def test_bottoms_that_want_no_gradient_are_left_out(layer: Callable[[type[Layer]
     gradcheck.check(layer(Right), [X], wanted=[False])
 
 
-def test_what_was_checked() -> None:
+def test_the_result_lists_what_was_checked() -> None:
     text = 'type: "InnerProduct" inner_product_param { num_output: 2 weight_filler { type: "xavier" } }'
     found = gradcheck.check(gradcheck.make_layer(text, [X]), [X])
     assert repr(found) == (

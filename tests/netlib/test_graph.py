@@ -167,7 +167,7 @@ SIGNS = "overwrites blob 'a', of which the gradient of layer 'r' needs the signs
     ],
     ids=str,
 )
-def test_a_gradient_that_will_be_wrong_is_said(
+def test_layers_in_place_that_spoil_a_gradient_give_a_warning(
     net_of: MakeNet,
     caplog: pytest.LogCaptureFixture,
     below: str,
@@ -175,9 +175,7 @@ def test_a_gradient_that_will_be_wrong_is_said(
     behind: list[str],
     warning: str,
 ) -> None:
-    """A warning reports a layer in place that overwrites a top needed by another gradient;
-    Caffe gives none.
-    """
+    """The layer overwrites a top needed by another gradient. Caffe gives no warning."""
     text = (
         X + ip("a", "x", "a") + f'layer {{ name: "r" type: "{below}" bottom: "a" top: "{top}" }} '
     )

@@ -23,8 +23,8 @@ def run(code: str, folder: Path, *paths: Path) -> str:
 SAME = "import caffe.proto.caffe_pb2 as a, netlib.caffe.proto.caffe_pb2 as b, caffe.io, netlib.caffe as c\n"
 
 
-def test_once_asked_for_every_import_finds_it(tmp_path: Path) -> None:
-    """All forms of import return netlib's own modules, not copies."""
+def test_install_as_caffe_serves_every_form_of_import(tmp_path: Path) -> None:
+    """They return netlib's own modules, not copies."""
     code = "import netlib; netlib.install_as_caffe(); netlib.install_as_caffe()\n" + SAME
     code += "from caffe import layers as L, params as P, Net\nimport caffe\n"
     code += "assert caffe.proto.caffe_pb2 is caffe.io.caffe_pb2 is a and caffe._caffe.Net is Net\n"
@@ -140,7 +140,7 @@ def test_without_protobuf(tmp_path: Path) -> None:
         )
 
 
-def test_a_script_as_it_is(tmp_path: Path) -> None:
+def test_a_script_runs_with_its_own_folder_and_arguments(tmp_path: Path) -> None:
     """``python -m netlib.caffe script.py argument`` runs the script with its own folder, arguments
     and ``__main__``.
     """
@@ -177,10 +177,10 @@ SHOW = "import sys, caffe, helper; print(__name__, caffe.TEST, helper.x, sys.arg
         (["/dev/stdin", "b", "-c"], "import sys; sys.path[:0] = ['.']; " + SHOW),
     ],
 )
-def test_a_script_that_is_no_file(tmp_path: Path, arguments: list[str], typed: str) -> None:
-    """Standard input, code, a module, and a pipe, with the working folder on the path, as
-    Python runs them.
-    """
+def test_scripts_run_from_stdin_code_modules_and_pipes(
+    tmp_path: Path, arguments: list[str], typed: str
+) -> None:
+    """With the working folder on the path, as Python runs them."""
     (tmp_path / "helper.py").write_text("x = 7")
     (tmp_path / "show.py").write_text(SHOW)
     done = run_python("-m", "netlib.caffe", *arguments, typed=typed, cwd=tmp_path)

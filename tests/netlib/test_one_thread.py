@@ -41,7 +41,7 @@ def in_a_thread(work: Callable[[], object]) -> BaseException | None:
 
 
 @pytest.mark.parametrize("use", ["forward", "backward", "reshape", "run_forward", "run_backward"])
-def test_a_second_thread_is_told(net_of: MakeNet, use: str) -> None:
+def test_a_second_thread_gets_an_error(net_of: MakeNet, use: str) -> None:
     net = net_of(NET)
     said: list[BaseException | None] = []
     compute = net.layers[0].forward
@@ -71,7 +71,7 @@ def test_a_second_thread_is_told(net_of: MakeNet, use: str) -> None:
     ],
     ids=["inputs", "slopes", "a part forwards", "a part backwards"],
 )
-def test_a_thread_that_is_told_changes_nothing(
+def test_a_rejected_thread_changes_nothing(
     net_of: MakeNet, use: Callable[[netlib.Net], object]
 ) -> None:
     """Neither inputs nor diffs change, nor the steps of the net, which the first thread
@@ -86,8 +86,8 @@ def test_a_thread_that_is_told_changes_nothing(
     assert net.steps is steps
 
 
-def test_reading_a_blob_that_is_not_stored_is_use(net_of: MakeNet) -> None:
-    """The first access computes it, so it counts as use of the net."""
+def test_reading_an_unstored_blob_counts_as_use(net_of: MakeNet) -> None:
+    """The first access computes it."""
     net = net_of(NET)
     net.forward()
     unstored = [blob for step in net.steps for blob in step.unstored]

@@ -149,7 +149,9 @@ def test_a_step_of_multistep_is_logged(
 @pytest.mark.parametrize(
     "policy", ['"exp" gamma: 1.5', '"step" stepsize: 1 gamma: 10', '"inv" gamma: 1 power: -400']
 )
-def test_a_rate_beyond_all_numbers_ends_the_training(solver_of: MakeSolver, policy: str) -> None:
+def test_an_overflow_of_the_learning_rate_ends_the_training(
+    solver_of: MakeSolver, policy: str
+) -> None:
     solver = solver_of(ONE_WEIGHT % "param { lr_mult: 0 }", f"lr_policy: {policy}")
     solver.iter = 10**4
     with pytest.raises(netlib.DivergenceError, match="iteration 10000: learning rate overflow"):
@@ -212,7 +214,7 @@ def test_an_output_of_changing_size_has_no_mean(
         solver.test(0)
 
 
-def test_a_test_net_that_is_not_finite_is_said(
+def test_a_test_net_with_values_that_are_not_finite_is_reported(
     solver_of: MakeSolver, caplog: pytest.LogCaptureFixture
 ) -> None:
     solver = solver_of(ONE_WEIGHT % "", "test_iter: 1 test_interval: 1")
@@ -316,8 +318,10 @@ def test_when_snapshots_are_written(
         ('snapshot_prefix: ""', "solver"),
     ],
 )
-def test_where_snapshots_go(solver_of: MakeSolver, tmp_path: Path, prefix: str, stem: str) -> None:
-    """Snapshots in a folder, or without a prefix, are named after the solver file."""
+def test_snapshots_are_named_by_the_prefix_or_the_solver_file(
+    solver_of: MakeSolver, tmp_path: Path, prefix: str, stem: str
+) -> None:
+    """Those in a folder, or without a prefix, are named after the solver file."""
     (tmp_path / "there").mkdir()
     state = solver_of(ONE_WEIGHT % "", prefix).snapshot()
     assert state == Path(f"{stem}_iter_0.solverstate")
@@ -610,7 +614,7 @@ def test_mistakes_in_a_solver_point_at_their_place(
         ),
     },
 )
-def test_what_is_no_solver(
+def test_files_without_a_solver_are_rejected(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: str, rejected: Any
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -17,7 +17,7 @@ def test_by_hand(by_hand):
 @pytest.mark.parametrize(
     ("selector", "passed"), [([[1], [1], [1]], 3), ([[[0]], [[0]], [[2]]], 1), ([0, 0, 0], 0)]
 )
-def test_all_some_or_none(run, rng, selector, passed):
+def test_all_some_or_no_items_pass(run, rng, selector, passed):
     """The selector may have further axes of size 1; if no item passes, the gradient is 0."""
     done = run('type: "Filter"', rng.normal(size=(3, 2, 2)), selector)
     assert done.y.shape == (passed, 2, 2)

@@ -186,7 +186,7 @@ def test_silence_it_reads_and_gives_no_gradient(run):
     assert [dx.tolist() for dx in done.backward()] == [[0, 0, 0], [[0, 0], [0, 0]]]
 
 
-def test_silence_what_it_reads_is_no_output(net_of):
+def test_silence_removes_its_bottoms_from_the_outputs(net_of):
     text = 'layer { name: "x" type: "Input" top: "x" top: "y" input_param { shape { dim: 2 } } } '
     assert net_of(text).outputs == ["x", "y"]
     assert net_of(text + 'layer { name: "s" type: "Silence" bottom: "x" }').outputs == ["y"]

@@ -119,7 +119,7 @@ def test_a_database_in_one_file_and_beside_the_prototxt(tmp_path, images, monkey
     assert labels(netlib.Net(tmp_path / "net.prototxt", netlib.TRAIN)) == [5]
 
 
-def test_what_is_accepted_and_ignored(database, net_of, caplog):
+def test_ignored_options_are_reported(database, net_of, caplog):
     layer = text(
         database,
         "batch_size: 2 prefetch: 9 cache: true rand_skip: 3 force_encoded_color: true crop_size: 2",

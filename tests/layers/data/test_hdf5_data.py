@@ -268,7 +268,7 @@ def of_two_shapes(folder):
         ),
     },
 )
-def test_files_with_something_wrong_in_them(tmp_path, net_of, request, given, rejected):
+def test_invalid_files_are_rejected(tmp_path, net_of, request, given, rejected):
     given(tmp_path)
     with rejected:
         net_of(layer(tmp_path / "list.txt", 0 if "batch_size" in request.node.name else 2))
@@ -293,7 +293,7 @@ OUTSIDE = "rest_in is '%s'; expected a relative name of a file in the same"
         ("link.h5", "../near/rest.h5", True),
     ],
 )
-def test_where_the_rest_may_be(tmp_path, net_of, rest, link, is_near):
+def test_the_rest_of_a_file_must_be_near_it(tmp_path, net_of, rest, link, is_near):
     """In the folder of the data file, below it or in a neighbouring folder, also by a
     link; nowhere else.
     """

@@ -130,9 +130,9 @@ def test_a_resume_with_another_list_starts_over(tmp_path, pictures, net_of):
     assert labels(other) == [12]
 
 
-def test_where_pictures_are_looked_for(tmp_path, pictures, net_of, monkeypatch):
-    """root_folder is prepended as text; without it, paths are relative to the working
-    directory or the list.
+def test_root_folder_is_prepended_to_the_paths(tmp_path, pictures, net_of, monkeypatch):
+    """It is prepended as text; without it, paths are relative to the working directory or
+    the list.
     """
     (tmp_path / "a_list").mkdir()
     (tmp_path / "a_list" / "list.txt").write_text("ture 1.png 1")

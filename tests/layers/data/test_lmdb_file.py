@@ -90,7 +90,7 @@ def test_entries_in_the_order_of_their_keys(
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_whatever_has_been_written_and_deleted(tmp_path: Path, seed: int) -> None:
+def test_databases_after_many_changes_are_read(tmp_path: Path, seed: int) -> None:
     """Databases with reused pages and changed values and trees are read correctly, and so are
     compact copies.
     """
@@ -303,7 +303,7 @@ DAMAGED, UNSORTED = (
         )
     },
 )
-def test_nothing_is_believed(
+def test_inconsistent_pages_and_headers_are_rejected(
     tmp_path: Path, given: tuple[list[bytes], dict[str, int]], rejected: Any
 ) -> None:
     path = database_of(tmp_path / "a", *given[0], **{"depth": 1, "entries": 2, **given[1]})
@@ -311,10 +311,8 @@ def test_nothing_is_believed(
         list(walked(path))
 
 
-def test_pages_do_not_come_up_twice(tmp_path: Path) -> None:
-    """A page that is referenced twice raises an error; a tree of such branches would
-    have 2^31 leaves.
-    """
+def test_a_page_that_is_referenced_twice_is_rejected(tmp_path: Path) -> None:
+    """A tree of such branches would have 2^31 leaves."""
     branches = [
         page(BRANCH, i, [pointer(b"", i + 1), pointer(b"%02d" % i, i + 1)], 512)
         for i in range(2, 33)
@@ -342,7 +340,7 @@ ORDER = (
         "byte order": (bytes(16) + b"\xbe\xef\xc0\xde" + bytes(9000), f".../a{ORDER[3:]}"),
     },
 )
-def test_what_is_no_such_database(tmp_path: Path, given: bytes, rejected: Any) -> None:
+def test_files_of_other_formats_are_rejected(tmp_path: Path, given: bytes, rejected: Any) -> None:
     (tmp_path / "a").write_bytes(given)
     with rejected:
         Database(tmp_path / "a")

@@ -147,10 +147,8 @@ def test_classes(run, options, boxes, found):
     assert rows(run, text(3, options), *bottoms(*boxes))[:, [1, 3]].tolist() == found
 
 
-def test_nothing_found(run):
-    """A batch without detections has one row per item; an item without any in another
-    batch has none.
-    """
+def test_a_batch_without_detections_has_one_row_per_item(run):
+    """In a batch with detections, an item without any has no row."""
     priors = bottoms([WIDE], [[0, 0]])[2]
     options, locations = text(more="confidence_threshold: 0.5"), np.zeros((3, 4))
     found = rows(run, options, locations, np.zeros((3, 2)), priors)
@@ -159,10 +157,8 @@ def test_nothing_found(run):
     assert rows(run, options, np.zeros((0, 4)), np.zeros((0, 2)), priors).shape == (0, 7)
 
 
-def test_values_that_are_not_finite(run):
-    """A confidence that is no number is no detection; boxes that grow beyond all
-    numbers do no harm.
-    """
+def test_a_confidence_of_nan_is_no_detection(run):
+    """Boxes that overflow are infinite."""
     priors = bottoms([WIDE, WIDE], [[0, 0]])[2]
     found = rows(
         run,

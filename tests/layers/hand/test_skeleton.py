@@ -10,7 +10,7 @@ from tests.support.bad_input import bad_inputs
 HAND = load()
 
 
-def test_what_a_skeleton_knows(skeleton, arm_text):
+def test_a_skeleton_has_the_values_of_its_file(skeleton, arm_text):
     body = skeleton(arm_text)
     assert body.name == "arm"
     assert body.dof_names == ["x", "y", "shoulder", "elbow"]
@@ -174,7 +174,7 @@ def test_mistakes_in_a_skeleton_file(skeleton, arm_text, given, rejected):
         ),
     },
 )
-def test_what_is_no_skeleton(skeleton, tmp_path, given, rejected):
+def test_files_without_a_skeleton_are_rejected(skeleton, tmp_path, given, rejected):
     with rejected:
         load(tmp_path / "gone.prototxt") if given is None else skeleton(given)
 

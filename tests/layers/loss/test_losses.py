@@ -294,7 +294,7 @@ def test_a_divisor_is_at_least_1():
     ] == [1, 1, 1]
 
 
-def test_which_labels_count():
+def test_ignored_labels_do_not_count():
     """Labels are truncated before they are compared with ignore_label; NaN is never ignored, so
     that it is detected.
     """

@@ -27,7 +27,7 @@ def test_by_hand(by_hand, options, phase, x, y):
     by_hand(f"BatchNorm batch_norm_param {{ {options} }}", [x], [y], phase=phase)
 
 
-def test_the_sums_take_up_every_batch(run):
+def test_every_batch_is_added_to_the_sums(run):
     """Earlier batches are scaled by the moving average fraction; the variance is multiplied by
     M / (M - 1), here 2.
     """

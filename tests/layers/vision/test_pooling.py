@@ -211,8 +211,8 @@ def test_a_layer_in_place_before_the_pooling_shows_in_the_mask(net_of, rng):
 @pytest.mark.parametrize(
     "options", [{"kernel_size": 2, "stride": 2}, {"kernel_size": 3, "stride": 2}], ids=str
 )
-def test_nan_is_not_hidden(run, options):
-    """A NaN is passed on, so that the solver detects it."""
+def test_nan_is_propagated(run, options):
+    """The solver can detect it."""
     x = np.zeros((1, 1, 4, 4))
     x[0, 0, 1, 1] = np.nan
     done = run(text(**options), x)

@@ -230,7 +230,7 @@ BESIDE = "it must lie in the working directory or on PYTHONPATH"
         ),
     },
 )
-def test_a_python_layer_that_is_not_there(
+def test_python_layers_that_cannot_be_imported_are_rejected(
     squares: None, module: MakeModule, given: str | tuple[str, str], rejected: Any
 ) -> None:
     content, text = given if isinstance(given, tuple) else ("", given)

@@ -31,10 +31,8 @@ def test_shared_parameters_are_one(net_of: MakeNet) -> None:
     assert np.allclose(net.params["a"][0].diff, both)
 
 
-def test_permissive_sharing_wants_only_the_same_count(net_of: MakeNet) -> None:
-    """PERMISSIVE sharing requires only equal counts: (2, 6) and (3, 4) weights use
-    the same memory.
-    """
+def test_permissive_sharing_requires_only_equal_counts(net_of: MakeNet) -> None:
+    """(2, 6) and (3, 4) weights use the same memory."""
     shapes = "shape { dim: 2 dim: 6 } shape { dim: 2 dim: 4 }"
     text = f'layer {{ name: "x" type: "Input" top: "x" top: "y" input_param {{ {shapes} }} }} '
     text += ip("a", "x", "a", 'param { name: "w" }', 2) + ip(

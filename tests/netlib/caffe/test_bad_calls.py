@@ -255,7 +255,7 @@ def transformer(name: str, *values: object, shape: tuple[int, ...] = (4, 3, 2, 3
         ),
     },
 )
-def test_calls_that_are_refused(given, rejected):
+def test_invalid_calls_are_rejected(given, rejected):
     with rejected:
         given()
 
@@ -303,7 +303,7 @@ def test_classes_of_wrong_options(option, error):
         ),
     },
 )
-def test_images_that_are_refused(tmp_path, given, rejected):
+def test_invalid_images_are_rejected(tmp_path, given, rejected):
     (tmp_path / "empty.png").touch()
     (tmp_path / "text.png").write_text("hello")
     assert cv2.imwrite(str(tmp_path / "a.tiff"), np.zeros((2, 2), np.int16))
@@ -337,7 +337,7 @@ def test_images_that_are_refused(tmp_path, given, rejected):
         ),
     },
 )
-def test_drawings_that_are_refused(tmp_path, monkeypatch, given, rejected):
+def test_drawings_without_their_programs_are_rejected(tmp_path, monkeypatch, given, rejected):
     missing, name = given
     if missing == "pydot":
         monkeypatch.setitem(__import__("sys").modules, "pydot", None)

@@ -69,7 +69,7 @@ def test_old_nets_are_read() -> None:
     assert caffe_pb2.V1LayerParameter.LayerType.Name(18) == "RELU"
 
 
-def test_what_scripts_use_of_protobuf() -> None:
+def test_the_protobuf_functions_that_scripts_use_work() -> None:
     made = layer()
     assert isinstance(made, message.Message)
     assert json_format.Parse(json_format.MessageToJson(made), caffe_pb2.LayerParameter()) == made
@@ -129,7 +129,7 @@ def test_messages_inside_the_options_of_a_fork() -> None:
     ]
 
 
-def test_fields_of_forks_are_no_fields_of_files() -> None:
+def test_fields_of_forks_do_not_collide_with_declared_ones() -> None:
     """They are declared once, and no layer of this project reads them."""
     classes = [*option_blocks().values(), messages.LayerParameter, messages.SolverParameter]
     known = {_name_of(cls): cls for cls in classes}

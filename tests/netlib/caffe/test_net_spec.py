@@ -181,8 +181,7 @@ def test_assign_proto():
     assert layer.power_param.power == 3
 
 
-def test_what_is_no_package():
-    """Names of Python's own protocols are not taken for those of layers and parameters."""
+def test_names_of_python_protocols_are_not_layers_or_parameters():
     assert (
         not hasattr(P, "__path__")
         and not hasattr(L, "__path__")

@@ -52,7 +52,7 @@ def net() -> pycaffe.Net:
 X = np.arange(6, dtype=np.float32).reshape(2, 3) / 3
 
 
-def test_what_a_net_says_about_itself(net: pycaffe.Net) -> None:
+def test_a_net_has_pycaffes_attributes(net: pycaffe.Net) -> None:
     split = "a_top_a_0_split"
     assert net._layer_names == ["x", "x_x_0_split", "a", split, "loss", "y"]
     assert net.top_names["a"] == ["a_top"]
@@ -368,8 +368,8 @@ def test_images_in_memory() -> None:
         pycaffe.Net("net.prototxt", netlib.TEST).set_input_arrays(X, X)
 
 
-def test_what_is_accepted_and_ignored_is_said_once(caplog: pytest.LogCaptureFixture) -> None:
-    """The note about the CPU appears once, although the file is read twice."""
+def test_solver_mode_gpu_is_reported_once(caplog: pytest.LogCaptureFixture) -> None:
+    """The file is read twice."""
     caplog.set_level(logging.INFO, "netlib")
     Path("gpu.prototxt").write_text(SOLVER + " solver_mode: GPU")
     pycaffe.get_solver("gpu.prototxt")
@@ -440,7 +440,7 @@ FIXED = "is read once, when the solver is made; change it in the file"
         ),
     },
 )
-def test_options_that_cannot_change_so(given: tuple[str, object], rejected) -> None:
+def test_invalid_changes_of_options_are_rejected(given: tuple[str, object], rejected) -> None:
     solver = pycaffe.SGDSolver("solver.prototxt")
     before = repr(solver.param)
     with rejected:
@@ -456,7 +456,7 @@ def test_a_solver_lends_its_weights() -> None:
     assert (net.params["a"][0].data == 7).all()
 
 
-def test_what_a_gpu_could_do_is_one_note(caplog: pytest.LogCaptureFixture) -> None:
+def test_each_gpu_function_is_reported_once(caplog: pytest.LogCaptureFixture) -> None:
     warn_once.cache_clear()
     for _ in range(2):
         netlib.set_mode_gpu()

@@ -128,7 +128,7 @@ def test_more_ranks_than_rows(write_rows, caplog):
 
 
 @pytest.mark.parametrize("layer", [hdf5, database, pictures])
-def test_what_a_layer_reads(tmp_path, write_rows, layer):
+def test_reads_identifies_the_data_of_a_layer(tmp_path, write_rows, layer):
     text = layer(tmp_path, write_rows, "false")
     first, second = (net(text, 1, Shard(r, 2)).layers[0].reads() for r in range(2))
     assert first == second

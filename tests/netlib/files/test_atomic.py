@@ -63,9 +63,7 @@ def test_a_folder_is_not_replaced(
     assert [path.name for path in tmp_path.iterdir()] == ["folder"]
 
 
-def test_a_link_that_somebody_planted_is_not_followed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_planted_link_is_not_followed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A symbolic link with the name of the temporary file is not followed, even if the
     random part matches.
     """
@@ -77,7 +75,7 @@ def test_a_link_that_somebody_planted_is_not_followed(
     assert (tmp_path / "precious").read_text() == "mine"
 
 
-def test_what_a_killed_process_left_is_cleared(tmp_path: Path) -> None:
+def test_leftovers_of_a_killed_process_are_removed(tmp_path: Path) -> None:
     for name in (".w_iter_5.h5.0123abcd.netlib.tmp", ".w_iter_10.h5.89abcdef.netlib.tmp"):
         (tmp_path / name).write_text("left")
     others = [".w_iter_5.h5.tmp", ".x_iter_5.h5.0123abcd.netlib.tmp", "w_iter_5.h5"]
@@ -90,7 +88,7 @@ def test_what_a_killed_process_left_is_cleared(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "write", [atomic.replace_bytes, lambda path, content: atomic.replace(path, Path.touch)]
 )
-def test_a_pipe_is_not_taken_away(tmp_path: Path, write: Callable[[Path, bytes], None]) -> None:
+def test_a_pipe_is_not_replaced(tmp_path: Path, write: Callable[[Path, bytes], None]) -> None:
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(OSError, match=r"it is a device or a pipe; expected a .*file: '.*pipe'"):
         write(tmp_path / "pipe", b"new")

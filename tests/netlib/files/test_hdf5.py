@@ -17,8 +17,7 @@ from netlib.files import hdf5
 from tests.support.hdf5_files import write_hdf5
 
 
-def test_what_is_wrong_says_what_was_wanted(tmp_path: Path) -> None:
-    """Errors of the file and of the block have the caller's error class."""
+def test_errors_of_the_file_and_of_the_block_have_the_callers_class(tmp_path: Path) -> None:
     path = write_hdf5(tmp_path / "a.h5", x=np.zeros(3))
     with hdf5.opened(path, "weights", WeightsError) as file:
         assert list(file) == ["x"]
@@ -75,7 +74,9 @@ def never_written(file: h5py.File) -> None:
     ],
     ids=lambda value: getattr(value, "__name__", ""),
 )
-def test_files_that_are_not_opened(tmp_path: Path, make: Any, fault: str) -> None:
+def test_external_virtual_and_missing_data_are_rejected(
+    tmp_path: Path, make: Any, fault: str
+) -> None:
     with h5py.File(tmp_path / "a.h5", "w") as file:
         make(file)
     with pytest.raises(DataError) as error, hdf5.opened(tmp_path / "a.h5", "the data"):

@@ -71,7 +71,9 @@ def test_bytes_and_text(tmp_path: Path) -> None:
         ),
     },
 )
-def test_what_is_refused(tmp_path: Path, given: Callable[[Path], object], rejected: Any) -> None:
+def test_unreadable_files_are_rejected(
+    tmp_path: Path, given: Callable[[Path], object], rejected: Any
+) -> None:
     (tmp_path / "bytes").write_bytes(b"abc\xff")
     (tmp_path / "loop").symlink_to("loop")
     with (tmp_path / "hole").open("wb") as file:
@@ -94,10 +96,8 @@ def test_folders_are_made(tmp_path: Path) -> None:
     assert (tmp_path / "a" / "b").is_dir()
 
 
-def test_what_is_read_within_a_block_is_noted(tmp_path: Path) -> None:
-    """noted collects the files read within the block, also in nested blocks, but not failed reads
-    or later ones.
-    """
+def test_noted_collects_the_files_read_within_its_block(tmp_path: Path) -> None:
+    """Also in nested blocks, but not failed reads or later ones."""
     for name in "ab":
         (tmp_path / name).write_text(name)
     with files.noted() as outer:
@@ -129,7 +129,9 @@ def kinds_in(folder: Path) -> dict[str, str]:
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes with names here")
-def test_what_is_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_anything_but_a_regular_file_is_rejected(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Reading does not wait for the writer of a pipe and does not read an endless device."""
     monkeypatch.chdir(tmp_path)  # the path of a socket must be short
     for name, reason in kinds_in(Path()).items():
@@ -190,10 +192,8 @@ def test_a_source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, positioned: b
         source.read(98, 2)
 
 
-def test_a_source_that_is_gone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A file that was removed on a network drive raises a DataError, so that a training run can
-    write a snapshot.
-    """
+def test_a_removed_source_is_a_data_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A file may be removed on a network drive; a training run can then write a snapshot."""
     (tmp_path / "a").write_bytes(bytes(100))
     source = files.Source(tmp_path / "a", "the data")
 

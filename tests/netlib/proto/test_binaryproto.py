@@ -110,7 +110,7 @@ def test_a_shape_that_does_not_fit_its_values(given: str, rejected: Any) -> None
         ),
     },
 )
-def test_files_that_are_no_blobs(tmp_path: Path, given: bytes | None, rejected: Any) -> None:
+def test_invalid_files_are_rejected(tmp_path: Path, given: bytes | None, rejected: Any) -> None:
     if given is not None:
         (tmp_path / "mean.binaryproto").write_bytes(given)
     with rejected:

@@ -176,7 +176,7 @@ def test_advice_on_unknown_types(name: str, advice: str) -> None:
         "",
     ],
 )
-def test_no_letters_make_another_layer_a_misspelling(name: str) -> None:
+def test_names_of_other_layers_are_not_taken_for_misspellings(name: str) -> None:
     advice = type_advice(name, LAYER_TYPES)
     assert "did you mean" not in advice and "nearest" not in advice
 

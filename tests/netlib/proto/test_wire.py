@@ -53,10 +53,8 @@ def test_text_and_bytes(text: str, cls: Any, data: bytes) -> None:
     )
 
 
-def test_numbers_one_by_one_or_in_one_piece() -> None:
-    """Numbers are read packed or one by one, also in long or interrupted rows, however the
-    field is declared.
-    """
+def test_numbers_are_read_packed_or_one_by_one() -> None:
+    """Also in long or interrupted rows, however the field is declared."""
     numbers = np.arange(1000, dtype="<f4")
     single = b"".join(b"\x2d" + number.tobytes() for number in numbers)
     for data in (
@@ -82,8 +80,7 @@ def test_an_array_is_a_view_of_the_bytes() -> None:
     assert not blob.data.flags.owndata
 
 
-def test_bytes_are_a_text_where_one_looks() -> None:
-    """Decoded bytes can be printed as text, which parses back to the same bytes."""
+def test_decoded_bytes_print_as_text_that_parses_back() -> None:
     content = bytes(range(256))
     tree = wire.decode(b"\x22\x80\x02" + content, messages.Datum)
     assert schema.read(tree, messages.Datum).data == content
@@ -119,7 +116,7 @@ def test_later_values_count_and_parts_of_messages_are_merged() -> None:
         )
     },
 )
-def test_nonsense_is_one_line_with_its_byte(given: bytes, rejected: Any) -> None:
+def test_errors_for_malformed_bytes_have_their_position(given: bytes, rejected: Any) -> None:
     with rejected:
         tree_of(given)
 

@@ -71,7 +71,7 @@ def test_double_precision_stays(net_of: Callable[..., netlib.Net]) -> None:
     assert (found == 1 / 3).all()
 
 
-def test_what_caffe_could_not_read_back_is_refused(
+def test_weights_too_large_for_caffe_are_rejected(
     net: netlib.Net, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(binary_format, "MAX_BYTES", 100)
@@ -79,10 +79,10 @@ def test_what_caffe_could_not_read_back_is_refused(
         image(net, "w.caffemodel")
 
 
-def test_weights_of_a_layer_type_that_only_a_fork_knows(net: netlib.Net, tmp_path: Path) -> None:
-    """Weights of an unknown layer type are copied by name, in the format of Caffe and
-    in that of 2014.
-    """
+def test_weights_of_an_unknown_layer_type_are_copied_by_name(
+    net: netlib.Net, tmp_path: Path
+) -> None:
+    """In the format of Caffe and in that of 2014."""
     blobs = "blobs { num: 1 channels: 1 height: 3 width: 3 data: [1, 2, 3, 4, 5, 6, 7, 8, 9] }"
     blobs += "blobs { shape { dim: 3 } data: [1, 2, 3] }"
     for text in ('layer { name: "a" type: "Own" %s }', 'layers { name: "a" type: 5 %s }'):

@@ -71,7 +71,7 @@ def test_weights_name_their_net(
         assert snapshot.net_name(names[0]) == name
 
 
-def test_what_is_written_is_read_whatever_its_name(
+def test_a_snapshot_is_read_whatever_its_name(
     net: netlib.Net, names: tuple[Path, Path], tmp_path: Path
 ) -> None:
     write_pair(net, state_of(net), *names)
@@ -269,7 +269,7 @@ def test_files_of_another_kind(
     ],
     ids=str,
 )
-def test_the_right_groups_with_nonsense_in_them(
+def test_unexpected_content_gives_at_most_an_error_of_one_line(
     net: netlib.Net, tmp_path: Path, structure: dict[str, Any]
 ) -> None:
     path = write_hdf5(tmp_path / "x.h5", **structure)

@@ -70,8 +70,10 @@ def test_parameters(net_of: MakeNet, machine: Callable[[float], None]) -> None:
     )
 
 
-def test_what_fits_is_not_refused(net_of: MakeNet, machine: Callable[[float], None]) -> None:
-    """The limit is exact to the byte: it counts weights, biases and the blobs of a pass."""
+def test_the_memory_limit_is_exact_to_the_byte(
+    net_of: MakeNet, machine: Callable[[float], None]
+) -> None:
+    """It counts weights, biases and the blobs of a pass."""
     everything = 4 * (2000 * 100 + 2000) + 4 * (10 * 100 + 10 * 2000)
     machine(everything)
     net_of(INPUT + INNER).forward()

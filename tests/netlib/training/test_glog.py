@@ -65,7 +65,7 @@ def test_a_prototxt_has_its_lines(log: io.StringIO, name: str) -> None:
     assert others == [*str(tree).split("\n")[:2], ""] and all(map(str.isprintable, others))
 
 
-def test_numbers_are_formatted_as_ever(log: io.StringIO) -> None:
+def test_numbers_are_formatted_as_in_logging(log: io.StringIO) -> None:
     report.log.info("%d %.6g %.3g %s", 3, np.float32(0.1), np.array(2.0), None)
     assert written(log).endswith("] 3 0.1 2 None\n")
 

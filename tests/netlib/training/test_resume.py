@@ -220,7 +220,7 @@ DAMAGE: dict[str, tuple[Callable[[SolverState], dict[str, Any]], str]] = {
 
 
 @pytest.mark.parametrize("name", DAMAGE)
-def test_a_state_is_taken_whole_or_not_at_all(state_3: Path, name: str) -> None:
+def test_a_damaged_state_changes_nothing(state_3: Path, name: str) -> None:
     change, message = DAMAGE[name]
     changed(state_3, **change(snapshot.read_state(state_3)))
     solver = netlib.get_solver("solver.prototxt", seed=99)
@@ -232,7 +232,9 @@ def test_a_state_is_taken_whole_or_not_at_all(state_3: Path, name: str) -> None:
     assert everything(solver) == before
 
 
-def test_layers_without_a_state_are_told(state_3: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_layers_without_a_state_are_reported(
+    state_3: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     layers = copy.deepcopy(snapshot.read_state(state_3).extra["layers"])
     del layers[0]["drop"]
     changed(state_3, extra={"layers": layers})
@@ -242,7 +244,7 @@ def test_layers_without_a_state_are_told(state_3: Path, caplog: pytest.LogCaptur
     assert "the resume is exact" not in caplog.text
 
 
-def test_what_an_earlier_version_did_not_write_is_told(
+def test_values_missing_in_a_state_of_an_earlier_version_are_reported(
     older: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     """The state has no checksum; an option that it lacks had its default."""
@@ -252,7 +254,7 @@ def test_what_an_earlier_version_did_not_write_is_told(
     assert "Changed: rampup_interval was 0, is now 8" in caplog.text
 
 
-def test_nothing_left_to_train_is_told(older: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_finished_training_is_reported(older: Path, caplog: pytest.LogCaptureFixture) -> None:
     assert netlib.get_solver("solver.prototxt", max_iter=5).solve("older_iter_5.solverstate.h5")
     assert "Nothing is left to train: max_iter is 5" in caplog.text
 
