@@ -54,11 +54,11 @@ def anchor_of(heading: str) -> str:
 
 
 @pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
-def test_links_lead_somewhere(path: Path) -> None:
+def test_link_targets_exist(path: Path) -> None:
     assert faults(path.read_text(encoding="utf-8"), path) == []
 
 
-def test_links_that_lead_nowhere_are_found() -> None:
+def test_broken_links_are_found() -> None:
     good = '`[a](gone.py)` [b](code.md#layout) [c](..) [d](../netlib/blob.py "Blob")'
     bad = '[e](gone.py) [f](code.md#gone) [g](#gone) [h](net.md "Gone")'
     found = [fault.partition(":")[0] for fault in faults(good + bad, ROOT / "docs" / "net.md")]
@@ -80,8 +80,8 @@ def test_every_layer_type_is_described() -> None:
 SET = re.compile(r'os\.environ(?:\.setdefault\("(\w+)"|\["(\w+)"\] *=(?!=))')
 
 
-def test_what_an_import_sets_is_described() -> None:
-    """Each variable of the environment that the code sets, which are all that a process gains."""
+def test_environment_variables_set_by_the_code_are_documented() -> None:
+    """A process gains no others by an import."""
     text = (ROOT / "docs" / "net.md").read_text(encoding="utf-8")
     described = set(re.findall(r"^\| `(\w+)`", text, re.MULTILINE))
     sources = [path for top in PACKAGES for path in (ROOT / top).rglob("*.py")]

@@ -107,10 +107,10 @@ def test_a_figure_is_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert "prefers-color-scheme: dark" in (tmp_path / "arm.svg").read_text(encoding="utf-8")
 
 
-def test_five_minutes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The training of chapter 0 on two frames prints its errors, which fall, and
-    draws the picture.
-    """
+def test_the_training_of_chapter_0_reduces_its_errors(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On two frames; it prints the errors and draws the picture."""
     pytest.importorskip("matplotlib")
     monkeypatch.setattr("docs.making.five_minutes.BATCH", 8)
     monkeypatch.setattr("docs.making.five_minutes.HELD_OUT", 6)

@@ -60,7 +60,7 @@ def wrong_commands(text: str) -> Iterator[str]:
         yield from (mistake for mistake in found if not INCOMPLETE.search(mistake))
 
 
-def test_what_texts_name_exists(files: list[str]) -> None:
+def test_paths_and_commands_in_texts_exist(files: list[str]) -> None:
     found = []
     for name in files:
         if TEXTS.search(name) and not name.startswith(OTHERS):
@@ -71,7 +71,7 @@ def test_what_texts_name_exists(files: list[str]) -> None:
     assert found == []
 
 
-def test_what_does_not_exist_is_found(files: list[str]) -> None:
+def test_missing_paths_and_commands_are_found(files: list[str]) -> None:
     good = "tools/train.py, netlib/proto/, proto/options.py, `make test`, `netlib run` and `handpose NAME`"
     bad = "tools/gone.py, `make person`, engine/choice.py, prototxt/gone/, `netlib gone`, `python tools/demo.py --gone`"
     assert set(wrong_paths(good + bad, files)) == {

@@ -81,7 +81,7 @@ def test_the_first_element_that_differs_is_named() -> None:
         (RIGHT.T, "The axes are in reverse order."),
     ],
 )
-def test_what_numbers_look_like(got: np.ndarray, said: str) -> None:
+def test_likely_causes_of_wrong_values_are_explained(got: np.ndarray, said: str) -> None:
     assert report(got)[1].startswith(said)
 
 

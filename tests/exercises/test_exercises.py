@@ -58,7 +58,7 @@ def lines_of(name: str, bodies: dict[str, str]) -> str:
     return "\n".join(step.lines)
 
 
-def test_the_dozen_is_there() -> None:
+def test_there_are_12_exercises_with_5_mistakes_each() -> None:
     chapters = [exercise.chapter for exercise in EXERCISES.values()]
     assert (
         len(EXERCISES) == 12 and chapters == sorted(chapters) and set(chapters) == set(range(1, 11))
@@ -132,7 +132,7 @@ def test_mistakes_do_not_depend_on_layout(
 
 
 @pytest.mark.parametrize(("code", "count"), [("z = x", 0), ("f(x)", 2), ("x + 1", 0)])
-def test_code_that_is_not_there_once_is_an_error(code: str, count: int) -> None:
+def test_code_that_does_not_occur_exactly_once_is_an_error(code: str, count: int) -> None:
     with pytest.raises(ValueError, match=f"^{count} times '{re.escape(code)}'"):
         edited("y = f(x)\nz = f(x) + 1\n", code, "pass")
 
@@ -186,7 +186,7 @@ def test_exchanged_axes_are_an_error(name: str, attribute: str, methods: tuple[s
 @pytest.mark.parametrize(
     "name", [name for name, exercise in EXERCISES.items() if "shapes" in exercise.checks[0].title]
 )
-def test_a_backward_that_ignores_propagate_down_is_told_so(name: str) -> None:
+def test_a_backward_that_ignores_propagate_down_is_explained(name: str) -> None:
     text = re.sub(
         r"\bif (not )?(propagate_down\[0\]|down):", r"if \1True:", EXERCISES[name].source()
     )
@@ -236,7 +236,7 @@ def without(options: str, *methods: str) -> dict[str, str]:
         (without("group"), "; group: 2 is not handled in forward, nor a combination of options."),
     ],
 )
-def test_each_stage_of_a_convolution_is_told_the_next_option(
+def test_the_next_option_of_a_convolution_is_named_at_each_stage(
     bodies: dict[str, str], said: str
 ) -> None:
     lines = lines_of("convolution", bodies)
@@ -266,7 +266,7 @@ def test_each_stage_of_a_convolution_is_told_the_next_option(
         ),
     ],
 )
-def test_a_pooling_is_told_the_next_option(old: str, new: str, said: str) -> None:
+def test_the_next_option_of_a_pooling_is_named(old: str, new: str, said: str) -> None:
     lines = lines_of("pooling", {name: body.replace(old, new) for name, body in POOLING.items()})
     assert said in lines and "not a known mistake" not in lines
 
@@ -290,7 +290,7 @@ def test_a_pooling_is_told_the_next_option(old: str, new: str, said: str) -> Non
         ({"forward": "raise SystemExit(3)"}, "SystemExit: 3\nThe input was: bottom (2, 3, 4)."),
     ],
 )
-def test_the_first_errors_of_a_beginner(changes: dict[str, str], said: str) -> None:
+def test_typical_errors_of_beginners_are_explained(changes: dict[str, str], said: str) -> None:
     assert said in lines_of("relu", RELU | changes)
 
 

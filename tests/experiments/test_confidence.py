@@ -71,7 +71,7 @@ def poses(name: str, weights: Weights, seed: int, count: int = 400) -> Poses:
     return Poses(name, evidence, np.exp(log_error), np.exp(of_fingers))
 
 
-def test_weights_are_found_again() -> None:
+def test_fitting_recovers_the_true_weights() -> None:
     """The length of a recording does not matter, and places without a hand hardly do."""
     takes = [poses("a", MADE, seed=1), poses("b", MADE, seed=2, count=4000)]
     for found, made, spread in zip(fitted(takes, IN_USE, keep=0.0), MADE, (0.2, 0.1), strict=True):
@@ -114,8 +114,7 @@ def test_weights_are_written_and_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
-def test_what_is_seen_of_tracked_poses(mirrored: bool) -> None:
-    """The evidence gives the confidence that the tracker reports."""
+def test_the_evidence_gives_the_confidence_that_the_tracker_reports(mirrored: bool) -> None:
     recording = SyntheticRecording("rest", ICVL, rate=5, seconds=0.6, seed=1)
     frames = []
     for frame in tracked_labels(recording, true_labels(recording), 0, mirrored, min_confidence=0):
@@ -130,8 +129,8 @@ def test_what_is_seen_of_tracked_poses(mirrored: bool) -> None:
     assert made.share.sum() == pytest.approx(1)
 
 
-def test_other_places_that_look_like_hands() -> None:
-    """A pose away from the labelled hand counts as a lost hand, with a tenth of the weight."""
+def test_a_pose_away_from_the_label_counts_as_a_lost_hand() -> None:
+    """Its weight is a tenth."""
     recording = SyntheticRecording("rest", ICVL, rate=5, seconds=0.2, seed=1)
     [frame] = tracked_labels(recording, true_labels(recording), 0, False, min_confidence=0)
     middle, pixels = frame.label.mean(axis=(0, 1)), np.zeros(frame.depth.shape, bool)
@@ -143,7 +142,7 @@ def test_other_places_that_look_like_hands() -> None:
     assert found.share == pytest.approx([10 / 11, 1 / 11])
 
 
-def test_labels_of_nothing() -> None:
+def test_labels_without_a_tracked_hand_are_rejected() -> None:
     recording = SyntheticRecording("rest", ICVL, rate=5, seconds=0.2, seed=1)
     labels = np.full((recording.count, 5, 3, 3), np.nan)
     with pytest.raises(DataError, match="rest: no hand is tracked in any labelled frame"):
@@ -187,7 +186,7 @@ def test_synthetic_recordings() -> None:
     assert "hand {" in rows and "finger {" in rows
 
 
-def test_nothing_to_fit_to() -> None:
+def test_a_missing_recording_is_a_usage_error() -> None:
     done = run_tool("experiments.__main__", "confidence", status=2)
     assert (
         "one of the arguments --recording --synthetic is required" in done.err

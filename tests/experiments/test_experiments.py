@@ -384,8 +384,7 @@ def results(folder: Path, engine: str) -> list[np.ndarray]:
 
 
 @pytest.mark.skipif(not netlib.engine.has_fast(), reason="there is no fast/")
-def test_without_a_part(tmp_path: Path, keep_threads: None) -> None:
-    """Every part can be switched off, and the nets compute the same without it, up to rounding."""
+def test_switching_off_a_part_changes_only_rounding(tmp_path: Path, keep_threads: None) -> None:
     expected = results(tmp_path, "fast")
     for name, part in parts.parts_of_fast().items():
         with part.off():

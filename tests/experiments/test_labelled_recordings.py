@@ -204,7 +204,7 @@ def test_presences_are_compared_with_what_was_there() -> None:
         assert odds / (1 + odds) == pytest.approx(share)
 
 
-def test_what_the_finder_takes_for_a_hand_is_counted_by_its_name() -> None:
+def test_false_detections_are_counted_by_the_name_of_the_object() -> None:
     """A stand-in that finds a hand in the middle of each frame, and one far outside."""
 
     class Sees:
@@ -221,7 +221,7 @@ def test_what_the_finder_takes_for_a_hand_is_counted_by_its_name() -> None:
     assert 0 < sum(shares) <= 100
 
 
-def test_labels_that_are_none(tmp_path: Path) -> None:
+def test_invalid_labels_are_rejected(tmp_path: Path) -> None:
     (tmp_path / "x.npy").write_bytes(b"no array")
     np.save(tmp_path / "flat.npy", np.zeros(3))
     for name, message in (

@@ -34,7 +34,7 @@ LISTS = {split: Path(f"/data/{split}.txt") for split in ("train", "test")}
 
 @pytest.mark.parametrize("recipe", RECIPES)
 @pytest.mark.parametrize("network", NETWORKS)
-def test_every_net_is_one(network: str, recipe: str) -> None:
+def test_every_net_has_the_hidden_layers_of_ours(network: str, recipe: str) -> None:
     """A printed net parses to the same text and has the data and losses of its recipe; up to the
     last hidden layer it equals ours, character by character.
     """
@@ -58,7 +58,7 @@ def test_every_net_is_one(network: str, recipe: str) -> None:
     assert own == ours
 
 
-def test_by_the_papers_recipe_a_net_is_its_file_with_other_data() -> None:
+def test_the_papers_recipe_changes_only_the_data_layers() -> None:
     derived, own = (
         derived_net("ours", RECIPES["paper"], LISTS),
         prototxt.parse_file(PROTOTXT / NETWORKS["ours"]),
@@ -126,7 +126,7 @@ def test_the_papers_solver() -> None:
     assert learning_rate(solver, 3600) == pytest.approx(paper.base_lr / 10)
 
 
-def test_our_recipe_falls_in_a_straight_line() -> None:
+def test_our_recipe_decays_the_rate_linearly() -> None:
     """The rate is constant after its rise, then falls linearly from there to 0."""
     (branch, first), (last, second) = solvers(RECIPES["adam"], 20000, {})
     trunk, end = (schema.read(tree, messages.SolverParameter, "solver") for tree in (first, second))
@@ -193,7 +193,7 @@ def test_mm_are_those_of_the_frames_cube() -> None:
     assert row["exact angles"] == "0.00°" and float(row["fitted angles"].rstrip("°")) > 0.2
 
 
-def test_what_bones_give_back() -> None:
+def test_true_bones_remove_the_error() -> None:
     """True angles are right on the person's bones; a common factor is enough only if all bones
     differ by the same.
     """

@@ -122,13 +122,13 @@ def test_warnings_that_are_asked_for_are_shown(run: Run) -> None:
     )
 
 
-def test_what_cannot_be_encoded_is_escaped(run: Run) -> None:
+def test_characters_that_cannot_be_encoded_are_escaped(run: Run) -> None:
     code = 'for stream in (sys.stdout, sys.stderr): print("Größe \\udcff", file=stream)'
     done = run(*begun(code), PYTHONIOENCODING="ascii", PYTHONUTF8="0")
     assert done.out == done.err == "Gr\\xf6\\xdfe \\udcff\n"
 
 
-def test_an_uncaught_exception_is_still_seen(run: Run) -> None:
+def test_an_uncaught_exception_is_still_reported(run: Run) -> None:
     assert run(*begun("1 / 0"), status=1).err.endswith("ZeroDivisionError: division by zero\n")
 
 

@@ -163,7 +163,7 @@ def test_test_writes_the_recorded_log():
     check_same_log(spoken(mine), spoken(theirs))
 
 
-def test_test_tells_of_layers_without_a_pair(tmp_path):
+def test_test_reports_unmatched_layers(tmp_path):
     """Weights of unknown layers are ignored with Caffe's message; layers without weights are
     also reported.
     """

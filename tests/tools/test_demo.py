@@ -43,7 +43,7 @@ def test_demo(here):
     )
 
 
-def test_a_hand_that_is_not_sure_enough(here, monkeypatch):
+def test_an_uncertain_hand_is_shown_without_joints(here, monkeypatch):
     """Its row has the crop and no joints, in the picture and in the JSON file."""
     monkeypatch.setattr(
         demo, "load_predictor", functools.partial(demo.load_predictor, min_confidence=1)

@@ -197,12 +197,14 @@ def test_the_loss_of_ssd_becomes_detections() -> None:
         ('crop_size: 4 mean_file: "mean.binaryproto"', (1, 1, 4, 4)),
     ],
 )
-def test_the_shape_of_a_database_that_is_not_here(size: str, shape: tuple[int, ...]) -> None:
+def test_the_shape_of_a_missing_database_follows_from_its_transformation(
+    size: str, shape: tuple[int, ...]
+) -> None:
     write_blob(Path("mean.binaryproto"), np.zeros((1, 1, 5, 6), np.float32))
     assert deploy(of_database(size) + fc("fc", "data") + ENDS).blobs["data"].shape == shape
 
 
-def test_a_shape_that_is_not_in_the_prototxt() -> None:
+def test_an_unknown_shape_must_be_given() -> None:
     Path("t.prototxt").write_text(of_database("scale: 2") + fc("fc", "data") + ENDS)
     line = refusal("deploy", "t.prototxt", "d.prototxt")
     assert line.startswith("t.prototxt:1:7: the shape of 'data' is not in the prototxt")
@@ -223,7 +225,7 @@ def test_a_shape_that_is_not_in_the_prototxt() -> None:
         (of_database() + silence("label"), "tells what the net predicts"),
     ],
 )
-def test_what_is_no_training_net(text: str, message: str) -> None:
+def test_unsuitable_nets_are_rejected(text: str, message: str) -> None:
     Path("t.prototxt").write_text(text)
     assert message in refusal("deploy", "t.prototxt", "d.prototxt")
 

@@ -24,7 +24,7 @@ def test_a_page(name: str) -> None:
     assert run_tool("docs", name).out == (ROOT / "docs" / "camera.md").read_text(encoding="utf-8")
 
 
-def test_a_word_that_is_no_page() -> None:
+def test_a_word_that_names_no_page_is_searched_for() -> None:
     """Lines with the word are printed after the name of their page, whatever their case."""
     first, *found = run_tool("docs", "JSON schema").out.splitlines()
     assert first == "no page is called 'JSON schema'; these lines contain it:"

@@ -153,7 +153,7 @@ def test_labels_of_hands_2017(hands2017):
         (lambda lines: [lines[0] + "x"], "low.txt:1:"),
     ],
 )
-def test_labels_that_do_not_match(hands2017, change, message):
+def test_labels_that_do_not_match_are_rejected(hands2017, change, message):
     lines = change(Path("low.txt").read_text().split("\n"))
     Path("low.txt").write_text("\n".join(lines))
     assert run("Low=low.txt", dataset="hands2017", status=1).err.startswith(message)

@@ -98,8 +98,8 @@ def test_new_classes() -> None:
     assert changed() == {"fc_new"}  # bit for bit, the statistics of BatchNorm included
 
 
-def test_what_is_held_out() -> None:
-    """By file and by the seed: no picture is in both lists."""
+def test_held_out_pictures_are_not_trained_on() -> None:
+    """The seed selects them, and every class has its share."""
     lists: list[list[Any]] = []
     for out, seed in (("a", 1), ("b", 1), ("c", 2)):
         tuned("--iterations", "1", "--out", out, "--seed", seed, "--held-out", "0.3")
@@ -224,7 +224,9 @@ def test_features_of_frozen_layers_are_computed_once(
         ),
     ],
 )
-def test_why_all_layers_are_computed_in_each_step(options: tuple[str, ...], reason: str) -> None:
+def test_the_reason_for_computing_all_layers_in_each_step_is_given(
+    options: tuple[str, ...], reason: str
+) -> None:
     write_blob(np.zeros((1, 3, 10, 10), np.float32), "mean.binaryproto")
     assert (
         f"all layers are computed in each step: {reason}"
@@ -356,7 +358,7 @@ def bad(name: str) -> tuple[object, ...]:
         ),
     }.items(),
 )
-def test_what_is_refused(name: str, line: str) -> None:
+def test_invalid_pictures_and_nets_are_rejected(name: str, line: str) -> None:
     """In one line, before anything is trained."""
     assert re.fullmatch(whole_line(line), tuned(*bad(name), status=1).err.strip())
     assert not list(Path().glob("finetuned/net_iter*"))

@@ -111,7 +111,7 @@ def test_a_full_disk_keeps_what_was_done(monkeypatch: pytest.MonkeyPatch) -> Non
     assert len(list(open_recording("a"))) == len(track.frames) == 2 and track.cut
 
 
-def test_outputs_that_cannot_be() -> None:
+def test_impossible_outputs_are_rejected() -> None:
     for place in (".", "/", ""):
         done = run_tool("make_recording", "rest", "--out", place, status=1)
         assert "expected the name of a new folder or FILE.npz" in done.err

@@ -58,7 +58,7 @@ def test_files_and_lists(made: tuple[Path, Done]) -> None:
     assert "70 train and 10 test frames" in done.out and not done.err
 
 
-def test_what_a_second_run_keeps(made: tuple[Path, Done], tmp_path: Path) -> None:
+def test_a_second_run_keeps_unchanged_files(made: tuple[Path, Done], tmp_path: Path) -> None:
     """The same arguments change no file, a larger number of frames keeps unchanged files, another
     seed replaces all.
     """
@@ -85,7 +85,7 @@ def test_workers_change_no_byte(made: tuple[Path, Done], tmp_path: Path) -> None
         assert (tmp_path / name).read_bytes() == (made[0] / name).read_bytes()
 
 
-def test_what_is_replaced_with_force_only(tmp_path: Path) -> None:
+def test_other_data_are_replaced_only_with_force(tmp_path: Path) -> None:
     """Frames of another body, and a folder's place taken by a file; a refusal is one line and
     changes nothing.
     """

@@ -360,7 +360,7 @@ def test_mistakes(snapshot, argv, message):
     assert mistake(*argv.split()).startswith(message)
 
 
-def test_what_is_likely_wrong(frame):
+def test_a_likely_wrong_unit_or_camera_is_reported(frame):
     """If no hand is found, the error names the unit that may be wrong; an implausible camera
     gives a warning.
     """

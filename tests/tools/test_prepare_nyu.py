@@ -124,8 +124,8 @@ def test_bad_frames(root, small):
     assert not [name for name in names(folder) if name.endswith(".tmp")]
 
 
-def test_nothing_usable(root, small):
-    """A split without a usable frame gives an error and no list."""
+def test_a_split_without_usable_frames_is_an_error(root, small):
+    """No list is written."""
     for i in range(20):
         cv2.imwrite(str(root / "test" / frame_name(i)), pack_depth(np.zeros((480, 640))))
     error = prepare(root, "--splits", "test", status=1).err

@@ -50,7 +50,7 @@ def test_sources_in_metres_are_converted_to_millimetres(frames: Path) -> None:
     assert recording.unit_mm == 1 and next(iter(recording)).depth[0, 0] == 500
 
 
-def test_what_was_found_on_the_way(frames: Path) -> None:
+def test_a_doubtful_unit_and_damaged_frames_are_reported(frames: Path) -> None:
     Path("frames/2.png").write_bytes(b"")
     reported = run_tool("record", "frames", *CAMERA, "--unit", "20", "--out", "a")
     assert "10 m away" in reported.err and "with --unit 1 it would be 0.50 m away" in reported.err
@@ -95,7 +95,7 @@ def test_ctrl_c_keeps_what_was_done(frames: Path, monkeypatch: pytest.MonkeyPatc
         (["frames", *CAMERA, "--out", "loop"], "loop: "),
     ],
 )
-def test_what_cannot_be_done(frames: Path, argv: list[str], what: str) -> None:
+def test_invalid_sources_and_outputs_are_rejected(frames: Path, argv: list[str], what: str) -> None:
     """Errors are one line, and nothing is written."""
     Path("loop").symlink_to("loop")
     assert refusal("record", *argv).startswith(what)

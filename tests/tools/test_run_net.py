@@ -251,14 +251,14 @@ def test_detections() -> None:
         ),
     ],
 )
-def test_pictures_and_label_maps_that_are_refused(argv: list[str], message: str) -> None:
+def test_invalid_outputs_and_label_maps_are_rejected(argv: list[str], message: str) -> None:
     Path("few.txt").write_text("cat\ndog\n")
     Path("twice.prototxt").write_text('item { name: "a" } item { name: "b" }')
     assert message in run(*argv, status=1).err
 
 
-def test_a_value_that_is_not_finite(caplog: pytest.LogCaptureFixture) -> None:
-    """One line says in which blob or parameter the first is."""
+def test_the_first_value_that_is_not_finite_is_located(caplog: pytest.LogCaptureFixture) -> None:
+    """One line names its blob or parameter."""
     net = netlib.Net("net.prototxt", "net.caffemodel", netlib.TEST)
     net.params["fc/1"][1].data[0] = np.nan
     net.save("net.caffemodel")

@@ -117,7 +117,7 @@ def test_lines_for_another_program() -> None:
     assert files() == []
 
 
-def test_a_rate_that_is_unknown_is_said_at_the_end() -> None:
+def test_an_unknown_rate_is_reported() -> None:
     np.save("takes/wall.npy", np.full((3, 240, 320), 900, np.uint16))
     for rate, expected in (
         (["--rate", "15"], ""),
@@ -195,8 +195,8 @@ def test_no_hand_is_sure_enough() -> None:
     assert not any(frame.hands for frame in read_track("a.json").frames)
 
 
-def test_which_hand_is_known() -> None:
-    """With --hand only that hand is searched, even if it is not visible."""
+def test_with_option_hand_only_that_hand_is_tracked() -> None:
+    """Even if it is not visible."""
     run_tool("track", "takes/take.npz", "--json", "a.json", "--hand", "left", "--frames", "2")
     assert {hand.hand for frame in read_track("a.json").frames for hand in frame.hands} <= {"left"}
 
@@ -333,8 +333,8 @@ def test_a_source_that_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(read_track("a.json").frames) == 3
 
 
-def test_nobody_there() -> None:
-    """Frames without a hand give an empty track; --look shows the first frame."""
+def test_frames_without_a_hand_give_an_empty_track() -> None:
+    """With --look, the first frame is shown."""
     np.save(
         "takes/wall.npy",
         np.random.default_rng(0).integers(1190, 1210, (3, 240, 320)).astype(np.uint16),

@@ -48,10 +48,8 @@ def frames(here: Path) -> Path:
         (["frames", "--json", "a.json", "--video", "folder.mp4"], "folder.mp4: Is a directory"),
     ],
 )
-def test_what_cannot_be_written(argv: list[str], said: str) -> None:
-    """Outputs that are inputs, would be inputs of the next run, or cannot be written are rejected
-    before tracking.
-    """
+def test_unsuitable_outputs_are_rejected_before_tracking(argv: list[str], said: str) -> None:
+    """They are inputs, would be inputs of the next run, or cannot be written."""
     np.save("take.npy", np.full((2, 48, 64), 900, np.uint16))
     for name in ("own.json", "take.camera.json"):
         Path(name).write_text(CAMERA)

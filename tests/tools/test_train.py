@@ -236,8 +236,8 @@ def test_a_training_that_does_not_begin_leaves_an_older_log_alone(work):
     assert Path("old.log").read_text() == "old" and not Path("new").exists()
 
 
-def test_a_line_that_was_not_written_whole(tmp_path, monkeypatch, capsys):
-    """On a full disk the log ends with its last whole line, and one message reports the error."""
+def test_a_full_disk_leaves_only_whole_lines_in_the_log(tmp_path, monkeypatch, capsys):
+    """One message reports the error."""
     path, log = tmp_path / "a.log", logging.getLogger("netlib")
     with training.logged(ALONE, path) as console:
         console.file.begin(())

@@ -64,10 +64,8 @@ def test_caffes_command(small):
     assert weights[0] == weights[1] == weights[2]
 
 
-def test_wrong_usage_is_said_once(small):
-    """The usage error is printed once, and mpiexec returns status 2, with and without
-    ``-m mpi4py``.
-    """
+def test_wrong_usage_is_reported_once(small):
+    """The status of mpiexec is 2, with and without ``-m mpi4py``."""
     for by in (("-m", "mpi4py"), ()):
         done = ranks_started.run(2, TRAIN, "--max-iter", "x", "solver", by=by)
         assert done.returncode == 2
@@ -134,7 +132,7 @@ def no_file(folder):
     (folder / "d1.h5").unlink()
 
 
-def test_what_one_rank_finds_ends_all(small):
+def test_an_error_on_one_rank_ends_all(small):
     """NaN, another prototxt and a missing file give one line that names the rank;
     nothing is written.
     """

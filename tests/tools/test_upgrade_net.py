@@ -129,7 +129,7 @@ def test_mistakes(here, content, flags, message):
     assert refusal("upgrade_net", "old", "new", *flags).startswith(message)
 
 
-def test_files_that_cannot_be(here):
+def test_unreadable_inputs_and_impossible_outputs_are_rejected(here):
     assert (
         refusal("upgrade_net", "old", "new")
         == "old: cannot read the net: No such file or directory"

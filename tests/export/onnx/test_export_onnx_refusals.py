@@ -97,7 +97,7 @@ def test_an_opset_that_is_too_old_for_an_operator(files):
     run_tool("export_onnx", net, weights, "out.onnx", "--opset", "11", "--check")
 
 
-def test_files_that_are_not_there(files):
+def test_invalid_files_and_blobs_are_refused(files):
     net, weights = files('layer { name: "a" type: "AbsVal" bottom: "x0" top: "y" }', (1, 3))
     assert (
         refused("no.prototxt", weights)

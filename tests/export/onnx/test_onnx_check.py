@@ -151,8 +151,8 @@ def test_mistakes_are_found(net, mistake, onnx):
 
 
 @pytest.mark.parametrize("net", ["Softmax, differences of 1e3"], indirect=True)
-def test_mistakes_that_an_output_hides(net, onnx):
-    """The probabilities are 0 and 1, whatever the weights; the layers show the mistake."""
+def test_mistakes_hidden_by_an_output_are_found_in_the_layers(net, onnx):
+    """The probabilities are 0 and 1, whatever the weights."""
     outputs, layers = differences(wrong(onnx_image(net), "fc/weight", onnx), net, (1, 3))
     assert largest(outputs) <= 1 < layers["y"].found / layers["y"].limit
 

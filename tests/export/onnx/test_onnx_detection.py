@@ -86,9 +86,9 @@ def test_confidences_that_differ_by_rounding(files, monkeypatch):
     assert differences(image, other, (1, 3))[0]["d"].found > 0.01
 
 
-def test_nothing_found(files):
-    """Without detections in the batch, every item has a row of -1; an item without any in another
-    batch has none.
+def test_a_batch_without_detections_has_one_row_per_item(files):
+    """The row has -1 in all columns but the item. In a batch with detections, an item without any
+    has no row.
     """
     image = onnx_image(detector(files, "confidence_threshold: 0.5"))
     inputs = {

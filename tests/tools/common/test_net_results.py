@@ -101,7 +101,7 @@ def test_confusion(names: list[str], lines: list[str]) -> None:
         found.add("x", len(names), np.zeros(len(names)))
 
 
-def test_all_taken_for_one() -> None:
+def test_a_single_predicted_class_is_reported() -> None:
     found = Confusion(["cat", "dog"])
     for truth in (0, 1):
         found.add("x", truth, np.array([0.1, 0.9]))

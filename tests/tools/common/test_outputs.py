@@ -40,8 +40,8 @@ def test_an_input_by_whatever_name(out: str) -> None:
         ("a.txt/b", "folder a.txt does not exist"),
     ],
 )
-def test_places_where_no_file_can_be(out: str, said: str) -> None:
-    """Impossible places raise an error, and the check leaves no file."""
+def test_impossible_outputs_are_rejected(out: str, said: str) -> None:
+    """The check leaves no file."""
     with pytest.raises((NetlibError, OSError), match=said):
         outputs.check_place(Path(out))
     outputs.check_place(Path("inner/b.txt"))

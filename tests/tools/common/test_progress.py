@@ -76,10 +76,8 @@ def test_no_bar(
     assert capsys.readouterr().out == ""
 
 
-def test_the_first_signal_is_noted_the_second_hits() -> None:
-    """The first signal is recorded for ``check``, the second interrupts at once; handlers are
-    restored at the end.
-    """
+def test_the_first_signal_is_recorded_and_the_second_interrupts() -> None:
+    """The first one is recorded for ``check``; handlers are restored at the end."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         with Stopper() as stopper:

@@ -109,8 +109,9 @@ def test_wrong_usage(argv: tuple[str, ...], what: str, capsys: pytest.CaptureFix
     assert stopped.value.code == 2 and what in capsys.readouterr().err
 
 
-def test_what_a_first_look_shows(frames: None, capsys: pytest.CaptureFixture[str]) -> None:
-    """The summary is printed on stdout, warnings on stderr."""
+def test_the_summary_is_on_stdout_and_warnings_are_on_stderr(
+    frames: None, capsys: pytest.CaptureFixture[str]
+) -> None:
     print_inspection(inspect(opened(parsed("--camera", "sr305", "--rate", "60"))))
     assert capsys.readouterr().out.splitlines() == [
         "*.png: 2 frames, 640 x 480 pixels, 60 frames/s",

@@ -67,12 +67,14 @@ def written(*argv: str, count: int = 4) -> list[str]:
         (["--video", "a.mp4"], True),
     ],
 )
-def test_what_shows_surface(argv: list[str], drawn: bool) -> None:
+def test_only_pictures_and_videos_need_the_surface(argv: list[str], drawn: bool) -> None:
     assert is_drawn(parsed(*argv)) == drawn
 
 
 @pytest.mark.parametrize("stopped", [False, True])
-def test_one_that_fails_at_the_end(stopped: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_all_outputs_are_complete_files_if_one_fails(
+    stopped: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """All outputs are complete files, also if one fails at the end, and marked as cut after
     an interruption.
 
@@ -111,7 +113,7 @@ def test_one_that_fails_at_the_end(stopped: bool, monkeypatch: pytest.MonkeyPatc
     assert read_track("a.json").cut
 
 
-def test_nothing_is_asked() -> None:
+def test_without_outputs_nothing_is_written() -> None:
     assert written() == [] and list(Path().iterdir()) == []
 
 
@@ -140,8 +142,9 @@ def test_a_video() -> None:
     assert cv2.imread("a.png") is not None
 
 
-def test_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A missing package is reported before any file is written."""
+def test_a_missing_package_is_reported_before_any_file_is_written(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setitem(sys.modules, "av", None)
     with pytest.raises(NetlibError, match="is missing: pip install"):
         written(*ALL, "--video", "a.mp4")
@@ -200,8 +203,8 @@ def test_a_recording_is_no_faster_than_it_was(monkeypatch: pytest.MonkeyPatch) -
             output.write(DEPTH, frame(10_000))
 
 
-def test_what_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
-    """Both addresses are printed; a recording waits for the first client, a camera does not."""
+def test_the_addresses_of_the_server_are_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    """A recording waits for the first client, a camera does not."""
     pytest.importorskip("websockets")
     with LiveOutput(parsed("--serve"), HEADER) as output:
         output.begin(source(live=True), ends, sys.stdout)
