@@ -23,7 +23,7 @@ from handpose.fit.network_errors import NetworkErrors, read_errors, unknown_erro
 from handpose.fit.objective import Objective, Weights
 from handpose.fit.observation import Observation
 from handpose.fit.rounding import NETWORK_STEP, rounded
-from handpose.fit.search import Found, Plan, drawn, search
+from handpose.fit.search import Plan, SearchResult, drawn, search
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array, blocks
 from netlib.engine import for_each
@@ -203,7 +203,7 @@ class DepthFitter:
         size: float | Array | None,
         cost_factor: Array,
         hold: float = 1.0,
-    ) -> Found:
+    ) -> SearchResult:
         """The best of starts (K, N, V) with these priors, in batches that fit the cache.
 
         cost_factor  (K, N) factors of the costs
@@ -214,7 +214,7 @@ class DepthFitter:
         if size is not None:
             starts[:, :, SIZE] = priors[:, :, SIZE] = np.log(size)
             objective = objective.of_known_size()
-        found = Found(np.zeros((N, V)), np.zeros((N, 4)), np.zeros(N, int))
+        found = SearchResult(np.zeros((N, V)), np.zeros((N, 4)), np.zeros(N, int))
 
         def job(rows: slice) -> None:
             part = search(
@@ -233,7 +233,7 @@ class DepthFitter:
         return found
 
     def _results(
-        self, found: Found, seen: Observation, network: Array, moved_mm: Array | float = 0.0
+        self, found: SearchResult, seen: Observation, network: Array, moved_mm: Array | float = 0.0
     ) -> DepthFit:
         """The results of fits that moved away from joints (N, K, 3), by ``moved_mm`` at least."""
         joints = self.model.joints(found.x)

@@ -154,7 +154,7 @@ class Regression(NamedTuple):
     spread: float
 
 
-class Weights(NamedTuple):
+class Regressions(NamedTuple):
     """The regressions of hands, by ``SIGNS``, and of fingers, by ``FINGER_SIGNS``."""
 
     hand: Regression
@@ -162,10 +162,10 @@ class Weights(NamedTuple):
 
 
 @functools.lru_cache(maxsize=4)
-def read_weights(path: Path = PACKAGED) -> Weights:
+def read_weights(path: Path = PACKAGED) -> Regressions:
     """The weights in a file. Raises PrototxtError."""
     read = schema.read(prototxt.parse_file(path), WeightsParameter, f"weights {path}")
-    return Weights(_regression(read.hand, SIGNS), _regression(read.finger, FINGER_SIGNS))
+    return Regressions(_regression(read.hand, SIGNS), _regression(read.finger, FINGER_SIGNS))
 
 
 def _regression(read: HandParameter | FingerParameter, signs: Sequence[str]) -> Regression:
@@ -287,7 +287,7 @@ def judged_as_wholes(evidence: Evidence, hand: Regression) -> tuple[Array, Array
     return np.clip(error, least_error(confidence), LOST_MM), confidence
 
 
-def judged(evidence: Evidence, weights: Weights | None = None) -> Judged:
+def judged(evidence: Evidence, weights: Regressions | None = None) -> Judged:
     """Errors and confidence of N poses of which this is seen, by the packaged weights if there
     are no others.
     """

@@ -194,7 +194,7 @@ PLANS = {plan.name: plan for plan in (FAST, ACCURATE)}
 Fit = Literal["no", "fast", "accurate"]  # the name of a plan, or "no" for the network alone
 
 
-class Found(NamedTuple):
+class SearchResult(NamedTuple):
     """The best fit of each of N frames."""
 
     x: Array  # (N, V)
@@ -210,7 +210,7 @@ def search(
     precision: Array,
     plan: Plan,
     cost_factor: Array | float = 1.0,
-) -> Found:
+) -> SearchResult:
     """The best of K starts (K, N, V); each has a prior about the prediction ``priors`` (K, N, V).
 
     cost_factor  (K, N) factors of the costs that are compared
@@ -227,7 +227,7 @@ def search(
     x, cost = descend(objective, x[chosen], seen.take(every[chosen]), own, plan.last)
     compared = cost_factors.reshape(-1)[chosen] * data_cost(cost.parts)
     best = compared.reshape(-1, N).argmin(axis=0) * N + np.arange(N)
-    return Found(x[best], cost.parts[best], chosen[best] // N)
+    return SearchResult(x[best], cost.parts[best], chosen[best] // N)
 
 
 def data_cost(parts: Array) -> Array:

@@ -312,7 +312,7 @@ def since_1970(numbers: Sequence[float]) -> str | None:
     return None
 
 
-def find(document: Any, where: str, is_replaced: bool = False) -> Found:
+def find(document: Any, where: str, is_replaced: bool = False) -> FoundCamera:
     """The camera in a document of plain values; ``where`` begins errors.
 
     is_replaced  whether the user gives the camera, so that the document's matrix need not be valid
@@ -333,7 +333,7 @@ def find(document: Any, where: str, is_replaced: bool = False) -> Found:
         rank_of(*(name for name, _ in chain), *map(str, chain[-1][1].values())) for chain in chains
     ]
     chosen = [chain for chain, rank in zip(chains, ranks) if rank == min(ranks)]
-    found = [Found(chain, where, is_replaced) for chain in chosen]
+    found = [FoundCamera(chain, where, is_replaced) for chain in chosen]
     if len({one.info for one in found}) > 1:
         found[0].info = _of_modes(found, where)
     return found[0]
@@ -343,7 +343,7 @@ def find(document: Any, where: str, is_replaced: bool = False) -> Found:
 _Chain = list[tuple[str, dict[str, Any]]]
 
 
-def _of_modes(found: Sequence[Found], where: str) -> CameraInfo:
+def _of_modes(found: Sequence[FoundCamera], where: str) -> CameraInfo:
     """Cameras that differ in the size of their frames alone, as one.
 
     Raises DataError for others.
@@ -417,7 +417,7 @@ def unknown_key(key: str, known: Collection[str] = KNOWN) -> str:
     return f"unknown key {key!r}{did_you_mean(key, known)}; known: {', '.join(known)}"
 
 
-class Found:
+class FoundCamera:
     """The camera in the last object of a chain, with what those around it say. Raises DataError.
 
     info    the parameters

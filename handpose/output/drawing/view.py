@@ -25,7 +25,7 @@ MARGIN = 1.1  # of the crops of all hands
 MAX_ZOOM = 5.0  # at least a fifth of the frame is shown
 
 
-class View(NamedTuple):
+class Viewport(NamedTuple):
     """A part of a frame in pixels; the pixel in column c covers c to c + 1.
 
     Parts have the frame's aspect ratio.
@@ -55,7 +55,7 @@ class _Follower:
         return self._state
 
 
-class Window:
+class ViewportFollower:
     """Follows the hands in the frames of one camera, in the order of time; without hands it is
     the whole frame.
     """
@@ -65,13 +65,13 @@ class Window:
         # of middle u, v and the logarithm of the width in frame widths
         self._follower = _Follower(SECONDS)
 
-    def see(self, time: float, hands: Sequence[TrackedHand]) -> View:
+    def see(self, time: float, hands: Sequence[TrackedHand]) -> Viewport:
         """The part to show at a time in s."""
         state = self._follower.follow(time, self._around(hands))
         frame = np.array([self._camera.width, self._camera.height], np.float64)
         size = frame * min(float(np.exp(state[2])), 1.0)
         corner = np.clip(state[:2] - size / 2, 0, frame - size)
-        return View(float(corner[0]), float(corner[1]), float(size[0]), float(size[1]))
+        return Viewport(float(corner[0]), float(corner[1]), float(size[0]), float(size[1]))
 
     def _around(self, hands: Sequence[TrackedHand]) -> Array:
         width, height = self._camera.width, self._camera.height

@@ -9,7 +9,7 @@ from handpose.body import gestures
 from handpose.body.gestures import BEGIN, END, FORGET_S, GESTURES, NUMBERS, GestureReader, scores
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
-from handpose.synthetic.prior_file import PartParameter, PoseParameter
+from handpose.synthetic.prior_file import PoseParameter, PosePartParameter
 from layers.hand.kinematics import Kinematics
 from layers.hand.skeleton import load
 from netlib.blob import Array
@@ -53,13 +53,13 @@ def _pose(
     of their ranges.
     """
     bent = [
-        PartParameter(chain, bend)
+        PosePartParameter(chain, bend)
         for of, bend in zip(("index", "middle", "ring", "little"), bends)
         for chain in (of, f"{of}_knuckle")
         if bend >= 0
     ]
     return PoseParameter(
-        name, tuple(bent), tuple(PartParameter(of, part) for of, part in at.items())
+        name, tuple(bent), tuple(PosePartParameter(of, part) for of, part in at.items())
     )
 
 

@@ -17,7 +17,7 @@ from handpose.fit.depth_fit import DepthFit
 from handpose.fit.observation import HandCrops
 from handpose.fit.search import FAST
 from handpose.frames.cameras import NYU
-from handpose.synthetic.generator import Generator, Recipe, Scene, View
+from handpose.synthetic.generator import Generator, Recipe, Scene, SyntheticCamera
 from netlib.net import Net
 from tests.handpose.estimate.conftest import NetOf
 from tests.support.packaged_hand import EXACT
@@ -41,7 +41,7 @@ def predictor() -> Predictor:
 @pytest.fixture(scope="module")
 def scene() -> Scene:
     """Some synthetic frames of NYU's camera."""
-    return Generator(9, recipe=Recipe(EXACT, views=(View(NYU, None),))).scene(0)
+    return Generator(9, recipe=Recipe(EXACT, views=(SyntheticCamera(NYU, None),))).scene(0)
 
 
 def fits(predictor: Predictor, scene: Scene, count: int, **options: Any) -> DepthFit:

@@ -15,7 +15,7 @@ from handpose.estimate.hand import Hand
 from handpose.fit.body import SIZE, TYPICAL_SIZE, CapsuleModel
 from handpose.fit.depth_fit import DepthFitter
 from handpose.frames.cameras import NYU
-from handpose.synthetic.generator import Generator, Recipe, View
+from handpose.synthetic.generator import Generator, Recipe, SyntheticCamera
 from handpose.synthetic.prior_file import RangeParameter
 from handpose.synthetic.recipes import recipe
 from handpose.tracking import sizing
@@ -30,7 +30,7 @@ def poses(model: CapsuleModel) -> Poses:
     """Variables (N, V) of right hands, and the centres (N, 3) of their crops."""
     # enlarged hands are in front of the camera, too
     away = EXACT.but(depth=RangeParameter(550.0, 1000.0))
-    drawn = Generator(5, "train", Recipe(prior=away, views=(View(NYU, None),))).scene(0)
+    drawn = Generator(5, "train", Recipe(prior=away, views=(SyntheticCamera(NYU, None),))).scene(0)
     return model.variables_of(drawn.bodies.inputs[:60]), drawn.center_uvd[:60]
 
 

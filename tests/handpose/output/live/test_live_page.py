@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from handpose.output.drawing.hands import COLOURS
-from handpose.output.drawing.view import Contrast, Window
+from handpose.output.drawing.view import Contrast, ViewportFollower
 from handpose.output.live.messages import Messages
 from handpose.output.live.page import page
 from handpose.output.live.server import VIEWS, LiveServer
@@ -83,7 +83,7 @@ def test_the_depth_image(shown: Shown) -> None:
     """Nearer is lighter, and each joint's disc is at its pixel in its finger's colour."""
     shown.show(BOTH)
     image = picture(shown.tab, "depth")
-    view = Window(CAMERA).see(0.0, [RIGHT, LEFT])
+    view = ViewportFollower(CAMERA).see(0.0, [RIGHT, LEFT])
     zoom = image.shape[1] / view.width
     for hand in (RIGHT, LEFT):
         for joint in ("thumb_tip", "little_tip"):
