@@ -18,7 +18,7 @@ from handpose.fit.pose_confidence import (
     evidence_of,
     judged,
     side_chance,
-    side_evidence,
+    side_log_ratio,
     unknown_finger_errors,
 )
 from handpose.frames.cameras import Camera
@@ -274,7 +274,7 @@ def as_one_side(hand: Hand) -> Hand:
     other = hand.other
     if other is None or np.isnan(hand.confidence):
         return hand
-    chance = side_chance(side_evidence(hand.cost, other.cost))
+    chance = side_chance(side_log_ratio(hand.cost, other.cost))
     apart = np.linalg.norm(hand.xyz - other.xyz, axis=1)
     error_mm = chance * hand.error_mm + (1 - chance) * max(float(apart.mean()), hand.error_mm)
     of_fingers, fingers = hand.finger_error_mm, hand.the_model.fingers

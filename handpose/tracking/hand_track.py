@@ -15,7 +15,7 @@ from handpose.estimate.estimator import HandEstimator
 from handpose.estimate.finder import Finder, FoundHand
 from handpose.estimate.hand import Hand
 from handpose.fit.body import WorldPose
-from handpose.fit.pose_confidence import side_chance, side_evidence
+from handpose.fit.pose_confidence import side_chance, side_log_ratio
 from handpose.tracking.present_hands import LATER_S, LOOK, SAME_MM, SOON_S
 from handpose.tracking.sizing import SizeKeeper
 from handpose.tracking.smoothing import PoseFilter
@@ -90,15 +90,17 @@ class SideState:
 
 
 class Compared(NamedTuple):
-    """How often both sides were compared, and the sum of the evidence: above 0 for a right hand."""
+    """How often both sides were compared, and the sum of the log-ratios of the costs: above 0 for a
+    right hand.
+    """
 
     times: int
-    evidence: float
+    log_ratio: float
 
     @property
     def mean(self) -> float:
-        """The mean evidence for the likelier side."""
-        return abs(self.evidence) / self.times
+        """The mean log-ratio, for the likelier side."""
+        return abs(self.log_ratio) / self.times
 
 
 class FrameHands:
@@ -149,7 +151,7 @@ class HandTrack:
         side_prior: float = 0.0,
         presence: float = 1.0,
     ) -> None:
-        """``side_prior``: prior evidence for a right hand (above 0) or a left one."""
+        """``side_prior``: prior log-ratio, above 0 for a right hand, below for a left one."""
         self.id, self.credit, self.reason = -1, FIRST_CREDIT, ""
         self.time = self.begun = self._looked = time
         self.sizes = SizeKeeper(estimator.the_fitter, size)
@@ -179,8 +181,8 @@ class HandTrack:
         return self.credit > 0
 
     @property
-    def evidence(self) -> float:
-        """How sure it is that this is a hand, by the finder or by its pose."""
+    def hand_chance(self) -> float:
+        """The probability that this is a hand, by the finder or by its pose."""
         return max(self.presence, self.best.estimate.chance)
 
     def look(self, frame: FrameHands) -> None:
@@ -197,7 +199,7 @@ class HandTrack:
         """The more likely side."""
         if self.is_decided:
             return next(iter(self.sides))
-        return "right" if self._compared.evidence >= 0 else "left"
+        return "right" if self._compared.log_ratio >= 0 else "left"
 
     @property
     def best(self) -> SideState:
@@ -214,7 +216,7 @@ class HandTrack:
         """The probability of the more likely side; 1 once it is decided."""
         if self.is_decided:
             return 1.0
-        mean = abs(self._compared.evidence) / max(self._compared.times, MIN_COMPARED)
+        mean = abs(self._compared.log_ratio) / max(self._compared.times, MIN_COMPARED)
         return min(side_chance(mean), MAX_SIDE_CONFIDENCE)
 
     @property
@@ -288,12 +290,12 @@ class HandTrack:
         return SearchRegion(center, side, body, self.size)
 
     def _compare(self, best: dict[Side, Hand], time: float) -> None:
-        """Add the evidence of a frame while the side is undecided, and decide it."""
-        ratio = _evidence_of(best)
+        """Add the log-ratio of a frame while the side is undecided, and decide it."""
+        ratio = _log_ratio_of(best)
         if self.is_decided or ratio is None:
             return
-        times, evidence = self._compared
-        self._compared = Compared(times + 1, evidence + ratio)
+        times, total = self._compared
+        self._compared = Compared(times + 1, total + ratio)
         seconds = time - self.begun
         enough = seconds >= MIN_COMPARED_S and self._compared.times >= MIN_COMPARED
         if enough and (self._compared.mean > CLEAR or seconds >= MAX_COMPARED_S):
@@ -318,8 +320,10 @@ def _best(estimates: Sequence[Hand]) -> dict[Side, Hand]:
     return best
 
 
-def _evidence_of(best: dict[Side, Hand]) -> float | None:
-    """The evidence of one frame for a right hand; None without a visible hand of either side."""
+def _log_ratio_of(best: dict[Side, Hand]) -> float | None:
+    """The log-ratio of one frame, above 0 for a right hand; None without a visible hand of
+    either side.
+    """
     if len(best) < 2 or max(estimate.chance for estimate in best.values()) < ENOUGH:
         return None
-    return side_evidence(best["right"].cost, best["left"].cost)
+    return side_log_ratio(best["right"].cost, best["left"].cost)

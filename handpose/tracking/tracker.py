@@ -267,7 +267,7 @@ class Tracker:
         for track in self.tracks:
             taken += [
                 Taken(track.place, np.inf),
-                *(Taken(place, track.evidence) for place in _arm(track.best.estimate)),
+                *(Taken(place, track.hand_chance) for place in _arm(track.best.estimate)),
             ]
         return taken
 
@@ -278,8 +278,8 @@ class Tracker:
         for place in filter(lambda one: one.is_sure, self.present.there):
             if len(self.tracks) < self.limit:
                 break
-            least = min(self.tracks, key=lambda track: track.evidence)
-            if least.evidence < place.presence:
+            least = min(self.tracks, key=lambda track: track.hand_chance)
+            if least.hand_chance < place.presence:
                 least.end("another hand is more present")
 
     def _seen_at(self, hand: FoundHand, view: SideView, size: float | None) -> list[Hand]:
@@ -325,7 +325,7 @@ class Tracker:
         return [id for id, track in self.known.items() if not track.is_tracked]
 
     def _side_prior(self) -> float:
-        """Prior evidence for a right hand (1) or a left one (-1): lost hands return."""
+        """The prior log-ratio, 1 for a right hand and -1 for a left one: lost hands return."""
         sides = [self.known[id].decided for id in self._lost()]
         return float("right" in sides) - float("left" in sides)
 
