@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from handpose.body.render import Capsules
 from handpose.body.sides import SIDES, Side, SideView, as_right, camera_of, mirror_of, pixel_of
-from handpose.fit.body import SIZE, THICKNESS, CapsuleModel, WorldPose, world_pose
+from handpose.fit.body import SIZE_INDEX, THICKNESS_INDEX, CapsuleModel, WorldPose, world_pose
 from handpose.fit.depth_fit import DepthFit
 from handpose.fit.pose_confidence import (
     Evidence,
@@ -167,12 +167,12 @@ class Hand:
     @property
     def size(self) -> float:
         """The scale relative to the skeleton: of bones, offsets and radii."""
-        return float("nan") if self.fit is None else float(np.exp(self.x[SIZE]))
+        return float("nan") if self.fit is None else float(np.exp(self.x[SIZE_INDEX]))
 
     @property
     def thickness(self) -> float:
         """The additional scale of the radii."""
-        return float(np.exp(self.x[THICKNESS]))
+        return float(np.exp(self.x[THICKNESS_INDEX]))
 
     @property
     def x(self) -> Array:

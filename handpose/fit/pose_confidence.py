@@ -334,8 +334,8 @@ def evidence_of(
 
 
 def side_log_ratio(cost: float, other_cost: float) -> float:
-    """The logarithm of ``other_cost``, of the fit to one image as the other side, over ``cost``: above
-    0 if the side of the fit with ``cost`` is the likelier one. It is cut off at MAX_RATIO.
+    """The logarithm of ``other_cost``, of the fit to one image as the other side, over ``cost``:
+    above 0 if the side of the fit with ``cost`` is the likelier one. It is cut off at MAX_RATIO.
     """
     own, other = (np.log(np.clip(one, 1e-9, 1e9)) for one in (cost, other_cost))
     return float(np.clip(other - own, -MAX_RATIO, MAX_RATIO))

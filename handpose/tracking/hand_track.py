@@ -26,7 +26,7 @@ SURE = 0.9  # confidence below which a full fit is run
 # A second with poses earns two of credit, one without costs one; a hand without credit is lost.
 FIRST_CREDIT, MOST_CREDIT = 0.4, 1.0
 MOST_FOUND = 8  # hands in a frame
-AHEAD_S = 0.4  # s by which a motion is extended at most
+MAX_EXTRAPOLATION_S = 0.4  # s by which a motion is extended at most
 KEPT = 0.7  # damping of the expected motion
 NEW = 0.6  # weight of the last two frames in the velocity
 # 4 m/s at 30 frames per second: a pose that is found farther away is no motion of the hand
@@ -65,7 +65,9 @@ class SideState:
         """The expected body at a time."""
         if self.velocity is None:
             return self.estimate.body
-        return self.estimate.body.moved(KEPT * min(time - self.time, AHEAD_S) * self.velocity)
+        return self.estimate.body.moved(
+            KEPT * min(time - self.time, MAX_EXTRAPOLATION_S) * self.velocity
+        )
 
     def then(self, estimate: Hand, time: float, asked: bool) -> SideState:
         """The state after one more pose, for which the network was ``asked`` or not.

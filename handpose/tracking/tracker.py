@@ -31,7 +31,7 @@ from handpose.frames.cameras import Camera
 from handpose.frames.crops import check_size
 from handpose.frames.images import check_unit, depth_image, without_dropouts
 from handpose.frames.recording import DepthFrame
-from handpose.tracking.hand_track import AHEAD_S, ENOUGH, SURE, FrameHands, HandTrack
+from handpose.tracking.hand_track import ENOUGH, MAX_EXTRAPOLATION_S, SURE, FrameHands, HandTrack
 from handpose.tracking.output import tracked_hand
 from handpose.tracking.present_hands import (
     LATER_S,
@@ -148,7 +148,9 @@ class Tracker:
         self._follow(found, time, before)
         self._drop_doubles()
         pause = LATER_S if self.tracks else SOON_S
-        due = found.is_known or time - self._searched >= pause or time - before > AHEAD_S
+        due = (
+            found.is_known or time - self._searched >= pause or time - before > MAX_EXTRAPOLATION_S
+        )
         if due and sum(track.best.estimate.chance >= SURE for track in self.tracks) < self.limit:
             self._searched = time
             self._search(found, time)

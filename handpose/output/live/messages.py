@@ -31,9 +31,9 @@ from handpose.output.tracks.json_values import FrameValues, header_values, to_te
 from handpose.tracking.track import TrackedFrame, TrackedHand, TrackHeader
 
 # paths of the server: frames as JSON lines, and those of the page
-LINES, VIEWS = "/frames", "/view"
+LINES_PATH, VIEWS_PATH = "/frames", "/view"
 MAX_SAMPLES = 320  # maximum side of the depth image sent to the page
-_MAX_DEPTH = np.iinfo(np.uint16).max
+_MAX_SAMPLE = np.iinfo(np.uint16).max
 
 
 class Grid(NamedTuple):
@@ -111,7 +111,7 @@ class Messages:
             "capsules": counts,
         }
         text = to_text(values).encode()
-        samples = np.clip(grid.of(depth), 0, _MAX_DEPTH).astype("<u2")
+        samples = np.clip(grid.of(depth), 0, _MAX_SAMPLE).astype("<u2")
         parts = [
             struct.pack("<I", _padded(len(text))),
             text.ljust(_padded(len(text))),

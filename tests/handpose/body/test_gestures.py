@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 
 from handpose.body import gestures
-from handpose.body.gestures import BEGIN, END, FORGET_S, GESTURES, NUMBERS, GestureReader, scores
+from handpose.body.gestures import (
+    BEGIN,
+    END,
+    FINGER_COUNTS,
+    FORGET_S,
+    GESTURES,
+    GestureReader,
+    scores,
+)
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.prior_file import PoseParameter, PosePartParameter
@@ -102,7 +110,14 @@ def test_a_half_bent_hand_shows_none() -> None:
 
 
 def test_numbers() -> None:
-    assert set(NUMBERS) < set(GESTURES) and sorted(NUMBERS.values()) == [0, 1, 2, 3, 4, 5]
+    assert set(FINGER_COUNTS) < set(GESTURES) and sorted(FINGER_COUNTS.values()) == [
+        0,
+        1,
+        2,
+        3,
+        4,
+        5,
+    ]
 
 
 RATE = 30.0

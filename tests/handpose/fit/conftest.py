@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from handpose.fit.body import SIZE, THICKNESS, CapsuleModel, Posed
+from handpose.fit.body import SIZE_INDEX, THICKNESS_INDEX, CapsuleModel, Posed
 from handpose.fit.observation import Observation, observe
 from handpose.fit.residuals import Residuals
 from handpose.frames.cameras import NYU
@@ -53,7 +53,7 @@ def written_out(model: CapsuleModel, posed: Posed, r: Residuals) -> np.ndarray:
         + posed.motion[n, model.end[r.capsule]] * s
     )
     J = np.einsum("nitr,nriv->ntrv", r.direction.astype(float), motion)
-    J[..., [SIZE, THICKNESS]] += r.swell[..., None]
+    J[..., [SIZE_INDEX, THICKNESS_INDEX]] += r.swell[..., None]
     return J
 
 

@@ -44,7 +44,7 @@ def test_joints_are_where_the_camera_sees_them() -> None:
     """
     guess = replace(RIGHT, finger_error_mm=np.array([10.0, 45, 12, 29, 8]))
     picture = annotated(DEPTH, of(guess, LEFT))[HEAD:]
-    for hand, (finger, colour) in itertools.product((guess, LEFT), hands.COLOURS.items()):
+    for hand, (finger, colour) in itertools.product((guess, LEFT), hands.FINGER_COLOURS.items()):
         u, v, _ = CAMERA.project(hand.xyz[HEADER.skeleton.joint_names.index(f"{finger}_tip")])
         x, y = (round((edge + 0.5) * ZOOM - 0.5) for edge in (u - VIEW.left, v - VIEW.top))
         assert tuple(picture[y, x]) == (

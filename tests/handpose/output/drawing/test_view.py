@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from handpose.output.drawing.view import (
-    HEIGHT,
     MARGIN,
     MAX_ZOOM,
+    TAG_HEIGHT,
     Contrast,
     Tags,
     Viewport,
@@ -169,8 +169,8 @@ def test_all_are_within_the_picture_and_none_covers_another(
         before = canvas.copy()
         tags.add("right 93%", left, bottom, (n + 1, n + 1, n + 1))
         rows, columns = np.nonzero((canvas != before).any(axis=2))
-        assert rows.max() - rows.min() + 1 == HEIGHT
-        areas.append(len(np.unique(columns)) * HEIGHT)
+        assert rows.max() - rows.min() + 1 == TAG_HEIGHT
+        areas.append(len(np.unique(columns)) * TAG_HEIGHT)
     assert len(set(areas)) == 1  # every label is as long as the first
     assert (canvas.any(axis=2)).sum() == sum(areas)
 
@@ -192,4 +192,4 @@ def test_a_side_that_is_assumed_has_another_tag() -> None:
 def test_long_words_become_small() -> None:
     canvas = np.zeros((100, 200, 3), np.uint8)
     Tags(canvas).add("left hand lost 12.3 s: " + "a long reason " * 4, 0, 100, (0, 0, 200))
-    assert not canvas[:, -2:].any() or (canvas[-HEIGHT:, -2:] == (0, 0, 200)).all()
+    assert not canvas[:, -2:].any() or (canvas[-TAG_HEIGHT:, -2:] == (0, 0, 200)).all()
