@@ -42,7 +42,7 @@ from handpose.fit.pose_confidence import (
     SIGNS,
     Evidence,
     Regression,
-    Weights,
+    Regressions,
     finger_signs,
     judged,
     judged_as_wholes,
@@ -179,7 +179,7 @@ def true_labels(recording: SyntheticRecording) -> Array:
 # -------------------------------------------------------------------------------------- regressions
 
 
-def fitted(takes: Sequence[Poses], in_use: Weights, keep: float = KEEP) -> Weights:
+def fitted(takes: Sequence[Poses], in_use: Regressions, keep: float = KEEP) -> Regressions:
     """The weights that explain the errors of recordings; ``keep`` is the weight of the squared
     change of a weight.
     """
@@ -205,7 +205,7 @@ def fitted(takes: Sequence[Poses], in_use: Weights, keep: float = KEEP) -> Weigh
         in_use.finger,
         keep,
     )
-    return Weights(hand, finger)
+    return Regressions(hand, finger)
 
 
 def _regression(
@@ -235,7 +235,7 @@ def _regression(
 # -------------------------------------------------------------------------------------- the results
 
 
-def text_of(weights: Weights, comment: str) -> str:
+def text_of(weights: Regressions, comment: str) -> str:
     """The text of a file of weights, with a comment at the top."""
     lines = [f"# {line}" for line in comment.splitlines()]
     for name, signs, of in (
@@ -247,7 +247,7 @@ def text_of(weights: Weights, comment: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def cells_of(name: str, takes: Sequence[Poses], weights: Weights) -> list[str]:
+def cells_of(name: str, takes: Sequence[Poses], weights: Regressions) -> list[str]:
     """The columns of recordings, judged by these weights."""
     found = judged(Evidence.concatenate([take.evidence for take in takes]), weights)
     is_hand = np.concatenate([take.is_hand for take in takes])
@@ -264,7 +264,7 @@ def cells_of(name: str, takes: Sequence[Poses], weights: Weights) -> list[str]:
 
 
 def compared(
-    takes: Sequence[Poses], apart: Sequence[Poses], new: Weights, keep: float
+    takes: Sequence[Poses], apart: Sequence[Poses], new: Regressions, keep: float
 ) -> Iterator[list[str]]:
     """Rows of each recording and of all."""
     in_use = read_weights()

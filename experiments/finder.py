@@ -45,7 +45,7 @@ from handpose.frames.formats import open_recording
 from handpose.sequences.recordings import SCRIPTS, SyntheticRecording
 from handpose.synthetic.scenes import prior as scene_prior
 from handpose.synthetic.scenes.cameras import HEIGHT, WIDTH
-from handpose.synthetic.whole_scenes import BLOCK, SceneGenerator, Scenes
+from handpose.synthetic.whole_scenes import SCENES_PER_BLOCK, SceneGenerator, Scenes
 from handpose.tracking.track import PARTLY
 from netlib.blob import Array
 from netlib.errors import DataError
@@ -269,9 +269,9 @@ def things_taken_for_hands(finder: Finder, number: int, scenes: int) -> list[lis
     generator = SceneGenerator(number, "test", prior)
     pixels, false = Counter[str](), Counter[str]()
     names = np.array(generator.names)
-    for block in range(-(-scenes // BLOCK)):
+    for block in range(-(-scenes // SCENES_PER_BLOCK)):
         drawn = generator.block(block)
-        for n in range(min(BLOCK, scenes - block * BLOCK)):
+        for n in range(min(SCENES_PER_BLOCK, scenes - block * SCENES_PER_BLOCK)):
             camera = camera_of(drawn, n)
             shown = np.where(drawn.depth[n] > 0, names[drawn.what[n]], "nothing")
             pixels.update(shown.ravel().tolist())
@@ -288,9 +288,9 @@ def things_taken_for_hands(finder: Finder, number: int, scenes: int) -> list[lis
 def drawn_scenes(number: int, scenes: int) -> Iterator[Labelled]:
     """Scenes of the training's generator that no training saw."""
     generator = SceneGenerator(number, "test")
-    for block in range(-(-scenes // BLOCK)):
+    for block in range(-(-scenes // SCENES_PER_BLOCK)):
         drawn = generator.block(block)
-        for n in range(min(BLOCK, scenes - block * BLOCK)):
+        for n in range(min(SCENES_PER_BLOCK, scenes - block * SCENES_PER_BLOCK)):
             sides: list[Side] = ["right" if side > 0 else "left" for side in drawn.side[n]]
             hands = [(drawn.middle[n, k], sides[k]) for k in np.flatnonzero(drawn.present[n])]
             yield Labelled(

@@ -84,9 +84,9 @@ def run(args: argparse.Namespace) -> int:
         write_model(net, None, args.out)
     else:
         _measure(net, args)
-    image = args.out.read_bytes()
+    content = args.out.read_bytes()
     say(
-        f"wrote {args.out}: {len(image) / 1e6:.2f} MB, sha256: {hashlib.sha256(image).hexdigest()}, "
+        f"wrote {args.out}: {len(content) / 1e6:.2f} MB, sha256: {hashlib.sha256(content).hexdigest()}, "
         f"net_sha256: {hashlib.sha256(net_content(Path(args.model))).hexdigest()}"
     )
     return DONE

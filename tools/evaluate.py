@@ -42,7 +42,7 @@ from handpose.scoring import published_predictions as published
 from handpose.scoring.metrics import joint_errors
 from handpose.scoring.published_predictions import (
     BENCHMARKS,
-    FORMATS,
+    COORDINATE_FORMATS,
     THRESHOLDS_MM,
     Benchmark,
     FittedAngles,
@@ -78,8 +78,10 @@ def main(argv: list[str] | None = None) -> int:
         type=_named_file,
         help="predicted joints of each method",
     )
-    parser.add_argument("--format", choices=FORMATS, help=f"of predictions (default: {_formats()})")
-    parser.add_argument("--groundtruth-format", choices=FORMATS, help="likewise")
+    parser.add_argument(
+        "--format", choices=COORDINATE_FORMATS, help=f"of predictions (default: {_formats()})"
+    )
+    parser.add_argument("--groundtruth-format", choices=COORDINATE_FORMATS, help="likewise")
     parser.add_argument(
         "--plot",
         metavar="FILE",

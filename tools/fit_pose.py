@@ -37,7 +37,7 @@ from handpose.fit.joints.companions import fit_list, write_fit
 from handpose.fit.joints.fit_joints import fit_absolute, fit_joints
 from handpose.fit.joints.particle_swarm import fit_joints_by_swarm
 from handpose.scoring import metrics
-from handpose.scoring.published_predictions import FORMATS, is_list, read_joints
+from handpose.scoring.published_predictions import COORDINATE_FORMATS, is_list, read_joints
 from layers.hand import skeleton as skeletons
 from layers.hand.skeleton import Skeleton
 from netlib.errors import DataError, NetlibError, reason_of
@@ -58,7 +58,10 @@ def main(argv: list[str] | None = None) -> int:
         "--out", metavar="PATH", help="file to write for a text file of joints, folder for a list"
     )
     parser.add_argument(
-        "--format", choices=FORMATS, default="uvd", help="of a text file (default: %(default)s)"
+        "--format",
+        choices=COORDINATE_FORMATS,
+        default="uvd",
+        help="of a text file (default: %(default)s)",
     )
     parser.add_argument(
         "--skeleton", metavar="FILE", help="skeleton file of the hand (default: NYU's)"

@@ -16,7 +16,7 @@ import textwrap
 from exercises.check import steps
 from exercises.table import EXERCISES
 from handpose.body.joint_formats.formats import FORMATS, FormatName
-from handpose.body.joint_formats.frames import FINGERS, POINTS
+from handpose.body.joint_formats.frames import LONG_FINGERS, POINTS
 from netlib.files.paths import ROOT
 
 FORMAT_TITLES: dict[FormatName, str] = {"mediapipe": "MediaPipe", "mano": "MANO"}
@@ -103,7 +103,7 @@ def joint_formats() -> None:
             )
             for key in FORMAT_TITLES
         ]
-        if any(joints) and not part.startswith(FINGERS[1:]):
+        if any(joints) and not part.startswith(LONG_FINGERS[1:]):
             terms = [
                 f"`{j}`" if weight == 1 else f"{weight:.3g} `{j}`"
                 for j, weight in point.weights.items()

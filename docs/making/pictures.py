@@ -54,7 +54,7 @@ def hand_page(browser: Browser) -> bytes:
 def live_page(browser: Browser, frames: int = 90) -> bytes:
     """The live page as PNG, after some frames of two hands."""
     from handpose import NYU, load_tracker
-    from handpose.output.live.messages import VIEWS, Messages
+    from handpose.output.live.messages import VIEWS_PATH, Messages
     from handpose.output.live.page import page
     from handpose.output.live.server import LiveServer
     from handpose.sequences.recordings import SyntheticRecording
@@ -70,7 +70,7 @@ def live_page(browser: Browser, frames: int = 90) -> bytes:
     ):
         tab.goto(server.page_url)
         for depth, found in tracked:
-            server.put(VIEWS, messages.view(messages.record(found), depth, found))
+            server.put(VIEWS_PATH, messages.view(messages.record(found), depth, found))
             tab.locator("#state").filter(
                 has_text=re.compile(rf"^frame {found.number}, ")
             ).wait_for()

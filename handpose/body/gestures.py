@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from handpose.body.joint_formats.angles import MIN_PALM_MM, anatomical_angles
-from handpose.body.joint_formats.frames import FINGERS
+from handpose.body.joint_formats.frames import LONG_FINGERS
 from handpose.body.sides import Side
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
@@ -37,7 +37,7 @@ STRAIGHT = (100.0, 14.0)  # degrees: where the probability is one half, and the 
 OUT = (0.81, 0.04)
 TOUCH = (0.32, 0.03)
 # Straight fingers: index, middle, ring, little; and whether the thumb is out (None: either).
-SHAPES: dict[str, tuple[tuple[bool, bool, bool, bool], bool | None]] = {
+STRAIGHT_FINGERS: dict[str, tuple[tuple[bool, bool, bool, bool], bool | None]] = {
     "open": ((True, True, True, True), True),
     "fist": ((False, False, False, False), False),
     "point": ((True, False, False, False), None),
@@ -47,8 +47,8 @@ SHAPES: dict[str, tuple[tuple[bool, bool, bool, bool], bool | None]] = {
     "four": ((True, True, True, True), False),
 }
 PINCH = "pinch"  # thumb and index finger touch, the middle finger is straight
-GESTURES = (*SHAPES, PINCH)
-NUMBERS = {"fist": 0, "point": 1, "two": 2, "three": 3, "four": 4, "open": 5}
+GESTURES = (*STRAIGHT_FINGERS, PINCH)
+FINGER_COUNTS = {"fist": 0, "point": 1, "two": 2, "three": 3, "four": 4, "open": 5}
 
 
 def scores(skeleton: Skeleton, hand: Side, xyz: Array) -> dict[str, float]:
@@ -62,7 +62,7 @@ def scores(skeleton: Skeleton, hand: Side, xyz: Array) -> dict[str, float]:
     )
     bends = [
         sum(angles[f"{finger}_{joint}_flexion"] for joint in ("mcp", "pip", "dip"))
-        for finger in FINGERS
+        for finger in LONG_FINGERS
     ]
     straight = [1 - _over(bend, STRAIGHT) for bend in bends]
     palm = _distance(at["middle_mcp"], (at["wrist_left"] + at["wrist_middle"]) / 2)
@@ -71,7 +71,7 @@ def scores(skeleton: Skeleton, hand: Side, xyz: Array) -> dict[str, float]:
     out = _over(_distance(at["thumb_tip"], at["middle_mcp"]) / palm, OUT)
     touch = 1 - _over(_distance(at["thumb_tip"], at["index_tip"]) / palm, TOUCH)
     found = {PINCH: touch * straight[1]}
-    for name, (wanted, thumb) in SHAPES.items():
+    for name, (wanted, thumb) in STRAIGHT_FINGERS.items():
         fingers = np.prod(
             [part if is_straight else 1 - part for part, is_straight in zip(straight, wanted)]
         )
@@ -109,7 +109,7 @@ class Gesture(NamedTuple):
     @property
     def number(self) -> int | None:
         """The number that the fingers show, if any."""
-        return NUMBERS.get(self.name)
+        return FINGER_COUNTS.get(self.name)
 
 
 class _State(NamedTuple):

@@ -19,7 +19,7 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.body.joint_formats.frames import FINGERS as LONG_FINGERS
+from handpose.body.joint_formats.frames import LONG_FINGERS
 from handpose.body.render import Capsules
 from layers.hand.bodies import kinematics_of
 from layers.hand.kinematics import Kinematics, Pose

@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from handpose.body.model import FINGERS
 from handpose.datasets.published_frames import Flaw, PublishedFrames, check_frames, read_centers
 from handpose.frames.cameras import ICVL
 from handpose.frames.images import WRONG_SIZE, BadFrameError, read_png
@@ -27,16 +28,15 @@ from netlib.blob import Array
 from netlib.errors import DataError
 from netlib.files import read_text
 
-TRAIN_FRAMES = 300_000  # at least
-TEST_FRAMES = (702, 894)  # numbers of frames of the two test sequences
+MIN_TRAIN_FRAMES = 300_000  # at least
+TEST_SEQUENCE_FRAMES = (702, 894)  # numbers of frames of the two test sequences
 
-CUBE_MM = 250.0  # edge of the cube around the hand
-CENTER_JOINT = 0  # the palm, at which crops are centred unless other centres are given
+ICVL_CUBE_MM = 250.0  # edge of the cube around the hand
+PALM_JOINT = 0  # the palm, at which crops are centred unless other centres are given
 
-FINGERS = ("thumb", "index", "middle", "ring", "little")
 JOINTS = ("palm", *(f"{finger}_{part}" for finger in FINGERS for part in ("root", "mid", "tip")))
 
-ANNOTATION: dict[str, tuple[str, ...]] = {
+LABEL_FILES: dict[str, tuple[str, ...]] = {
     "train": ("Training/labels.txt",),
     "test": ("Testing/test_seq_1.txt", "Testing/test_seq_2.txt"),
 }
@@ -78,7 +78,7 @@ def read_annotation(paths: Sequence[Path]) -> IcvlAnnotation:
     uvd = np.frombuffer(values, dtype=np.float64).reshape(-1, len(JOINTS), 3)
     if not files:
         raise DataError(f"{paths[0]}: no labels in it")
-    u, v, d = np.nanmedian(uvd[:, CENTER_JOINT], axis=0)
+    u, v, d = np.nanmedian(uvd[:, PALM_JOINT], axis=0)
     if not (0 <= u < ICVL.width and 0 <= v < ICVL.height and 50 < d < 5000):
         raise DataError(
             f"{paths[0]}: the palm is mostly at {u:g} {v:g} {d:g}, expected u v d: pixels of an image "
@@ -106,7 +106,7 @@ def read_split(root: Path, split: str, centers: Path | None = None) -> Published
 
     ``centers`` is a file of crop centres; without it the palm. Raises DataError.
     """
-    paths = [root / name for name in ANNOTATION[split]]
+    paths = [root / name for name in LABEL_FILES[split]]
     there = [path for path in paths if path.is_file()]
     if not there:
         raise DataError(
@@ -117,11 +117,11 @@ def read_split(root: Path, split: str, centers: Path | None = None) -> Published
     return PublishedFrames(
         split=split,
         files=annotation.files,
-        center_uvd=annotation.uvd[:, CENTER_JOINT]
+        center_uvd=annotation.uvd[:, PALM_JOINT]
         if centers is None
         else read_centers(centers, count),
         joints=ICVL.unproject(annotation.uvd),
-        cube_mm=np.full(count, CUBE_MM),
+        cube_mm=np.full(count, ICVL_CUBE_MM),
         camera=ICVL,
         read=read_icvl_depth,
         made_from="ICVL",
@@ -131,7 +131,7 @@ def read_split(root: Path, split: str, centers: Path | None = None) -> Published
 
 def check_split(root: Path, split: str) -> tuple[list[str], list[Flaw]]:
     """The content of a split, and its errors, one line each."""
-    paths = [root / name for name in ANNOTATION[split]]
+    paths = [root / name for name in LABEL_FILES[split]]
     missing = [path for path in paths if not path.is_file()]
 
     def whole(count: int) -> list[Flaw]:
@@ -139,15 +139,15 @@ def check_split(root: Path, split: str) -> tuple[list[str], list[Flaw]]:
             f"{path}: no such file; the test frames of one of the two sequences are missing"
             for path in missing
         ]
-        if split == "train" and count < TRAIN_FRAMES:
+        if split == "train" and count < MIN_TRAIN_FRAMES:
             texts.append(
                 f"{paths[0]}: {count} labelled frames, the whole training set with its turned copies has over "
                 "300,000"
             )
-        if split == "test" and not missing and count != sum(TEST_FRAMES):
+        if split == "test" and not missing and count != sum(TEST_SEQUENCE_FRAMES):
             texts.append(
-                f"{paths[0].parent}: {count} labelled frames, the whole test set has {TEST_FRAMES[0]} + "
-                f"{TEST_FRAMES[1]}"
+                f"{paths[0].parent}: {count} labelled frames, the whole test set has {TEST_SEQUENCE_FRAMES[0]} + "
+                f"{TEST_SEQUENCE_FRAMES[1]}"
             )
         return [Flaw(text, fatal=False) for text in texts]
 

@@ -209,7 +209,7 @@ def read_centers(path: Path, frames: int) -> Array:
 
 # ---------------------------------------------------------------------------------------- the files
 
-_CHUNK = 16  # frames that a thread crops at a time
+_FRAMES_PER_TASK = 16  # frames that a thread crops at a time
 
 
 class PreparedSplit:
@@ -286,8 +286,8 @@ class PreparedSplit:
     ) -> list[int]:
         """Write a part; returns the numbers of its frames."""
         frames, index, bad = self.frames, list[int](), dict[str, list[int]]()
-        firsts = range(part.start, part.start + part.rows, _CHUNK)
-        stops = [min(first + _CHUNK, part.start + part.rows) for first in firsts]
+        firsts = range(part.start, part.start + part.rows, _FRAMES_PER_TASK)
+        stops = [min(first + _FRAMES_PER_TASK, part.start + part.rows) for first in firsts]
         pieces = []
         for first, stop, (good, failed) in zip(
             firsts, stops, pool.map(frames.crops, firsts, stops)

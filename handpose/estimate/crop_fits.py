@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.estimate.nets import hand_poses
-from handpose.fit.body import SIZE, CapsuleModel
+from handpose.fit.body import SIZE_INDEX, CapsuleModel
 from handpose.fit.depth_fit import DepthFit, DepthFitter
 from handpose.fit.joint_starts import near_joints
 from handpose.fit.observation import HandCrops
@@ -64,7 +64,7 @@ def fit_starts(
     )
     x = model.variables_of(rounded(poses.inputs, NETWORK_STEP))
     size = rounded(np.log(poses.size), NETWORK_STEP)
-    x[:, SIZE] = np.clip(size, model.lower[SIZE], model.upper[SIZE])
+    x[:, SIZE_INDEX] = np.clip(size, model.lower[SIZE_INDEX], model.upper[SIZE_INDEX])
     if poses.joints is not None:
         x = near_joints(model, x, rounded(poses.joints, NETWORK_STEP) * model.unit_mm)
     return [

@@ -9,7 +9,7 @@ from handpose.body.render import Capsules, in_front, normalise_depth, render_cro
 from handpose.body.sides import SideView
 from handpose.estimate.palm import recenter
 from handpose.fit.body import CapsuleModel, WorldPose, crop_variables, world_pose
-from handpose.fit.support import APART_MM, support
+from handpose.fit.support import SURFACE_TOLERANCE_MM, support
 from handpose.frames.cameras import NYU, Camera, Floats
 from handpose.frames.crops import BACKGROUND, SIZE, unread, with_hidden
 from netlib.blob import Array
@@ -76,7 +76,7 @@ class ExpectedBodies:
         """
         seen = crop < BACKGROUND
         apart = np.abs(crop - self._rendered(body, center_uvd, camera))
-        on = seen & (apart <= APART_MM / (self.cube_mm / 2))
+        on = seen & (apart <= SURFACE_TOLERANCE_MM / (self.cube_mm / 2))
         return float(on.sum() / max(seen.sum(), 1))
 
     def _rendered(self, capsules: Capsules, center_uvd: Array, camera: Camera) -> Floats:

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from handpose.body.render import Capsules
 from handpose.body.sides import SIDES, Side, SideView, as_right, camera_of, mirror_of, pixel_of
-from handpose.fit.body import SIZE, THICKNESS, CapsuleModel, WorldPose, world_pose
+from handpose.fit.body import SIZE_INDEX, THICKNESS_INDEX, CapsuleModel, WorldPose, world_pose
 from handpose.fit.depth_fit import DepthFit
 from handpose.fit.pose_confidence import (
     Evidence,
     evidence_of,
     judged,
     side_chance,
-    side_evidence,
+    side_log_ratio,
     unknown_finger_errors,
 )
 from handpose.frames.cameras import Camera
@@ -167,12 +167,12 @@ class Hand:
     @property
     def size(self) -> float:
         """The scale relative to the skeleton: of bones, offsets and radii."""
-        return float("nan") if self.fit is None else float(np.exp(self.x[SIZE]))
+        return float("nan") if self.fit is None else float(np.exp(self.x[SIZE_INDEX]))
 
     @property
     def thickness(self) -> float:
         """The additional scale of the radii."""
-        return float(np.exp(self.x[THICKNESS]))
+        return float(np.exp(self.x[THICKNESS_INDEX]))
 
     @property
     def x(self) -> Array:
@@ -274,7 +274,7 @@ def as_one_side(hand: Hand) -> Hand:
     other = hand.other
     if other is None or np.isnan(hand.confidence):
         return hand
-    chance = side_chance(side_evidence(hand.cost, other.cost))
+    chance = side_chance(side_log_ratio(hand.cost, other.cost))
     apart = np.linalg.norm(hand.xyz - other.xyz, axis=1)
     error_mm = chance * hand.error_mm + (1 - chance) * max(float(apart.mean()), hand.error_mm)
     of_fingers, fingers = hand.finger_error_mm, hand.the_model.fingers

@@ -19,7 +19,7 @@ from netlib.net import Net
 
 PALM = "palm"  # every hand has this joint, and no other body
 SIZES = 0.5, 2.0  # range of predicted sizes relative to the skeleton; values outside are clipped
-JOINTS = "joints"  # blob of joints that a net predicts in addition to those of its hand model
+JOINTS_BLOB = "joints"  # blob of joints that a net predicts in addition to those of its hand model
 
 
 def hand_layer(net: Net) -> HandModel | None:
@@ -119,14 +119,18 @@ class HandPoses(NamedTuple):
 def hand_poses(net: Net, crops: NDArray[np.floating]) -> HandPoses:
     """Predict the poses in crops (N, size, size). Raises NetlibError."""
     hand = _layer_to_fit(net)
-    found = _predicted(net, crops, [*hand.spec.bottom, *([JOINTS] if JOINTS in net.blobs else [])])
+    found = _predicted(
+        net, crops, [*hand.spec.bottom, *([JOINTS_BLOB] if JOINTS_BLOB in net.blobs else [])]
+    )
     inputs, size = found[hand.spec.bottom[0]], np.ones(len(crops))
     if isinstance(hand, SizedHandModel):
         size = np.clip(found[hand.spec.bottom[1]][:, 0], *SIZES)
         inputs += (size - 1)[:, None] * hand.starts  # the size also scales the initial translations
     inputs[:, hand.skeleton.fixed] = 0
     return HandPoses(
-        inputs, size, found[JOINTS].reshape(len(crops), -1, 3) if JOINTS in found else None
+        inputs,
+        size,
+        found[JOINTS_BLOB].reshape(len(crops), -1, 3) if JOINTS_BLOB in found else None,
     )
 
 
@@ -135,7 +139,7 @@ def network_joints(net: Net, crop: NDArray[np.floating]) -> Array:
 
     Raises NetlibError.
     """
-    name = JOINTS if JOINTS in net.blobs else "pred"
+    name = JOINTS_BLOB if JOINTS_BLOB in net.blobs else "pred"
     return _predicted(net, crop[None], [name])[name].reshape(-1, 3)
 
 

@@ -33,7 +33,7 @@ from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.errors import NetlibError
 
-SIZE, THICKNESS = -2, -1  # indices into x
+SIZE_INDEX, THICKNESS_INDEX = -2, -1  # indices into x
 MIN_SIZE, MAX_SIZE = 0.66, 1.35  # relative to the skeleton's; the recipe `people` has 0.69 to 1.15
 THICKNESS_LIMIT = 0.3  # bound of its logarithm
 TYPICAL_SIZE = 0.92  # mean size of the recipe `people`, relative to the skeleton
@@ -144,7 +144,7 @@ class CapsuleModel:
         given = np.asarray(inputs, dtype=np.float64)
         x = np.zeros((len(given), self.variables))
         skeletons = self.free < given.shape[1]
-        x[:, :SIZE][:, skeletons] = given[:, self.free[skeletons]]
+        x[:, :SIZE_INDEX][:, skeletons] = given[:, self.free[skeletons]]
         x[:, self.limbs] = np.clip(x[:, self.limbs], self.lower[self.limbs], self.upper[self.limbs])
         return x
 
@@ -155,12 +155,12 @@ class CapsuleModel:
     def whole_inputs_of(self, x: Array) -> Array:
         """The whole body's inputs (N, D'): the skeleton's, then those of the surface alone."""
         inputs = np.zeros((len(x), len(self.whole.initial)))
-        inputs[:, self.free] = x[:, :SIZE]
+        inputs[:, self.free] = x[:, :SIZE_INDEX]
         return inputs
 
     def joints(self, x: Array) -> Array:
         """The skeleton's joints (N, K, 3) in mm."""
-        bones = self.skeleton.bones * np.exp(x[:, [SIZE]])
+        bones = self.skeleton.bones * np.exp(x[:, [SIZE_INDEX]])
         return self.kinematics.joints(self.inputs_of(x), bones) * self.unit_mm
 
     def ends(self, x: Array) -> Floats:
@@ -210,7 +210,7 @@ class CapsuleModel:
 
     def _ends(self, x: Array) -> tuple[Floats, Floats, Pose]:
         """All joints (N, K, 3), the capsules' ends (N, E, 3), and their pose."""
-        unit, size = np.float32(self.unit_mm), np.exp(x[:, SIZE])
+        unit, size = np.float32(self.unit_mm), np.exp(x[:, SIZE_INDEX])
         pose = self._whole_kinematics.forward_pose(
             self.whole_inputs_of(x), self.whole.bones * size[:, None]
         )
@@ -229,7 +229,7 @@ class CapsuleModel:
 
     def _thickness(self, x: Array) -> Array:
         """The scale of all radii (N,)."""
-        return np.asarray(np.exp(x[:, SIZE] + x[:, THICKNESS]))
+        return np.asarray(np.exp(x[:, SIZE_INDEX] + x[:, THICKNESS_INDEX]))
 
 
 def _columns(points: Floats) -> Floats:

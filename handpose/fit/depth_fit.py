@@ -18,19 +18,19 @@ from pathlib import Path
 
 import numpy as np
 
-from handpose.fit.body import SIZE, THICKNESS, CapsuleModel
+from handpose.fit.body import SIZE_INDEX, THICKNESS_INDEX, CapsuleModel
 from handpose.fit.network_errors import NetworkErrors, read_errors, unknown_errors
 from handpose.fit.objective import Objective, Weights
 from handpose.fit.observation import Observation
 from handpose.fit.rounding import NETWORK_STEP, rounded
-from handpose.fit.search import Found, Plan, drawn, search
+from handpose.fit.search import Plan, SearchResult, drawn, search
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array, blocks
 from netlib.engine import for_each
 from netlib.errors import DataError
 from netlib.files import Content
 
-MIN_VISIBLE = 0.01  # minimum share of foreground in a crop; with less, the signs are infinite
+EMPTY_CROP = 0.01  # share of foreground; in a crop with less, the signs are infinite
 # factor of the cost at the expected pose, so that fits do not jump between two equally good poses
 STAY = 0.9
 HOLD = 5.0  # precision of the expected limbs in ``follow``, relative to that of the network's limbs
@@ -191,7 +191,7 @@ class DepthFitter:
         """
         prior = before.copy()
         prior[:, self.model.own] = 0
-        prior[:, THICKNESS] = 0
+        prior[:, THICKNESS_INDEX] = 0
         return prior
 
     def _searched(
@@ -203,7 +203,7 @@ class DepthFitter:
         size: float | Array | None,
         cost_factor: Array,
         hold: float = 1.0,
-    ) -> Found:
+    ) -> SearchResult:
         """The best of starts (K, N, V) with these priors, in batches that fit the cache.
 
         cost_factor  (K, N) factors of the costs
@@ -212,9 +212,9 @@ class DepthFitter:
         objective, (K, N, V) = self.objective, starts.shape
         precision = hold * self.precision
         if size is not None:
-            starts[:, :, SIZE] = priors[:, :, SIZE] = np.log(size)
+            starts[:, :, SIZE_INDEX] = priors[:, :, SIZE_INDEX] = np.log(size)
             objective = objective.of_known_size()
-        found = Found(np.zeros((N, V)), np.zeros((N, 4)), np.zeros(N, int))
+        found = SearchResult(np.zeros((N, V)), np.zeros((N, 4)), np.zeros(N, int))
 
         def job(rows: slice) -> None:
             part = search(
@@ -233,14 +233,14 @@ class DepthFitter:
         return found
 
     def _results(
-        self, found: Found, seen: Observation, network: Array, moved_mm: Array | float = 0.0
+        self, found: SearchResult, seen: Observation, network: Array, moved_mm: Array | float = 0.0
     ) -> DepthFit:
         """The results of fits that moved away from joints (N, K, 3), by ``moved_mm`` at least."""
         joints = self.model.joints(found.x)
         moved = np.maximum(np.linalg.norm(joints - network, axis=2).mean(axis=1), moved_mm)
         signs = np.column_stack([found.parts, moved])
         shown = (seen.outside < 0).mean(axis=(1, 2))[seen.frame]
-        signs[shown < MIN_VISIBLE] = np.inf  # an empty crop contradicts no hand
+        signs[shown < EMPTY_CROP] = np.inf  # an empty crop contradicts no hand
         return DepthFit(
             joints=joints,
             network=network,

@@ -17,13 +17,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.fit.body import SIZE, CapsuleModel
+from handpose.fit.body import SIZE_INDEX, CapsuleModel
 from handpose.fit.search import minimise
 from netlib.blob import Array
 from netlib.errors import NetlibError
 
 JOINT_MM, LIMB, SIZE_STD = 10.0, 0.6, 0.1
-STEPS, RIDGE = 4, 1e-9
+START_STEPS, START_RIDGE = 4, 1e-9
 
 
 def near_joints(model: CapsuleModel, x: Array, joints: Array) -> Array:
@@ -33,7 +33,7 @@ def near_joints(model: CapsuleModel, x: Array, joints: Array) -> Array:
     skeleton, kinematics = model.skeleton, model.kinematics
     free = np.unique(skeleton.driven)
     sums = (skeleton.driven[:, None] == free).astype(float)
-    columns = np.append(np.searchsorted(model.free, free), model.variables + SIZE)
+    columns = np.append(np.searchsorted(model.free, free), model.variables + SIZE_INDEX)
     lower, upper = model.lower[columns], model.upper[columns]
     unit, diagonal = JOINT_MM / model.unit_mm, np.arange(len(columns))
     precision = np.where(np.isin(columns, model.limbs), LIMB**-2.0, 0.0)
@@ -46,7 +46,7 @@ def near_joints(model: CapsuleModel, x: Array, joints: Array) -> Array:
         trial = found[rows]
         trial[:, columns] = columns_of_x
         pose = kinematics.forward_pose(
-            model.inputs_of(trial), skeleton.bones * np.exp(trial[:, [SIZE]])
+            model.inputs_of(trial), skeleton.bones * np.exp(trial[:, [SIZE_INDEX]])
         )
         grows = (pose.joints - pose.joints[:, [root]]).reshape(len(trial), 1, -1)
         J = np.concatenate([sums.T @ kinematics.jacobian(pose), grows], axis=1) / unit
@@ -57,7 +57,7 @@ def near_joints(model: CapsuleModel, x: Array, joints: Array) -> Array:
         b = (J @ r)[..., 0] + precision * off
         return (r * r).sum(axis=(1, 2)) + (precision * off * off).sum(axis=1), A, b
 
-    found[:, columns], _ = minimise(evaluate, start, lower, upper, STEPS, ridge=RIDGE)
+    found[:, columns], _ = minimise(evaluate, start, lower, upper, START_STEPS, ridge=START_RIDGE)
     return found
 
 

@@ -13,11 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from handpose.frames.cameras import Camera, Floats
-from handpose.frames.crops import crop_scale, window
+from handpose.frames.crops import FAR_FACE, crop_scale, window
 from netlib.blob import Array
 from netlib.errors import DataError
 
-BACKGROUND = 0.999  # a crop's depth above it is background; below its negative it is the near face
 # sampling is denser near the outline, 1 / (THIN_PX + distance in px), because limbs are thin
 THIN_PX = 3.0
 _CROSS = np.ones((3, 3), np.uint8)
@@ -137,7 +136,7 @@ def observe(
     x = ((picked.columns - u0[:, None]) / camera.fx).astype(np.float32)
     y = ((v0[:, None] - picked.rows) / camera.fy).astype(np.float32)
     inside = (picked.columns >= 0)[:, None, :] & (picked.rows >= 0)[:, :, None]
-    inside &= np.abs(crops) < BACKGROUND
+    inside &= np.abs(crops) < FAR_FACE
 
     surface, rays = np.zeros((2, N, 3, points), np.float32)
     known = np.zeros((N, points), np.float32)
@@ -178,7 +177,7 @@ def _outside(crop: NDArray[np.floating]) -> Floats:
     Single pixels without a reading are closed first. The silhouette is assumed to continue beyond
     the crop's edge.
     """
-    solid = cv2.morphologyEx((crop < BACKGROUND).astype(np.uint8), cv2.MORPH_CLOSE, _CROSS)
+    solid = cv2.morphologyEx((crop < FAR_FACE).astype(np.uint8), cv2.MORPH_CLOSE, _CROSS)
     out = cv2.distanceTransform(1 - solid, cv2.DIST_L2, cv2.DIST_MASK_5)
     within = cv2.distanceTransform(
         cv2.copyMakeBorder(solid, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=1),

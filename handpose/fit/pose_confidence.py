@@ -154,7 +154,7 @@ class Regression(NamedTuple):
     spread: float
 
 
-class Weights(NamedTuple):
+class Regressions(NamedTuple):
     """The regressions of hands, by ``SIGNS``, and of fingers, by ``FINGER_SIGNS``."""
 
     hand: Regression
@@ -162,10 +162,10 @@ class Weights(NamedTuple):
 
 
 @functools.lru_cache(maxsize=4)
-def read_weights(path: Path = PACKAGED) -> Weights:
+def read_weights(path: Path = PACKAGED) -> Regressions:
     """The weights in a file. Raises PrototxtError."""
     read = schema.read(prototxt.parse_file(path), WeightsParameter, f"weights {path}")
-    return Weights(_regression(read.hand, SIGNS), _regression(read.finger, FINGER_SIGNS))
+    return Regressions(_regression(read.hand, SIGNS), _regression(read.finger, FINGER_SIGNS))
 
 
 def _regression(read: HandParameter | FingerParameter, signs: Sequence[str]) -> Regression:
@@ -287,7 +287,7 @@ def judged_as_wholes(evidence: Evidence, hand: Regression) -> tuple[Array, Array
     return np.clip(error, least_error(confidence), LOST_MM), confidence
 
 
-def judged(evidence: Evidence, weights: Weights | None = None) -> Judged:
+def judged(evidence: Evidence, weights: Regressions | None = None) -> Judged:
     """Errors and confidence of N poses of which this is seen, by the packaged weights if there
     are no others.
     """
@@ -333,14 +333,14 @@ def evidence_of(
     return Evidence(signs, none, unseen_share(whole), behind, before, np.zeros(seen.shape), seen)
 
 
-def side_evidence(cost: float, other_cost: float) -> float:
-    """The evidence of one image for the side of a fit with a cost, against that of the fit as
-    the other side.
+def side_log_ratio(cost: float, other_cost: float) -> float:
+    """The logarithm of ``other_cost``, of the fit to one image as the other side, over ``cost``:
+    above 0 if the side of the fit with ``cost`` is the likelier one. It is cut off at MAX_RATIO.
     """
     own, other = (np.log(np.clip(one, 1e-9, 1e9)) for one in (cost, other_cost))
     return float(np.clip(other - own, -MAX_RATIO, MAX_RATIO))
 
 
-def side_chance(evidence: float) -> float:
-    """The probability of a side with this mean ``side_evidence``."""
-    return float(1 / (1 + np.exp(-SIDE_SLOPE * evidence)))
+def side_chance(log_ratio: float) -> float:
+    """The probability of a side with this mean ``side_log_ratio``."""
+    return float(1 / (1 + np.exp(-SIDE_SLOPE * log_ratio)))

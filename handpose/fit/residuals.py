@@ -48,9 +48,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.fit.body import SIZE, THICKNESS, CapsuleModel, Posed
-from handpose.fit.observation import BACKGROUND, Observation
+from handpose.fit.body import SIZE_INDEX, THICKNESS_INDEX, CapsuleModel, Posed
+from handpose.fit.observation import Observation
 from handpose.frames.cameras import Floats
+from handpose.frames.crops import FAR_FACE
 from netlib.blob import Array
 
 _TINY = np.float32(1e-6)
@@ -251,7 +252,7 @@ def sphere_residuals(
     value -= np.float32(slack)
     active = value > 0
     active &= shown[:, None]
-    active[:, 1] &= surface < BACKGROUND * seen.half[:, None]
+    active[:, 1] &= surface < FAR_FACE * seen.half[:, None]
     on = active.astype(np.float32)
     value *= on  # inactive residuals are 0, with derivative 0
     direction *= on[:, None]
@@ -279,7 +280,7 @@ def normal_equations(
     G = (belonging(r.capsule, M) @ products.swapaxes(1, 2))[:, :, _FULL].astype(np.float64)
     B = np.zeros((N, M, 7, V))
     B[:, :, :3], B[:, :, 3:6] = posed.motion[:, model.start], posed.motion[:, model.end]
-    B[:, :, 6, [SIZE, THICKNESS]] = 1
+    B[:, :, 6, [SIZE_INDEX, THICKNESS_INDEX]] = 1
     transposed = B.reshape(N, M * 7, V).swapaxes(1, 2)
     A = transposed @ (G[..., :7, :7] @ B).reshape(N, M * 7, V)
     b = transposed @ np.ascontiguousarray(G[..., :7, 7]).reshape(N, M * 7, 1)

@@ -39,7 +39,7 @@ MAX_MU = 1e8  # maximum damping of ``minimise``; larger steps are lost in roundi
 EXACT_COST = 1e-24  # (1e-12)², the rounding error of the positions of a few joints
 
 LOW_MU, HIGH_MU = 1e-5, 1e4  # limits of the damping of ``descend``
-RIDGE = 1e-9  # of ``descend``
+DESCENT_RIDGE = 1e-9  # of ``descend``
 # The nearest points slide along the surface as it moves, so a step is too short, and the next one
 # has the same direction.
 FURTHER, MOMENTUM = 1.5, 0.2
@@ -129,7 +129,7 @@ def descend(
         active = np.ones(len(x), bool)
         for _ in range(stage.iterations):
             M, b = objective.equations(measured, now)
-            step = damped_step(M, b, mu, x, lower, upper, RIDGE)
+            step = damped_step(M, b, mu, x, lower, upper, DESCENT_RIDGE)
             trial = np.clip(rounded(x + FURTHER * step + MOMENTUM * moved, FIT_STEP), lower, upper)
             trial_measured = objective.measure(trial, seen, prior)
             found = objective.weigh(trial_measured, seen, stage.robust)
@@ -194,7 +194,7 @@ PLANS = {plan.name: plan for plan in (FAST, ACCURATE)}
 Fit = Literal["no", "fast", "accurate"]  # the name of a plan, or "no" for the network alone
 
 
-class Found(NamedTuple):
+class SearchResult(NamedTuple):
     """The best fit of each of N frames."""
 
     x: Array  # (N, V)
@@ -210,7 +210,7 @@ def search(
     precision: Array,
     plan: Plan,
     cost_factor: Array | float = 1.0,
-) -> Found:
+) -> SearchResult:
     """The best of K starts (K, N, V); each has a prior about the prediction ``priors`` (K, N, V).
 
     cost_factor  (K, N) factors of the costs that are compared
@@ -227,7 +227,7 @@ def search(
     x, cost = descend(objective, x[chosen], seen.take(every[chosen]), own, plan.last)
     compared = cost_factors.reshape(-1)[chosen] * data_cost(cost.parts)
     best = compared.reshape(-1, N).argmin(axis=0) * N + np.arange(N)
-    return Found(x[best], cost.parts[best], chosen[best] // N)
+    return SearchResult(x[best], cost.parts[best], chosen[best] // N)
 
 
 def data_cost(parts: Array) -> Array:

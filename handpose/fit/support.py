@@ -4,7 +4,7 @@ image contradicts.
 Spheres along the capsules, and on the flat parts between them, sample the surface that faces the
 camera. Of those that no other part of the body covers, each counts in proportion to its area as
 
-    seen     the reading is within APART_MM of the sphere's front
+    seen     the reading is within SURFACE_TOLERANCE_MM of the sphere's front
     hidden   the reading is nearer: another object covers the hand there
     empty    the reading is farther: the pose is in empty space
     missing  there is no reading
@@ -27,8 +27,8 @@ from handpose.body.render import Capsules
 from handpose.frames.cameras import Camera
 from netlib.blob import Array
 
-APART_MM = 20.0  # a reading this far from the surface of a fit is of something else
-FAR_MM = 80.0  # maximum contribution of a joint to ``JointDepths``
+SURFACE_TOLERANCE_MM = 20.0  # a reading this far from the surface of a fit is of something else
+MAX_JOINT_DEPTH_MM = 80.0  # maximum contribution of a joint to ``JointDepths``
 SELF_MM = 5.0  # a sphere this far in front of another covers it
 ALONG = np.array([1, 3]) / 4  # positions of the spheres on a capsule's axis
 ACROSS = np.array([[1, 1, 1]]) / 3  # of those on a flat part, between its corners
@@ -53,7 +53,7 @@ class Support(NamedTuple):
 
 class JointDepths(NamedTuple):
     """Mean distances (N,) in mm of the joints of N hands from the readings at their pixels, at
-    most FAR_MM each.
+    most MAX_JOINT_DEPTH_MM each.
 
     behind  by which the joints are behind the readings: more than a finger's radius where the
             hand hides itself
@@ -154,7 +154,7 @@ def support_of_parts(
     behind, missing = reading - spheres.front, inside & ~(reading > 0)
     weight = spheres.area * ~every.covers(spheres.center, spheres.front)
     read = inside & ~missing
-    hidden, empty = read & (behind < -APART_MM), read & (behind > APART_MM)
+    hidden, empty = read & (behind < -SURFACE_TOLERANCE_MM), read & (behind > SURFACE_TOLERANCE_MM)
     areas = weight * np.stack([read & ~(hidden | empty), hidden, empty, missing, ~inside])
     found = []
     for part in (~limbs, *parts):
@@ -180,7 +180,9 @@ def joint_depths(joints: Array, depth: NDArray[np.floating], camera: Camera) -> 
     read = inside & (reading > 0)
     behind = np.where(read, joints[..., 2] - np.where(read, reading, 0), 0)
     count = np.maximum(read.sum(axis=1), 1)
-    return JointDepths(*(np.clip(way * behind, 0, FAR_MM).sum(axis=1) / count for way in (1, -1)))
+    return JointDepths(
+        *(np.clip(way * behind, 0, MAX_JOINT_DEPTH_MM).sum(axis=1) / count for way in (1, -1))
+    )
 
 
 def _readings(

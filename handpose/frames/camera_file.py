@@ -112,7 +112,7 @@ EDGES = " \t<({[]\"'"  # of a name
 # What is replaced in this order: comments; other documents than the first; empty lines; dashes of
 # elements; what print shows of pyrealsense2's intrinsics, and of pyorbbecsdk's; ends of lines
 # before numbers that continue them; products.
-FORMS = {
+REPLACEMENTS = {
     r"(?m)(?:^|(?<=\s))#.*|^%.*": "",
     r"(?ms)(?<=\S)\s*^(?:---|\.\.\.)\s*$.*|^---\s*$": "",
     r"(?<!\s)\s*\n": "\n",
@@ -134,7 +134,7 @@ def parse_document(text: str, where: str) -> Any:
     Raises DataError.
     """
     plain = text
-    for form, usual in FORMS.items():
+    for form, usual in REPLACEMENTS.items():
         plain = re.sub(form, usual, plain)
     if TABLE.fullmatch(plain):
         return _value(f"[{plain}]")
@@ -237,11 +237,11 @@ RANGES = {  # exclusive lower and inclusive upper bounds
 } | dict.fromkeys(BROWN, (-1e300, 1e300))
 MIN_RANGE = "min_range_mm"
 TICKS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}  # per second, of the units of times
-FRAMES = "frames"  # the unit of numbers that count frames
-TIME_UNITS = (*TICKS, FRAMES)
+FRAME_UNIT = "frames"  # the unit of numbers that count frames
+TIME_UNITS = (*TICKS, FRAME_UNIT)
 EPOCH = (946684800, 4102444800)  # s since 1970 of the years 2000 and 2100
-INTRINSICS, SIZE = ("fx", "fy", "u0", "v0"), ("width", "height")
-CAMERA = (*SIZE, *INTRINSICS, "name", MIN_RANGE)  # the keys of a camera, and their defaults
+INTRINSICS, SIZE_KEYS = ("fx", "fy", "u0", "v0"), ("width", "height")
+CAMERA = (*SIZE_KEYS, *INTRINSICS, "name", MIN_RANGE)  # the keys of a camera, and their defaults
 DEFAULTS: dict[str, Any] = {"width": 0, "height": 0, "name": "own", MIN_RANGE: MIN_RANGE_MM}
 LENS = ("distortion", "model", *BROWN)
 IN_LENS = ("model", "coefficients", *BROWN)  # the keys of an object of a distortion
@@ -254,14 +254,14 @@ KNOWN = (
     "coefficients",
     "time_unit",
 )  # the keys of a camera.json
-ROWS = {"focal": ("fx", "fy"), "middle": ("u0", "v0"), "size": SIZE}  # keys of two values
+ROWS = {"focal": ("fx", "fy"), "middle": ("u0", "v0"), "size": SIZE_KEYS}  # keys of two values
 # what the objects around a camera say for it, unless it says one of the same group
-AROUND = (("size", *SIZE), LENS, ("scale", "unit_mm"), ("rate",), ("time_unit",))
+AROUND = (("size", *SIZE_KEYS), LENS, ("scale", "unit_mm"), ("rate",), ("time_unit",))
 MATRIX = "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]], or fx, fy, cx, cy"
-SHAPES = {9: (3, 3), 12: (3, 4), 16: (4, 4)}  # of matrices, by the number of their elements
+MATRIX_SHAPES = {9: (3, 3), 12: (3, 4), 16: (4, 4)}  # of matrices, by the number of their elements
 PLACES = ([0, 1, 0, 1], [0, 1, 2, 2])  # of fx, fy, u0, v0 in a matrix
 # A key in each line, and other names, without capitals and without what is no letter or digit.
-NAMES = """\
+KEY_NAMES = """\
 unit_mm unitmm
 min_range_mm minrangemm
 time_unit timeunit
@@ -295,13 +295,15 @@ k5
 k6
 """
 ALIASES = {
-    alias: key for key, *aliases in map(str.split, NAMES.splitlines()) for alias in (key, *aliases)
+    alias: key
+    for key, *aliases in map(str.split, KEY_NAMES.splitlines())
+    for alias in (key, *aliases)
 }
 IN_METRES, PER_METRE = 0.01, 100.0  # a depth scale below, and from here on
 # Ranks of cameras: of depth, of infrared, whose names say no kind, of colours.
 UNNAMED, COLOUR = 2, 3
 KINDS = {0: "depth", 1: "infra|(?<![a-z])ir(?![a-z])", COLOUR: "colou?r|rgb"}
-MAX_NAMES = 8  # of unused keys that are named
+MAX_NAMES = 8  # of unused keys, or arrays, that are named
 
 
 def since_1970(numbers: Sequence[float]) -> str | None:
@@ -312,7 +314,7 @@ def since_1970(numbers: Sequence[float]) -> str | None:
     return None
 
 
-def find(document: Any, where: str, is_replaced: bool = False) -> Found:
+def find(document: Any, where: str, is_replaced: bool = False) -> FoundCamera:
     """The camera in a document of plain values; ``where`` begins errors.
 
     is_replaced  whether the user gives the camera, so that the document's matrix need not be valid
@@ -333,7 +335,7 @@ def find(document: Any, where: str, is_replaced: bool = False) -> Found:
         rank_of(*(name for name, _ in chain), *map(str, chain[-1][1].values())) for chain in chains
     ]
     chosen = [chain for chain, rank in zip(chains, ranks) if rank == min(ranks)]
-    found = [Found(chain, where, is_replaced) for chain in chosen]
+    found = [FoundCamera(chain, where, is_replaced) for chain in chosen]
     if len({one.info for one in found}) > 1:
         found[0].info = _of_modes(found, where)
     return found[0]
@@ -343,7 +345,7 @@ def find(document: Any, where: str, is_replaced: bool = False) -> Found:
 _Chain = list[tuple[str, dict[str, Any]]]
 
 
-def _of_modes(found: Sequence[Found], where: str) -> CameraInfo:
+def _of_modes(found: Sequence[FoundCamera], where: str) -> CameraInfo:
     """Cameras that differ in the size of their frames alone, as one.
 
     Raises DataError for others.
@@ -402,12 +404,12 @@ def rank_of(*names: str) -> int:
 
 
 def _key(name: str, value: Any = None) -> str:
-    """The key of a camera.json, or one of those in ``NAMES`` alone, for a name; itself if
+    """The key of a camera.json, or one of those in ``KEY_NAMES`` alone, for a name; itself if
     it is unknown.
 
     A value with a width and a height alone is a size under any name.
     """
-    if isinstance(value, dict) and {_key(one) for one in value} == {*SIZE}:
+    if isinstance(value, dict) and {_key(one) for one in value} == {*SIZE_KEYS}:
         return "size"
     return ALIASES.get(re.sub(r"[\W_]", "", name.rpartition(".")[2]).lower(), name)
 
@@ -417,7 +419,7 @@ def unknown_key(key: str, known: Collection[str] = KNOWN) -> str:
     return f"unknown key {key!r}{did_you_mean(key, known)}; known: {', '.join(known)}"
 
 
-class Found:
+class FoundCamera:
     """The camera in the last object of a chain, with what those around it say. Raises DataError.
 
     info    the parameters
@@ -500,7 +502,7 @@ class Found:
             low, high = RANGES[key]
             plain = float(value) if _is_number(value) and low < value <= high else None
             expected = f"a number more than {low:g} and at most {high:g}"
-            if plain and key in SIZE:
+            if plain and key in SIZE_KEYS:
                 plain, expected = int(plain) if plain.is_integer() else None, "a whole number"
         if plain is None:
             self._refuse(f"{key} is {_shown(value)}; expected {expected}")
@@ -510,7 +512,7 @@ class Found:
         """The parameters. Raises DataError."""
         said = self._values
         there = [key for key in CAMERA if key in said]
-        needed = (*SIZE, *INTRINSICS) if there and there[0] in SIZE else INTRINSICS
+        needed = (*SIZE_KEYS, *INTRINSICS) if there and there[0] in SIZE_KEYS else INTRINSICS
         missing = [key for key in needed if key not in said]
         if there and missing:
             names = (" and " if len(missing) < len(INTRINSICS) else ", ").join(missing)
@@ -533,8 +535,8 @@ def _of_matrix(numbers: list[float]) -> list[float]:
     """fx, fy, u0, v0 of a matrix by rows or by columns, or of these four; none of others."""
     if len(numbers) == 4:
         return numbers
-    for order in ("C", "F") if len(numbers) in SHAPES else ():
-        matrix = np.reshape(numbers, SHAPES[len(numbers)], order)
+    for order in ("C", "F") if len(numbers) in MATRIX_SHAPES else ():
+        matrix = np.reshape(numbers, MATRIX_SHAPES[len(numbers)], order)
         expected = np.eye(*matrix.shape)
         expected[PLACES] = matrix[PLACES]
         if np.array_equal(matrix, expected):

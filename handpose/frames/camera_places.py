@@ -30,10 +30,10 @@ POSSIBLE = (
     r"|transforms|param(eter)?s|config)(\.[^.]*)?|.*(realsense|kinect|orbbec).*"
 )
 TEXTS = rf"{POSSIBLE}|.*\.(json|ya?ml|txt|ini|csv|cfg|cal)"
-PICTURES = r".*\.(png|jpe?g|tiff?|bmp)"
-FRAMES = rf"{PICTURES}|.*\.(npy|npz|raw)"
+PICTURE_NAMES = r".*\.(png|jpe?g|tiff?|bmp)"
+FRAME_NAMES = rf"{PICTURE_NAMES}|.*\.(npy|npz|raw)"
 MAX_FOLDERS = 100  # in which a camera is looked for
-MAX_SHOWN = 3  # files in a message
+MAX_DOUBTS = 3  # files in a message
 
 
 def next_to(source: Path, is_needed: bool = True) -> CameraInfo:
@@ -50,7 +50,7 @@ def next_to(source: Path, is_needed: bool = True) -> CameraInfo:
     for places in _levels(source):
         if found := _best(places, doubts):
             return said.or_else(found[0])
-    return replace(said, doubt="; ".join(doubts[:MAX_SHOWN]))
+    return replace(said, doubt="; ".join(doubts[:MAX_DOUBTS]))
 
 
 def places_next_to(source: Path) -> list[Path]:
@@ -87,7 +87,7 @@ def _named(folder: Path, kind: str) -> Iterator[Path]:
     NAME.camera.json.
     """
     for path in _inside(folder):
-        if _matches(path, kind) and not _matches(path, PICTURES) and path.is_file():
+        if _matches(path, kind) and not _matches(path, PICTURE_NAMES) and path.is_file():
             yield path
 
 
@@ -101,7 +101,7 @@ def _in_folders_of(folder: Path, source: Path) -> Iterator[Path]:
     for beside in islice(folders, MAX_FOLDERS):
         if _matches(beside, POSSIBLE):
             yield from _named(beside, TEXTS)
-        elif not any(_matches(path, FRAMES) for path in _inside(beside)):
+        elif not any(_matches(path, FRAME_NAMES) for path in _inside(beside)):
             yield from _named(beside, CERTAIN)
 
 

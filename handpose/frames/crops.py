@@ -39,6 +39,7 @@ SIZE = 128  # pixels on a side
 CUBES_MM = (50.0, 10_000.0)
 
 BACKGROUND = 1.0  # the value of the far face
+FAR_FACE = 0.999  # values from it on are background, including rounding
 STEP_MM = 8.0  # minimum depth step between two surfaces
 STEP_PX = 5.0  # minimum step in pixel widths, for wide pixels: a slope of 79 degrees
 NEAR_FACE = -0.999  # values below it are readings in front of the cube

@@ -38,7 +38,7 @@ UNLABELLED = "a joint or the centre is not a number, or not before the camera"
 OUTSIDE = "the cube lies outside the image"
 EMPTY = "no depth around the hand"
 
-NEAR_MM, FAR_MM = 20.0, 20_000.0  # no depth camera measures a whole image nearer or farther
+MIN_IMAGE_MM, MAX_IMAGE_MM = 20.0, 20_000.0  # range of whole images of depth cameras
 
 
 def read_png(path: str | Path) -> Array:
@@ -187,7 +187,7 @@ def without_dropouts(image: NDArray[Any]) -> NDArray[Any]:
     return np.where(alone, medians.astype(image.dtype), image)
 
 
-def check_unit(image: NDArray[Any], farthest: float = FAR_MM) -> None:
+def check_unit(image: NDArray[Any], farthest: float = MAX_IMAGE_MM) -> None:
     """Raise UnitError if all depths are negative, too small for mm, or beyond ``farthest``.
 
     Single negative depths are allowed: some drivers write -1 where there is no reading.
@@ -195,7 +195,7 @@ def check_unit(image: NDArray[Any], farthest: float = FAR_MM) -> None:
     finite = np.isfinite(image)
     seen = image[finite & (image > 0)]
     if not len(seen):
-        seen = image[finite & (image < -NEAR_MM)] if image.dtype.kind in "fi" else seen
+        seen = image[finite & (image < -MIN_IMAGE_MM)] if image.dtype.kind in "fi" else seen
     if not len(seen):
         return
     low, high = float(seen.min()), float(seen.max())
@@ -203,9 +203,9 @@ def check_unit(image: NDArray[Any], farthest: float = FAR_MM) -> None:
         raise UnitError(
             f"depths from {low:.6g} to {high:.6g}, expected mm, growing away from the camera"
         )
-    if high < NEAR_MM:
+    if high < MIN_IMAGE_MM:
         raise UnitError(f"depths from {low:.3g} to {high:.3g}, expected mm; they may be metres")
     if low > farthest:
         raise UnitError(
-            f"depths from {low:.6g} to {high:.6g}, expected mm, nearer than {FAR_MM:g}; check the unit"
+            f"depths from {low:.6g} to {high:.6g}, expected mm, nearer than {MAX_IMAGE_MM:g}; check the unit"
         )

@@ -16,13 +16,13 @@ from handpose.frames.cameras import MIN_RANGE_MM, UNIT_MM, Camera
 from handpose.frames.recording import DepthFrame, Recording
 from netlib.errors import DataError
 
-FRAMES = 10  # number of inspected frames
+MAX_INSPECTED_FRAMES = 10  # number of inspected frames
 NEAREST_SHARE = 0.5  # percentile of the depths that counts as nearest; fewer pixels are noise
 # depth range of the nearest object, relative to its distance, which is independent of the unit
 BEHIND = 1.25
 MIN_NEAR_SHARE = 1e-3  # share of the readings that may be nearer than the camera measures
-FAR_MM = 1600.0
-NEAR_MM = 120.0  # a hand is farther away in all depth cameras; one beyond FAR_MM is not found
+FARTHEST_HAND_MM = 1600.0  # hands beyond it are not found
+NEAREST_HAND_MM = 120.0  # a hand is farther away in all depth cameras
 NARROW_MM, WIDE_MM = 25.0, 1500.0  # range of widths: a hand, or a hand with arm and shoulder
 USUAL_MM = (300.0, 1200.0)  # range of distances of a hand
 # distance and width beyond which the nearest object is a person, or a hand of another unit
@@ -30,7 +30,7 @@ BODY_MM = (1000.0, 500.0)
 SMALL_MM = 250.0  # width of a hand at most; a wider object may be a hand of another unit
 HAND_MM = (40.0, 600.0)  # range of widths of a hand with its forearm
 # mm, of existing cameras and files, the most likely first
-UNITS = (1.0, 0.125, 0.25, 0.1, 0.2, 0.5, 1000.0, 10.0)
+POSSIBLE_UNITS_MM = (1.0, 0.125, 0.25, 0.1, 0.2, 0.5, 1000.0, 10.0)
 VIEW_DEGREES = (20.0, 130.0)
 OFF_MIDDLE = 0.2  # maximum distance of a principal point from the middle, as a share of the size
 
@@ -70,7 +70,7 @@ class Inspection:
 def inspect(recording: Recording) -> Inspection:
     """Inspect the first frames of a recording. Raises DataError if none can be read."""
     iterator = iter(recording)
-    seen = tuple(islice(iterator, FRAMES))
+    seen = tuple(islice(iterator, MAX_INSPECTED_FRAMES))
     if not seen:
         raise DataError(f"{recording.name}: no frame in it{recording.cut and f': {recording.cut}'}")
     shown = checked([frame.depth for frame in seen], recording.camera, recording.unit_mm)
@@ -194,7 +194,7 @@ def _of_unit(nearest: tuple[float, float], unit_mm: float) -> tuple[str, str]:
     """
     distance, width = nearest
     others = ""
-    for unit in UNITS:
+    for unit in POSSIBLE_UNITS_MM:
         factor = unit / unit_mm
         plausible = (
             USUAL_MM[0] <= distance * factor <= USUAL_MM[1]
@@ -204,8 +204,8 @@ def _of_unit(nearest: tuple[float, float], unit_mm: float) -> tuple[str, str]:
             others += f", with --unit {unit:g}" if others else f"with --unit {unit:g} it would be"
             others += f" {distance * factor / 1000:.2f} m away and {_length(width * factor)} wide"
     seen = f"the nearest object is {_length(distance)} away and {_length(width)} wide"
-    near = distance < NEAR_MM or not NARROW_MM <= width <= WIDE_MM
-    far = distance > FAR_MM or (distance > BODY_MM[0] and width > BODY_MM[1])
+    near = distance < NEAREST_HAND_MM or not NARROW_MM <= width <= WIDE_MM
+    far = distance > FARTHEST_HAND_MM or (distance > BODY_MM[0] and width > BODY_MM[1])
     warning = (
         (
             f"{seen}, which is not plausible for a hand: {others and f'{others}; '}check the unit, here "

@@ -26,7 +26,7 @@ from netlib.blob import Array
 from netlib.errors import DataError, did_you_mean
 
 COUNTS = (4, 5, 8)  # allowed numbers of coefficients
-ITERATIONS = 30  # maximum iterations of the inverse, whose steps at least halve for any real lens
+MAX_INVERSE_ITERATIONS = 30  # of the inverse, whose steps at least halve for any real lens
 MAX_SLOPE_ERROR = 1e-5  # maximum error of the inverse; 0.01 px for a focal length of 1,000 px
 STEPS = 4096  # number of steps from the middle to the corner
 MIN_SHOWN = 0.25  # minimum share of the image that remains; with less, the coefficients are wrong
@@ -81,7 +81,7 @@ class Lens:
                 folded = np.hypot(x, y) >= self._fold(float(np.hypot(x, y).max(initial=0)))
                 return np.where(folded, np.nan, u), np.where(folded, np.nan, v)
             a, b = x, y
-            for _ in range(ITERATIONS):
+            for _ in range(MAX_INVERSE_ITERATIONS):
                 u, v = self._formula(a, b)
                 a, b = a + (x - u), b + (y - v)
             u, v = self._formula(a, b)

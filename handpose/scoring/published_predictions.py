@@ -40,11 +40,11 @@ from netlib.files.paths import exists, find
 
 Format = Literal["uvd", "xyz"]
 
-FORMATS: tuple[Format, ...] = ("uvd", "xyz")
+COORDINATE_FORMATS: tuple[Format, ...] = ("uvd", "xyz")
 NEAREST_MM = 100.0  # minimum range of depth cameras
 THRESHOLDS_MM = range(81)  # abscissae of the success curves
 # the name of an image before the numbers of a frame
-IMAGE = re.compile(r"(\S*[A-Za-z]\S*\.[A-Za-z]{3,4})\s+")
+IMAGE_NAME = re.compile(r"(\S*[A-Za-z]\S*\.[A-Za-z]{3,4})\s+")
 _MAX_VALUE = 1e6  # px or mm; larger values are invalid, and squares might overflow
 
 
@@ -77,7 +77,7 @@ BENCHMARKS = {
         {"subject 1": slice(nyu.SECOND_SUBJECT), "subject 2": slice(nyu.SECOND_SUBJECT, None)},
     ),
     # both sequences, one after the other
-    "icvl": Benchmark("ICVL", ICVL, icvl.JOINTS, sum(icvl.TEST_FRAMES), {}),
+    "icvl": Benchmark("ICVL", ICVL, icvl.JOINTS, sum(icvl.TEST_SEQUENCE_FRAMES), {}),
     "hands2017": Benchmark(
         "HANDS 2017", HANDS2017, HANDS2017_JOINTS, 295510, {}, "xyz", is_y_down=True
     ),
@@ -105,10 +105,10 @@ def read_frames(
     if not text.strip():
         raise DataError(f"{path}: empty, expected the numbers of a frame on each line")
     lines = text.rstrip().split("\n")
-    has_names = IMAGE.match(lines[0]) is not None
+    has_names = IMAGE_NAME.match(lines[0]) is not None
     names, rows = [], []
     for number, line in enumerate(lines, 1):
-        named = IMAGE.match(line) if has_names else None
+        named = IMAGE_NAME.match(line) if has_names else None
         if has_names and named is None:
             raise DataError(f"{path}:{number}: no name of an image, as the lines before have")
         start = 0 if named is None else named.end()
@@ -219,7 +219,7 @@ def score_on(benchmark: Benchmark, errors: Array) -> Score:
 
 # ------------------------------------------------------------------------------------------- angles
 
-RIDGE = 3e-3  # ridge of the fits to the annotation
+ANNOTATION_RIDGE = 3e-3  # ridge of the fits to the annotation
 # residual of most frames if a hand model made their joints; with few starts some fit badly
 ON_MODEL_MM = 0.05
 TOLERANCE = 1e-3  # radians beyond a limit that count as within: joints in text files are rounded
@@ -258,7 +258,7 @@ def compare_angles(
             )
         return found.inputs, found.residuals.mean(axis=1)
 
-    true_inputs, _ = fitted(truth, "annotation", ridge=RIDGE)
+    true_inputs, _ = fitted(truth, "annotation", ridge=ANNOTATION_RIDGE)
     results = {}
     for name, joints in predictions.items():
         inputs, residual = fitted(joints, name)

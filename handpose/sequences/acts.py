@@ -84,7 +84,7 @@ Kind = Literal["rest", "gestures", "wave", "moving", "away"]
 
 FINGER_SPEED, PALM_SPEED, HAND_SPEED = 6.0, 4.0, 1000.0  # maximum speeds: rad/s, rad/s, mm/s
 STROKE = (0.5, 1.5)  # s: duration of a stroke; longer if it would be too fast
-BOUT, HOLD = (3.0, 5.0), (1.1, 1.6)  # s: durations of movement and of the rest after it
+BOUT, REST = (3.0, 5.0), (1.1, 1.6)  # s: durations of movement and of the rest after it
 WAVE = np.deg2rad(25)  # maximum turn of a palm to either side
 FACING = 0.35  # factor of the prior's pitch and yaw while gestures are shown
 SWAY_MM = 25.0  # deviation of a hand's place while it shows gestures
@@ -205,7 +205,7 @@ class Actor:
             self.time = began
             while self._go(self.volume.place(self.rng), self.time, bout):
                 pass
-            self.time = bout + self.rng.uniform(*HOLD)
+            self.time = bout + self.rng.uniform(*REST)
 
     def _away(self, end: float, first: bool) -> None:
         place = self.movement.place

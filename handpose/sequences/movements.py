@@ -110,8 +110,8 @@ class Person:
 # -------------------------------------------------------------------------------------- named poses
 
 OPEN = "open"  # the pose towards which a gesture is relaxed
-STEPS = 9  # number of steps
-DECIMALS = 4  # decimals of written poses
+RELAXING_STEPS = 9  # number of steps
+POSE_DECIMALS = 4  # decimals of written poses
 
 
 def fingers_of(name: str, person: Person, sampler: BodySampler) -> Array:
@@ -119,8 +119,8 @@ def fingers_of(name: str, person: Person, sampler: BodySampler) -> Array:
     without penetration.
     """
     opened, formed = sampler.poses[OPEN], sampler.poses[name]
-    trials = formed + np.linspace(0, 1, STEPS)[:, None] * (opened - formed)
-    whole = np.zeros((STEPS, len(person.surface.whole.initial)))
+    trials = formed + np.linspace(0, 1, RELAXING_STEPS)[:, None] * (opened - formed)
+    whole = np.zeros((RELAXING_STEPS, len(person.surface.whole.initial)))
     whole[:, : trials.shape[1]] = trials
     fits = person.penetration_mm(whole) <= sampler.prior.penetration
     return np.asarray(trials[int(np.argmax(fits)) if fits.any() else -1])
@@ -135,7 +135,7 @@ def poses(sampler: BodySampler) -> dict[str, dict[str, float]]:
     names = {int(d): sampler.skeleton.dof_names[int(d)] for d in sampler.limbs}
     found = {name: fingers_of(name, person, sampler) for name in sampler.poses}
     return {
-        pose: {name: round(float(inputs[d]), DECIMALS) + 0.0 for d, name in names.items()}
+        pose: {name: round(float(inputs[d]), POSE_DECIMALS) + 0.0 for d, name in names.items()}
         for pose, inputs in found.items()
     }
 

@@ -84,9 +84,9 @@ SCRIPTS = {
         body=True,
     ),
 }
-OTHER: dict[Side, Side] = {"right": "left", "left": "right"}
+OTHER_SIDE: dict[Side, Side] = {"right": "left", "left": "right"}
 
-BODY = (  # from, to, both radii; mm from the middle between the shoulders
+HEAD_AND_TRUNK = (  # from, to, both radii; mm from the middle between the shoulders
     ((0, 180, 20), (0, 260, 10), 85, 95),  # head
     ((0, 40, 20), (0, 180, 20), 60, 60),  # neck
     ((-150, -20, 0), (150, -20, 0), 70, 70),  # shoulders
@@ -98,7 +98,8 @@ SHOULDER_MM = 170.0  # from that middle
 BODY_FAR = 700.0  # mm: maximum distance of hands in front of a body
 # share of the joints in the image: visible from the first on, lost up to the second
 MOSTLY, HARDLY = 0.9, 0.1
-PERSON, HANDS, SURROUNDINGS, FAULTS, FRAMES = range(5)  # purposes of random numbers
+# Streams of random numbers, one for each purpose.
+PERSON_STREAM, HANDS_STREAM, SURROUNDINGS_STREAM, FAULTS_STREAM, FRAMES_STREAM = range(5)
 
 
 def draw_surroundings(
@@ -117,8 +118,8 @@ def draw_surroundings(
         (camera.height, camera.width), wall if rng.random() < 0.5 else NOWHERE_MM, dtype=np.float32
     )
     if body:
-        ends = np.array([(a, b) for a, b, _, _ in BODY], dtype=np.float64) + middle
-        radii = np.array([(ra, rb) for _, _, ra, rb in BODY], dtype=np.float64)
+        ends = np.array([(a, b) for a, b, _, _ in HEAD_AND_TRUNK], dtype=np.float64) + middle
+        radii = np.array([(ra, rb) for _, _, ra, rb in HEAD_AND_TRUNK], dtype=np.float64)
         trunk = in_front(
             Capsules(ends[None, :, 0], ends[None, :, 1], radii[None, :, 0], radii[None, :, 1])
         )
@@ -168,7 +169,8 @@ class SyntheticRecording(Recording):
         self.script = SCRIPTS[script] if isinstance(script, str) else script
         if mirrored:
             self.script = replace(
-                self.script, acts={OTHER[side]: acts for side, acts in self.script.acts.items()}
+                self.script,
+                acts={OTHER_SIDE[side]: acts for side, acts in self.script.acts.items()},
             )
         self.name = f"synthetic {script if isinstance(script, str) else 'script'}, seed {seed}"
         length = self.script.seconds if seconds is None else seconds
@@ -184,24 +186,26 @@ class SyntheticRecording(Recording):
         self.camera, self.rate, self.seed = camera, rate, seed
         self.count = max(1, round(length * rate))
         self.unit_mm = UNIT_MM.get(camera.name, 1.0)
-        self.sensor = None if clean else sensor_of(camera).settled(self._numbers(FAULTS))
+        self.sensor = None if clean else sensor_of(camera).settled(self._numbers(FAULTS_STREAM))
         # Palm or back mostly face the camera.
         prior = prior_file.load(prior_file.PEOPLE_PRIOR).turned("palm_rot_z", any=0.0)
         prior = prior.turned("palm_rot_x", any=None, most=85.0).turned("palm_rot_y", any=0.1)
         own = self.script.poses
         others = [pose for pose in prior.pose if pose.name not in [one.name for one in own]]
         self.sampler = BodySampler(prior.but(pose=(*others, *own)) if own else prior)
-        self.person = Person.draw(self._numbers(PERSON, 0), self.sampler)
+        self.person = Person.draw(self._numbers(PERSON_STREAM, 0), self.sampler)
         volumes = [self._volume(side) for side in self.script.acts]
         self.movements: list[Movement] = []
         for n, ((side, acts), (volume, outward)) in enumerate(
             zip(self.script.acts.items(), volumes)
         ):
-            actor = Actor(self._numbers(HANDS, n), self.sampler, self.person, side, volume, outward)
+            actor = Actor(
+                self._numbers(HANDS_STREAM, n), self.sampler, self.person, side, volume, outward
+            )
             self.movements.append(actor.act(acts, length))
         farthest = max(volume.far for volume, _ in volumes)
         self._behind, self._middle = draw_surroundings(
-            self._numbers(SURROUNDINGS), camera, farthest, self.script.body
+            self._numbers(SURROUNDINGS_STREAM), camera, farthest, self.script.body
         )
         self._unseen = functools.cache(self._unseen_at)
 
@@ -254,7 +258,7 @@ class SyntheticRecording(Recording):
         """Frame ``number``, the same at every call, in whole units as in a file."""
         depth = self._depth(number / self.rate)
         if self.sensor:
-            far, faults = np.array([NOWHERE_MM]), self._numbers(FRAMES, number)
+            far, faults = np.array([NOWHERE_MM]), self._numbers(FRAMES_STREAM, number)
             depth = sense(faults, depth[None], far, self.sensor, self.camera)[0]
         unit = np.float32(self.unit_mm)
         read = np.where(depth < NOWHERE_MM, np.rint(depth / unit) * unit, np.float32(0))

@@ -7,13 +7,15 @@ of their numbers.
 "test". A snapshot holds the number of the next block, so a resumed training sees the same scenes as
 one that was not interrupted.
 
-top[0]  frame  (BLOCK, 4, H, W)        ``channels_of``
-top[1]  class  (BLOCK, 1, H/2, W/2)    OTHER, HAND, PERSON, or UNKNOWN
-top[2]  heat   (BLOCK, 1, H/4, W/4)    1 at a hand's middle, less around it, or UNKNOWN
-top[3]  vote   (BLOCK, 3, H/4, W/4)    from the pixel's surface to the hand's middle, in
-                                       VOTE_MM; 0 elsewhere
-top[4]  own    (BLOCK, 3, H/4, W/4)    1 at the pixels that vote, else 0
-top[5]  right  (BLOCK, 1, H/4, W/4)    1 for a right hand, 0 for a left one, UNKNOWN elsewhere
+A block has N = SCENES_PER_BLOCK scenes. Pixels that the loss ignores have I = IGNORE_LABEL.
+
+top[0]  frame  (N, 4, H, W)        ``channels_of``
+top[1]  class  (N, 1, H/2, W/2)    OTHER, HAND, PERSON, or I
+top[2]  heat   (N, 1, H/4, W/4)    1 at a hand's middle, less around it, or I
+top[3]  vote   (N, 3, H/4, W/4)    from the pixel's surface to the hand's middle, in
+                                   VOTE_MM; 0 elsewhere
+top[4]  own    (N, 3, H/4, W/4)    1 at the pixels that vote, else 0
+top[5]  right  (N, 1, H/4, W/4)    1 for a right hand, 0 for a left one, I elsewhere
 """
 
 from __future__ import annotations
@@ -24,14 +26,14 @@ import numpy as np
 
 from handpose.estimate.finder import FOCAL_PX, VOTE_MM, channels_of
 from handpose.synthetic.scenes.cameras import HEIGHT, WIDTH
-from handpose.synthetic.whole_scenes import BLOCK, SceneGenerator, Scenes
+from handpose.synthetic.whole_scenes import SCENES_PER_BLOCK, SceneGenerator, Scenes
 from netlib import TEST, Layer
 from netlib.blob import Array, Blobs
 
-UNKNOWN = -1
+IGNORE_LABEL = -1
 TEST_BLOCKS = 16
 LONGEST_VOTE = 2.5  # a farther surface is an error of the sensor
-WIDE_MM = 22.0  # deviation of the heat around a hand's middle
+HEAT_STD_MM = 22.0  # deviation of the heat around a hand's middle
 
 
 class FinderScenes(Layer):
@@ -56,7 +58,7 @@ class FinderScenes(Layer):
         """Shape the tops for a block of scenes."""
         channels, steps = (4, 1, 1, 3, 3, 1), (1, 2, 4, 4, 4, 4)
         for blob, count, step in zip(top, channels, steps):
-            blob.reshape(BLOCK, count, HEIGHT // step, WIDTH // step)
+            blob.reshape(SCENES_PER_BLOCK, count, HEIGHT // step, WIDTH // step)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         """Draw the next block."""
@@ -79,18 +81,18 @@ class FinderScenes(Layer):
 def targets_of(scenes: Scenes) -> tuple[Array, Array, Array, Array, Array]:
     """The class, heat, vote, own and right of the layer's tops."""
     half = scenes.depth[:, ::2, ::2] > 0
-    classes = np.where(half, scenes.classes[:, ::2, ::2], UNKNOWN)[:, None]
+    classes = np.where(half, scenes.classes[:, ::2, ::2], IGNORE_LABEL)[:, None]
     depth, which = scenes.depth[:, ::4, ::4], scenes.which[:, ::4, ::4]
     row, column = np.indices(depth.shape[1:])
     heat = np.zeros(depth.shape)
     for k in range(2):
         u, v = (np.round(scenes.middle_px[:, k, axis, None, None] / 4) for axis in (0, 1))
-        wide = np.clip(FOCAL_PX * WIDE_MM / np.maximum(scenes.middle[:, k, 2], 100) / 4, 0.7, 4)[
-            :, None, None
-        ]
+        wide = np.clip(
+            FOCAL_PX * HEAT_STD_MM / np.maximum(scenes.middle[:, k, 2], 100) / 4, 0.7, 4
+        )[:, None, None]
         near = np.exp(-((column - u) ** 2 + (row - v) ** 2) / (2 * wide**2))
         heat = np.where(scenes.present[:, k, None, None], np.maximum(heat, near), heat)
-        heat = np.where(scenes.doubtful[:, k, None, None] & (near > 0.05), UNKNOWN, heat)
+        heat = np.where(scenes.doubtful[:, k, None, None] & (near > 0.05), IGNORE_LABEL, heat)
     points = (
         np.concatenate([scenes.slopes[:, ::4, ::4], np.ones((*depth.shape, 1))], axis=-1)
         * depth[..., None]
@@ -98,6 +100,6 @@ def targets_of(scenes: Scenes) -> tuple[Array, Array, Array, Array, Array]:
     frame, hand = np.arange(len(depth))[:, None, None], np.maximum(which - 1, 0)
     vote = (scenes.middle[frame, hand] - points) / VOTE_MM
     own = (which > 0) & (depth > 0) & (np.linalg.norm(vote, axis=-1) < LONGEST_VOTE)
-    right = np.where(own, scenes.side[frame, hand] > 0, UNKNOWN)
+    right = np.where(own, scenes.side[frame, hand] > 0, IGNORE_LABEL)
     every = np.repeat(own[:, None], 3, axis=1)
     return classes, heat[:, None], np.moveaxis(vote, -1, 1) * every, every, right[:, None]

@@ -47,7 +47,7 @@ BLOCK = 64  # frames that share a random generator
 VERSION = 5
 
 
-class View(NamedTuple):
+class SyntheticCamera(NamedTuple):
     """A depth camera: its geometry, and its errors or None."""
 
     camera: Camera = NYU
@@ -74,7 +74,7 @@ class Recipe:
 
     prior: PosePrior = field(default_factory=prior_file.load)
     flesh: SurfacePrior = DEFAULT_SURFACE  # the name in the data's files
-    views: tuple[View, ...] = (View(),)
+    views: tuple[SyntheticCamera, ...] = (SyntheticCamera(),)
     others: tuple[Subject, ...] = ()
 
 

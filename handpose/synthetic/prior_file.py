@@ -122,7 +122,7 @@ class ProportionParameter:
 
 
 @dataclass(frozen=True)
-class PartParameter:
+class PosePartParameter:
     """The bend of a chain in a pose, or the position of a DoF between its limits."""
 
     of: str
@@ -134,8 +134,8 @@ class PoseParameter:
     """A ``pose { ... }`` with a name. Other DoFs have their initial value."""
 
     name: str
-    bend: tuple[PartParameter, ...] = ()
-    at: tuple[PartParameter, ...] = ()
+    bend: tuple[PosePartParameter, ...] = ()
+    at: tuple[PosePartParameter, ...] = ()
 
 
 @dataclass(frozen=True)

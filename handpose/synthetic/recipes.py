@@ -12,7 +12,7 @@ import numpy as np
 from handpose.body.nyu import CUBE_MM
 from handpose.frames.cameras import CAMERAS, ICVL, KINECT2, NYU, SR305
 from handpose.synthetic import prior_file
-from handpose.synthetic.generator import Generator, Recipe, Subject, View
+from handpose.synthetic.generator import Generator, Recipe, Subject, SyntheticCamera
 from handpose.synthetic.prior_file import PosePrior, RangeParameter
 from handpose.synthetic.sensor import CODED_LIGHT, KINECT, NOISY_KINECT, TIME_OF_FLIGHT, sensor_of
 from handpose.synthetic.surface_prior import PERSON_SURFACE, SurfacePrior
@@ -67,23 +67,23 @@ def _people() -> Recipe:
     )
     coded_light = replace(CODED_LIGHT, spread=(0.0, 2.0), disparity_noise=(0.0, 0.08))
     views = (
-        View(NYU, kinect),
-        View(NYU, noisy),
-        View(KINECT2, time_of_flight),
-        View(SR305, coded_light),
-        View(ICVL, time_of_flight),
-        View(ICVL, coded_light),
+        SyntheticCamera(NYU, kinect),
+        SyntheticCamera(NYU, noisy),
+        SyntheticCamera(KINECT2, time_of_flight),
+        SyntheticCamera(SR305, coded_light),
+        SyntheticCamera(ICVL, time_of_flight),
+        SyntheticCamera(ICVL, coded_light),
     )
     return Recipe(prior_file.load(prior_file.PEOPLE_PRIOR), PEOPLE_SURFACE, views)
 
 
 def _cameras() -> Recipe:
     views = (
-        View(),
-        View(NYU, NOISY_KINECT),
-        View(KINECT2, TIME_OF_FLIGHT),
-        View(SR305, CODED_LIGHT),
-        View(ICVL, TIME_OF_FLIGHT),
+        SyntheticCamera(),
+        SyntheticCamera(NYU, NOISY_KINECT),
+        SyntheticCamera(KINECT2, TIME_OF_FLIGHT),
+        SyntheticCamera(SR305, CODED_LIGHT),
+        SyntheticCamera(ICVL, TIME_OF_FLIGHT),
     )
     return Recipe(any_roll(), PERSON_SURFACE, views)
 
@@ -117,7 +117,7 @@ def recipe_of(prior: str | Path) -> Recipe:
     sensor = sensor_of(camera)
     # an edge is a steep slope between pixels, which lie farther apart in crops of a larger body
     steep = replace(sensor, edge=sensor.edge * max(loaded.cube_mm / CUBE_MM, 1))
-    return Recipe(loaded, views=(View(camera, steep),))
+    return Recipe(loaded, views=(SyntheticCamera(camera, steep),))
 
 
 def check_in_view(recipe: Recipe, seed: int) -> None:

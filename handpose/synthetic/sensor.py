@@ -265,7 +265,7 @@ def sensor_of(camera: Camera) -> Sensor:
 
 # ------------------------------------------------------------------------------------- whole frames
 
-FAR_MM = 8000.0  # the depth of pixels of a whole frame without a reading
+NO_READING_MM = 8000.0  # the depth of pixels of a whole frame without a reading
 CLOSE_MM = 60.0  # surfaces nearer together are smoothed into one
 STEREO = Sensor(
     pixel_shift=(0.0, 0.4),
@@ -284,7 +284,7 @@ UNEVEN = 0.15  # deviation of the logarithm of the depth up to which they are, f
 ISLANDS, GRAINS, SEA = 0.3, (8, 28), (-0.3, 1.3)
 REACHES = (1.05, 4.0)  # that is far: from this part of the farthest hand's depth on (logarithm) ...
 HANDS_AT_MM = (300.0, 1200.0)  # ... or, in frames without hands, of this one
-KINDS = (
+FRAME_SENSORS = (
     (KINECT, False),
     (NOISY_KINECT, False),
     (CODED_LIGHT, False),
@@ -304,16 +304,18 @@ def measure_frame(
     focal     focal length in px
     reflects  (H, W) the part of the light that surfaces send back
     """
-    sensor, smooths = KINDS[int(rng.integers(len(KINDS)))]
+    sensor, smooths = FRAME_SENSORS[int(rng.integers(len(FRAME_SENSORS)))]
     height, width = depth.shape
     # The sensors' pixels are smaller than these: as if the frame were one of a camera of three
     # times the resolution.
     fine = Camera("fine", 3 * focal, 3 * focal, 0, 0, 3 * width, 3 * height)
-    clean = np.minimum(depth, np.float32(FAR_MM))
-    out = sense(rng, clean[None], np.array([FAR_MM]), sensor.settled(rng), fine)[0]
+    clean = np.minimum(depth, np.float32(NO_READING_MM))
+    out = sense(rng, clean[None], np.array([NO_READING_MM]), sensor.settled(rng), fine)[0]
     if smooths and rng.random() < 0.8:
         out = _merged(out, float(rng.uniform(0.6, 2.2)))
-    lost = out >= min(FAR_MM, float(rng.uniform(900, 2500)) if rng.random() < 0.4 else 6000.0)
+    lost = out >= min(
+        NO_READING_MM, float(rng.uniform(900, 2500)) if rng.random() < 0.4 else 6000.0
+    )
     if sensor.baseline and rng.random() < 0.7:
         lost |= _shadow(rng, clean, focal * rng.uniform(20, 75))
     if rng.random() < 0.5:

@@ -7,8 +7,8 @@ hand. The camera is on the person's head, or anywhere around. The table may be n
 hands; things stand on it, in the room, hang in the air, or are held. How often, how large and where
 is the scene prior's (``scenes.prior``).
 
-Frames have a focal length of about ``FOCAL_PX``. A block of ``BLOCK`` scenes depends on the seed,
-the split and its number alone. Axes are the camera's: x right, y up, z away, in mm.
+Frames have a focal length of about ``FOCAL_PX``. A block of ``SCENES_PER_BLOCK`` scenes depends on
+the seed, the split and its number alone. Axes are the camera's: x right, y up, z away, in mm.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from handpose.synthetic.sensor import measure_frame
 from netlib.blob import Array
 
 OTHER, HAND, PERSON = 0, 1, 2  # classes of pixels
-BLOCK = 16  # scenes that share a random generator
+SCENES_PER_BLOCK = 16  # scenes that share a random generator
 STREAM = 2  # apart from the random numbers of hands and of places
 SEEN, SEEN_PX, FARTHEST_MM = 0.3, 25, 1800.0  # a hand counts if as much of it is visible and read
 READ = 0.35  # of what is visible
@@ -109,9 +109,9 @@ class SceneGenerator:
         self.names = (*GROUPS[:-1], *(thing.name for thing in self.prior.things.thing))
 
     def block(self, number: int) -> Scenes:
-        """Scenes ``number * BLOCK`` and following, as a camera measures them."""
+        """Scenes ``number * SCENES_PER_BLOCK`` and following, as a camera measures them."""
         rng = numbers_of(self.seed, self.split, number, STREAM)
-        scenes, focal, reflects = draw_scenes(rng, self.prior, self.sampler, BLOCK)
+        scenes, focal, reflects = draw_scenes(rng, self.prior, self.sampler, SCENES_PER_BLOCK)
         depth = np.stack(
             [
                 measure_frame(rng, *scene)

@@ -15,7 +15,7 @@ from handpose.estimate.estimator import HandEstimator
 from handpose.estimate.finder import Finder, FoundHand
 from handpose.estimate.hand import Hand
 from handpose.fit.body import WorldPose
-from handpose.fit.pose_confidence import side_chance, side_evidence
+from handpose.fit.pose_confidence import side_chance, side_log_ratio
 from handpose.tracking.present_hands import LATER_S, LOOK, SAME_MM, SOON_S
 from handpose.tracking.sizing import SizeKeeper
 from handpose.tracking.smoothing import PoseFilter
@@ -26,7 +26,7 @@ SURE = 0.9  # confidence below which a full fit is run
 # A second with poses earns two of credit, one without costs one; a hand without credit is lost.
 FIRST_CREDIT, MOST_CREDIT = 0.4, 1.0
 MOST_FOUND = 8  # hands in a frame
-AHEAD_S = 0.4  # s by which a motion is extended at most
+MAX_EXTRAPOLATION_S = 0.4  # s by which a motion is extended at most
 KEPT = 0.7  # damping of the expected motion
 NEW = 0.6  # weight of the last two frames in the velocity
 # 4 m/s at 30 frames per second: a pose that is found farther away is no motion of the hand
@@ -65,7 +65,9 @@ class SideState:
         """The expected body at a time."""
         if self.velocity is None:
             return self.estimate.body
-        return self.estimate.body.moved(KEPT * min(time - self.time, AHEAD_S) * self.velocity)
+        return self.estimate.body.moved(
+            KEPT * min(time - self.time, MAX_EXTRAPOLATION_S) * self.velocity
+        )
 
     def then(self, estimate: Hand, time: float, asked: bool) -> SideState:
         """The state after one more pose, for which the network was ``asked`` or not.
@@ -90,15 +92,17 @@ class SideState:
 
 
 class Compared(NamedTuple):
-    """How often both sides were compared, and the sum of the evidence: above 0 for a right hand."""
+    """How often both sides were compared, and the sum of the log-ratios of the costs: above 0 for a
+    right hand.
+    """
 
     times: int
-    evidence: float
+    log_ratio: float
 
     @property
     def mean(self) -> float:
-        """The mean evidence for the likelier side."""
-        return abs(self.evidence) / self.times
+        """The mean log-ratio, for the likelier side."""
+        return abs(self.log_ratio) / self.times
 
 
 class FrameHands:
@@ -149,7 +153,7 @@ class HandTrack:
         side_prior: float = 0.0,
         presence: float = 1.0,
     ) -> None:
-        """``side_prior``: prior evidence for a right hand (above 0) or a left one."""
+        """``side_prior``: prior log-ratio, above 0 for a right hand, below for a left one."""
         self.id, self.credit, self.reason = -1, FIRST_CREDIT, ""
         self.time = self.begun = self._looked = time
         self.sizes = SizeKeeper(estimator.the_fitter, size)
@@ -179,8 +183,8 @@ class HandTrack:
         return self.credit > 0
 
     @property
-    def evidence(self) -> float:
-        """How sure it is that this is a hand, by the finder or by its pose."""
+    def hand_chance(self) -> float:
+        """The probability that this is a hand, by the finder or by its pose."""
         return max(self.presence, self.best.estimate.chance)
 
     def look(self, frame: FrameHands) -> None:
@@ -197,7 +201,7 @@ class HandTrack:
         """The more likely side."""
         if self.is_decided:
             return next(iter(self.sides))
-        return "right" if self._compared.evidence >= 0 else "left"
+        return "right" if self._compared.log_ratio >= 0 else "left"
 
     @property
     def best(self) -> SideState:
@@ -214,7 +218,7 @@ class HandTrack:
         """The probability of the more likely side; 1 once it is decided."""
         if self.is_decided:
             return 1.0
-        mean = abs(self._compared.evidence) / max(self._compared.times, MIN_COMPARED)
+        mean = abs(self._compared.log_ratio) / max(self._compared.times, MIN_COMPARED)
         return min(side_chance(mean), MAX_SIDE_CONFIDENCE)
 
     @property
@@ -288,12 +292,12 @@ class HandTrack:
         return SearchRegion(center, side, body, self.size)
 
     def _compare(self, best: dict[Side, Hand], time: float) -> None:
-        """Add the evidence of a frame while the side is undecided, and decide it."""
-        ratio = _evidence_of(best)
+        """Add the log-ratio of a frame while the side is undecided, and decide it."""
+        ratio = _log_ratio_of(best)
         if self.is_decided or ratio is None:
             return
-        times, evidence = self._compared
-        self._compared = Compared(times + 1, evidence + ratio)
+        times, total = self._compared
+        self._compared = Compared(times + 1, total + ratio)
         seconds = time - self.begun
         enough = seconds >= MIN_COMPARED_S and self._compared.times >= MIN_COMPARED
         if enough and (self._compared.mean > CLEAR or seconds >= MAX_COMPARED_S):
@@ -318,8 +322,10 @@ def _best(estimates: Sequence[Hand]) -> dict[Side, Hand]:
     return best
 
 
-def _evidence_of(best: dict[Side, Hand]) -> float | None:
-    """The evidence of one frame for a right hand; None without a visible hand of either side."""
+def _log_ratio_of(best: dict[Side, Hand]) -> float | None:
+    """The log-ratio of one frame, above 0 for a right hand; None without a visible hand of
+    either side.
+    """
     if len(best) < 2 or max(estimate.chance for estimate in best.values()) < ENOUGH:
         return None
-    return side_evidence(best["right"].cost, best["left"].cost)
+    return side_log_ratio(best["right"].cost, best["left"].cost)

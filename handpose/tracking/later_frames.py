@@ -28,7 +28,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from handpose.body.sides import Side, mirror_of
-from handpose.fit.body import SIZE, CapsuleModel, WorldPose
+from handpose.fit.body import SIZE_INDEX, CapsuleModel, WorldPose
 from handpose.fit.pose_confidence import least_error
 from handpose.tracking.output import variables_of
 from handpose.tracking.reporting import SureHands
@@ -43,7 +43,7 @@ LIKELY_SIDE = 0.69
 # is held, so that frames are filtered backwards twice at most. On two synthetic recordings
 # (the scripts `gestures` and `left`, seeds 5 and 6), one second gives the jitter at rest of the
 # whole recording, 0.33 and 0.16 mm; half a second 0.35 and 0.18 mm.
-AHEAD_S, AHEAD = 1.0, 60
+LOOKAHEAD_S, LOOKAHEAD_FRAMES = 1.0, 60
 # The expected errors are means over this time, in s, before and after a frame. Of 0, 0.3, 0.5,
 # 0.7 and 1 s, on six real recordings (docs/fit.md), 0.5 and 0.7 have the highest correlation with
 # the true errors.
@@ -91,10 +91,13 @@ class LaterFrames(Generic[T]):
         if not self._settled:
             return []
         newest = self._held[self._settled - 1][1].time
-        if newest - self._held[0][1].time < 2 * AHEAD_S and self._settled < 2 * AHEAD:
+        if (
+            newest - self._held[0][1].time < 2 * LOOKAHEAD_S
+            and self._settled < 2 * LOOKAHEAD_FRAMES
+        ):
             return []
-        early = sum(newest - frame.time >= AHEAD_S for _, frame in self._held[: self._settled])
-        return self._sure(self._release(max(early, self._settled - AHEAD)))
+        early = sum(newest - frame.time >= LOOKAHEAD_S for _, frame in self._held[: self._settled])
+        return self._sure(self._release(max(early, self._settled - LOOKAHEAD_FRAMES)))
 
     def finish(self) -> list[tuple[T, TrackedFrame]]:
         """The frames that are still held, at the end of the recording."""
@@ -183,7 +186,7 @@ class LaterFrames(Generic[T]):
         return replace(
             hand,
             inputs=model.inputs_of(x)[0],
-            bones=model.skeleton.bones * float(np.exp(x[0, SIZE])),
+            bones=model.skeleton.bones * float(np.exp(x[0, SIZE_INDEX])),
             xyz=(model.joints(x)[0] + center) * mirror,
             capsules=None
             if hand.capsules is None

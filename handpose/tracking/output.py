@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from handpose.body.sides import mirror_of
-from handpose.fit.body import SIZE, CapsuleModel, WorldPose, crop_variables
+from handpose.fit.body import SIZE_INDEX, CapsuleModel, WorldPose, crop_variables
 from handpose.fit.pose_confidence import Evidence, Judged, judged
 from handpose.tracking.hand_track import HandTrack, SideState
 from handpose.tracking.track import TrackedHand, TrackedPoses
@@ -70,7 +70,7 @@ def _as_sides(
             confidence=chances[n] * float(quality.confidence[n]),
             error_mm=float(quality.error_mm[n]),
             inputs=inputs[n],
-            bones=model.skeleton.bones * float(np.exp(x[n, SIZE])),
+            bones=model.skeleton.bones * float(np.exp(x[n, SIZE_INDEX])),
             origin_mm=hand.center_mm,
             xyz=xyz[n],
             center_uvd=hand.center_uvd,
@@ -96,5 +96,5 @@ def variables_of(
     """
     x = np.stack([crop_variables(model, *pose) for pose in zip(poses, center)])
     if size is not None:
-        x[:, SIZE] = np.log(size)  # instead of a filtered one
+        x[:, SIZE_INDEX] = np.log(size)  # instead of a filtered one
     return x

@@ -31,12 +31,12 @@ SURE_PRESENCE = 0.75
 
 
 class Taken(NamedTuple):
-    """A place (3,) in mm where only a hand with a higher presence than ``evidence``
+    """A place (3,) in mm where only a hand with a higher presence than ``hand_chance``
     is another one.
     """
 
     place: Array
-    evidence: float
+    hand_chance: float
 
 
 @dataclass
@@ -126,6 +126,6 @@ class PresentHands:
 
 def _is_taken(hand: FoundHand, taken: Sequence[Taken]) -> bool:
     return any(
-        np.linalg.norm(hand.middle - place) < SAME_MM and hand.presence <= evidence
-        for place, evidence in taken
+        np.linalg.norm(hand.middle - place) < SAME_MM and hand.presence <= hand_chance
+        for place, hand_chance in taken
     )

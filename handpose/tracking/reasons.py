@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 from handpose.body.sides import SideView, mirror_of
 from handpose.estimate.expected import LEAVING, ExpectedBodies
 from handpose.fit.body import WorldPose
-from handpose.fit.observation import BACKGROUND
 from handpose.fit.support import Support, support
 from handpose.frames.cameras import Camera
-from handpose.frames.crops import crop
+from handpose.frames.crops import FAR_FACE, NEAR_FACE, crop
 from handpose.tracking.track import HIDDEN, LEFT
 from netlib.blob import Array
 from netlib.errors import DataError
@@ -73,10 +72,10 @@ def reason(
         shown = crop(depth, center_uvd, cube_mm, camera)
     except DataError:
         return LEFT
-    if support.hidden[0] > PART or (shown <= -BACKGROUND).mean() > PART:
+    if support.hidden[0] > PART or (shown <= NEAR_FACE).mean() > PART:
         return f"{HIDDEN} by a nearer object"
     d = center_uvd[2]
-    if (np.abs(shown) < BACKGROUND).mean() < MIN_VISIBLE:
+    if (np.abs(shown) < FAR_FACE).mean() < MIN_VISIBLE:
         return f"only background at its last position, {d:.0f} mm away"
     edges = _edges_left(camera, xyz, 0.0) if support.outside[0] > LEAVING else None
     if edges:

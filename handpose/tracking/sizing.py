@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from handpose.estimate.hand import Hand
-from handpose.fit.body import MAX_SIZE, MIN_SIZE, SIZE, TYPICAL_SIZE
+from handpose.fit.body import MAX_SIZE, MIN_SIZE, SIZE_INDEX, TYPICAL_SIZE
 from handpose.fit.depth_fit import DepthFitter
 from handpose.fit.objective import Objective
 from handpose.fit.observation import HandCrops, Observation
@@ -21,7 +21,7 @@ from handpose.fit.search import FAST, Stage, data_cost, descend
 from netlib.blob import Array
 from netlib.errors import DataError
 
-FRAMES = 32  # number of poses collected
+COLLECTED_POSES = 32  # number of poses collected
 BEST = 16  # number of the poses that are used, the least uncertain ones
 EVERY = 0.1  # s between poses, which must differ
 CONFIDENT = 0.5
@@ -60,7 +60,7 @@ class SizeKeeper:
             return
         self._estimates = [*(one for one in self._estimates if one.hand == estimate.hand), estimate]
         self._time = time
-        if len(self._estimates) < FRAMES:
+        if len(self._estimates) < COLLECTED_POSES:
             return
         estimates = sorted(self._estimates, key=lambda one: one.uncertainty)[:BEST]
         self._estimates = []
@@ -70,7 +70,7 @@ class SizeKeeper:
         hands = HandCrops(crops, uvd, estimate.view_camera, estimate.cube_mm)
         seen = hands.observe(FAST.points)
         x = np.stack([s.x for s in estimates])
-        size = float(np.exp(np.median(x[:, SIZE])))
+        size = float(np.exp(np.median(x[:, SIZE_INDEX])))
         middle = np.clip(np.log(size), np.log(MIN_SIZE) - NEAR[0], np.log(MAX_SIZE) - NEAR[-1])
         self.size = size_of(
             self._fitter, seen, x, sizes=np.exp(middle + NEAR), deviation=POPULATION
@@ -94,7 +94,7 @@ def size_of(
     left = np.zeros((len(sizes), len(x)))
     for costs, size in zip(left, sizes):
         start = x.copy()
-        start[:, SIZE] = np.log(size)
+        start[:, SIZE_INDEX] = np.log(size)
         _, cost = descend(
             objective, start, seen, objective.prior_of(start, fitter.precision), STAGES
         )

@@ -66,7 +66,7 @@ ROTATION = Cutoff(least=0.8, slope=45.0, speed=4.0, noise=2.1, most=0.5, gap=200
 OTHERS = Cutoff(least=0.8, slope=15.0, speed=0.75, noise=1.05, most=0.4, gap=150.0, least_gap=0.06)
 # expected error of a pose above which it is trusted less; smaller errors last, so
 # smoothing only delays
-GOOD_MM = 30.0
+TRUSTED_MM = 30.0
 POWER = 3  # exponent of the ratio of the errors
 MIN_TRUST = 0.1  # minimum trust, because a hand may move meanwhile
 
@@ -114,7 +114,7 @@ class PoseFilter:
         trust = (
             1.0
             if math.isnan(error_mm)
-            else max((GOOD_MM / max(error_mm, GOOD_MM)) ** POWER, MIN_TRUST)
+            else max((TRUSTED_MM / max(error_mm, TRUSTED_MM)) ** POWER, MIN_TRUST)
         )
         now = kept.raw.step_to(body) / seconds
         speed = kept.speed + share(self._each.speed, seconds) * (now - kept.speed)

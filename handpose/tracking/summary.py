@@ -15,8 +15,8 @@ LENGTH_MM = 217.0  # from the wrist to the tip of the middle finger, of a hand o
 # Sizes of the hands of adults: 99% are between the first and the last. With right focal lengths the
 # five real recordings of one hand have 0.74 to 0.85; 20% too small, 0.93 to 1.10 and a lower
 # confidence; 25% too large, 0.66 to 0.76.
-SMALL, LARGE, LARGEST = 0.70, 0.92, 1.0
-SURE = 93  # per cent: a large hand with this confidence is no doubt
+MIN_ADULT_SIZE, LARGE_SIZE, MAX_ADULT_SIZE = 0.70, 0.92, 1.0
+SURE_PERCENT = 93  # per cent: a large hand with this confidence is no doubt
 MIN_FRAMES = 15  # fewer give no size
 
 
@@ -54,8 +54,10 @@ class HandSummary:
     @property
     def doubt(self) -> str:
         """Why the focal lengths may be wrong, or an empty string."""
-        is_small = self.size < SMALL
-        is_large = self.size > LARGEST or (self.size > LARGE and self.median < SURE)
+        is_small = self.size < MIN_ADULT_SIZE
+        is_large = self.size > MAX_ADULT_SIZE or (
+            self.size > LARGE_SIZE and self.median < SURE_PERCENT
+        )
         if self.frames < MIN_FRAMES or not (is_small or is_large):
             return ""
         length, focal = ("shorter", "large") if is_small else ("longer", "small")

@@ -31,7 +31,7 @@ from handpose.frames.cameras import Camera
 from handpose.frames.crops import check_size
 from handpose.frames.images import check_unit, depth_image, without_dropouts
 from handpose.frames.recording import DepthFrame
-from handpose.tracking.hand_track import AHEAD_S, ENOUGH, SURE, FrameHands, HandTrack
+from handpose.tracking.hand_track import ENOUGH, MAX_EXTRAPOLATION_S, SURE, FrameHands, HandTrack
 from handpose.tracking.output import tracked_hand
 from handpose.tracking.present_hands import (
     LATER_S,
@@ -148,7 +148,9 @@ class Tracker:
         self._follow(found, time, before)
         self._drop_doubles()
         pause = LATER_S if self.tracks else SOON_S
-        due = found.is_known or time - self._searched >= pause or time - before > AHEAD_S
+        due = (
+            found.is_known or time - self._searched >= pause or time - before > MAX_EXTRAPOLATION_S
+        )
         if due and sum(track.best.estimate.chance >= SURE for track in self.tracks) < self.limit:
             self._searched = time
             self._search(found, time)
@@ -267,7 +269,7 @@ class Tracker:
         for track in self.tracks:
             taken += [
                 Taken(track.place, np.inf),
-                *(Taken(place, track.evidence) for place in _arm(track.best.estimate)),
+                *(Taken(place, track.hand_chance) for place in _arm(track.best.estimate)),
             ]
         return taken
 
@@ -278,8 +280,8 @@ class Tracker:
         for place in filter(lambda one: one.is_sure, self.present.there):
             if len(self.tracks) < self.limit:
                 break
-            least = min(self.tracks, key=lambda track: track.evidence)
-            if least.evidence < place.presence:
+            least = min(self.tracks, key=lambda track: track.hand_chance)
+            if least.hand_chance < place.presence:
                 least.end("another hand is more present")
 
     def _seen_at(self, hand: FoundHand, view: SideView, size: float | None) -> list[Hand]:
@@ -325,7 +327,7 @@ class Tracker:
         return [id for id, track in self.known.items() if not track.is_tracked]
 
     def _side_prior(self) -> float:
-        """Prior evidence for a right hand (1) or a left one (-1): lost hands return."""
+        """The prior log-ratio, 1 for a right hand and -1 for a left one: lost hands return."""
         sides = [self.known[id].decided for id in self._lost()]
         return float("right" in sides) - float("left" in sides)
 

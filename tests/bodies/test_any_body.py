@@ -20,7 +20,7 @@ from handpose.frames.crops import crop_pixels, restore_joints
 from handpose.scoring.held_out import errors_by_joint, figures_of, predict_all
 from handpose.synthetic import prior_file
 from handpose.synthetic.files import DataSet
-from handpose.synthetic.generator import Generator, Recipe, View
+from handpose.synthetic.generator import Generator, Recipe, SyntheticCamera
 from handpose.synthetic.recipes import recipe_of
 from handpose.synthetic.surface_prior import SurfacePrior
 from handpose.tracking.tracker import Tracker
@@ -64,7 +64,7 @@ layer {{
 def exact_recipe(prior: Path) -> Recipe:
     """A recipe for bodies with the size and surface in the file, and a camera without noise."""
     own = prior_file.load(prior).but(scale_std=0.0, center_jitter=0.0)
-    return Recipe(own, SurfacePrior(thickness_std=0.0), (View(KINECT2, None),))
+    return Recipe(own, SurfacePrior(thickness_std=0.0), (SyntheticCamera(KINECT2, None),))
 
 
 def net_text(folder: Path, skeleton: Skeleton) -> str:

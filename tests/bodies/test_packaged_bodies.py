@@ -13,7 +13,7 @@ import pytest
 import netlib
 from handpose.output.hand_page.assembly import body
 from handpose.synthetic import prior_file
-from handpose.synthetic.generator import Generator, Recipe, View
+from handpose.synthetic.generator import Generator, Recipe, SyntheticCamera
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.recipes import recipe_of
 from handpose.synthetic.surface_prior import DEFAULT_SURFACE
@@ -137,7 +137,9 @@ def test_frames_show_the_whole_body(name: str) -> None:
     recipe = recipe_of(BODY / f"{name}_prior.prototxt")
     frames = Generator(1, "train", recipe).block(2)
     clear = Generator(
-        1, "train", Recipe(recipe.prior, DEFAULT_SURFACE, (View(recipe.views[0].camera, None),))
+        1,
+        "train",
+        Recipe(recipe.prior, DEFAULT_SURFACE, (SyntheticCamera(recipe.views[0].camera, None),)),
     ).block(2)
     assert (np.abs(frames.joint) >= 1).mean() < 0.01
     shown, there = ((some.depth < 0.999).mean(axis=(1, 2, 3)) for some in (frames, clear))

@@ -257,8 +257,8 @@ def test_the_examples_of_the_help_run(
             pytest.skip(f"tools/{name}.py uses {package}: pip install -e '.[test]'")
     monkeypatch.setattr(nyu_files, "TRAIN_FRAMES", 2)
     monkeypatch.setattr(nyu_files, "TEST_FRAMES", 2)
-    monkeypatch.setattr(icvl_files, "TRAIN_FRAMES", 20)
-    monkeypatch.setattr(icvl_files, "TEST_FRAMES", (5, 7))
+    monkeypatch.setattr(icvl_files, "MIN_TRAIN_FRAMES", 20)
+    monkeypatch.setattr(icvl_files, "TEST_SEQUENCE_FRAMES", (5, 7))
     folder = tmp_path / "project"
     workplace.furnish(folder)
     with workplace.at_work_in(folder):

@@ -26,7 +26,7 @@ from handpose.fit.pose_confidence import (
     SIGNS,
     Evidence,
     Regression,
-    Weights,
+    Regressions,
     finger_signs,
     judged,
     judged_as_wholes,
@@ -42,13 +42,13 @@ from tests.support.labelled_recordings import write_labelled
 from tests.support.running import run_tool
 
 IN_USE = read_weights()
-MADE = Weights(
+MADE = Regressions(
     Regression(np.array([0.3, 0.0, 0.2, 0.1, 0.25, 0.3, 0.1, 0.0, 0.2]), 0.5, 0.2),
     Regression(np.array([0.4, 0.2, 0.0, 0.1, 0.5]), 0.3, 0.1),
 )
 
 
-def poses(name: str, weights: Weights, seed: int, count: int = 400) -> Poses:
+def poses(name: str, weights: Regressions, seed: int, count: int = 400) -> Poses:
     """Visible poses with the errors of these weights, but for a factor up or down by the spread."""
     rng = np.random.default_rng(seed)
     lengths = (rng.gamma(1.0, 4.0, (count, 5)) for _ in range(3))
@@ -81,7 +81,7 @@ def test_fitting_recovers_the_true_weights() -> None:
 
 def test_weights_are_drawn_towards_those_in_use() -> None:
     """With a strong pull they stay, and the constants alone follow the errors."""
-    worse = Weights(
+    worse = Regressions(
         *(Regression(1.5 * one.weights, one.constant + 1, one.spread) for one in IN_USE)
     )
     for found, in_use in zip(

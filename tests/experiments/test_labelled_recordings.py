@@ -77,24 +77,28 @@ def test_constants_that_cannot_be_set(
 
 def test_constants_are_set_before_the_tracker_is_loaded(monkeypatch: pytest.MonkeyPatch) -> None:
     """Also in the modules that import them; others with a constant of the same name keep it."""
-    from handpose.fit import support
-    from handpose.frames import images
+    from handpose.estimate import finder
+    from handpose.scoring import published_predictions
     from handpose.tracking import hand_track, present_hands
 
-    far = images.FAR_MM
+    nearest = published_predictions.NEAREST_MM
     for module, name in (
         (hand_track, "SURE"),
         (present_hands, "LOOK"),
         (hand_track, "LOOK"),
-        (support, "FAR_MM"),
+        (finder, "NEAREST_MM"),
     ):
         monkeypatch.setattr(module, name, getattr(module, name))
     monkeypatch.delitem(sys.modules, "handpose.tracking.tracker", raising=False)
     set_constants(
-        ["tracking.hand_track.SURE=inf", "tracking.present_hands.LOOK=1", "fit.support.FAR_MM=9"]
+        [
+            "tracking.hand_track.SURE=inf",
+            "tracking.present_hands.LOOK=1",
+            "estimate.finder.NEAREST_MM=9",
+        ]
     )
     assert np.inf == hand_track.SURE and hand_track.LOOK == present_hands.LOOK == 1
-    assert support.FAR_MM == 9 and far == images.FAR_MM
+    assert finder.NEAREST_MM == 9 and nearest == published_predictions.NEAREST_MM
 
 
 def test_the_columns() -> None:

@@ -53,7 +53,7 @@ def test_frames(root):
     are concatenated.
     """
     out = prepare(root).out
-    labels = icvl_files.read_annotation([root / name for name in icvl_files.ANNOTATION["test"]])
+    labels = icvl_files.read_annotation([root / name for name in icvl_files.LABEL_FILES["test"]])
     with h5py.File(root.parent / "out" / "test_000.h5") as file:
         assert file.attrs["made_from"] == "ICVL"
         assert file["joint"].shape == (12, 48) and file["depth"].shape == (12, 1, 128, 128)

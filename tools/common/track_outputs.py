@@ -25,7 +25,7 @@ from handpose.frames.formats.folder import FolderRecording
 from handpose.output.drawing.strokes import ContactSheet
 from handpose.output.drawing.tracks import HEAD, Painter
 from handpose.output.drawing.video_file import VideoFile
-from handpose.output.live.messages import LINES, VIEWS, Messages
+from handpose.output.live.messages import LINES_PATH, VIEWS_PATH, Messages
 from handpose.output.live.page import page
 from handpose.output.live.server import LiveServer, checked_token
 from handpose.output.tracks.writing import TrackWriter, open_writer
@@ -299,14 +299,14 @@ class LiveOutput:
     def write(self, depth: NDArray[np.floating], frame: TrackedFrame) -> None:
         """Send a frame; frames of a recording are sent in real time."""
         self._wait_until(frame.time)
-        has_lines, has_views = map(self._server.has_clients, (LINES, VIEWS))
+        has_lines, has_views = map(self._server.has_clients, (LINES_PATH, VIEWS_PATH))
         if not (has_lines or has_views):
             return
         record = self._messages.record(frame)
         if has_lines:
-            self._server.put(LINES, self._messages.line(record))
+            self._server.put(LINES_PATH, self._messages.line(record))
         if has_views:
-            self._server.put(VIEWS, self._messages.view(record, depth, frame))
+            self._server.put(VIEWS_PATH, self._messages.view(record, depth, frame))
 
     def __exit__(
         self,

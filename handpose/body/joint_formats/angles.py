@@ -46,7 +46,7 @@ from typing import NamedTuple
 import numpy as np
 
 from handpose.body.joint_formats.frames import (
-    FINGERS,
+    LONG_FINGERS,
     POINTS,
     hinges_of,
     joints_of,
@@ -66,7 +66,7 @@ ANGLES = (
     "thumb_ip_flexion",
     *(
         f"{finger}_{angle}"
-        for finger in FINGERS
+        for finger in LONG_FINGERS
         for angle in ("mcp_flexion", "mcp_abduction", "pip_flexion", "dip_flexion")
     ),
 )
@@ -102,7 +102,7 @@ def anatomical_angles(skeleton: Skeleton, hand: Side, xyz: Array) -> dict[str, f
             "a metacarpal has no length or is perpendicular to the palm; expected a hand"
         )
     found: list[float] = []
-    for finger, m in zip(("thumb", *FINGERS), (metacarpals[0], *metacarpals)):
+    for finger, m in zip(("thumb", *LONG_FINGERS), (metacarpals[0], *metacarpals)):
         ends = right[rest.hinges[finger]]
         phalanges = ends[1:] - ends[:-1]
         lengths = np.linalg.norm(phalanges, axis=1)
@@ -137,7 +137,7 @@ class _Rest(NamedTuple):
 @functools.lru_cache(maxsize=8)
 def _rest(skeleton: Skeleton) -> _Rest:
     """What a skeleton's initial pose gives, in the axes of its palm."""
-    names = ["wrist", *(f"{finger}_{part}" for finger in FINGERS for part in ("cmc", "mcp"))]
+    names = ["wrist", *(f"{finger}_{part}" for finger in LONG_FINGERS for part in ("cmc", "mcp"))]
     points, hinges = weights_of([POINTS[name] for name in names], skeleton), hinges_of(skeleton)
     kinematics = Kinematics(skeleton)
     pose = kinematics.forward(np.zeros((1, len(skeleton.initial))))

@@ -20,7 +20,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from handpose.body.joint_formats.frames import FINGERS, POINTS, Point, joints_of, weights_of
+from handpose.body.joint_formats.frames import LONG_FINGERS, POINTS, Point, joints_of, weights_of
 from handpose.body.sides import Side
 from handpose.frames.cameras import Camera
 from layers.hand.skeleton import Skeleton
@@ -54,7 +54,7 @@ class JointFormat:
 def _mediapipe() -> JointFormat:
     joints = {"WRIST": POINTS["wrist"]}
     bones: list[tuple[str, str]] = []
-    for finger in ("thumb", *FINGERS):
+    for finger in ("thumb", *LONG_FINGERS):
         own = {"thumb": "THUMB", "little": "PINKY"}.get(finger, f"{finger.upper()}_FINGER")
         parts = ("cmc", "mcp", "ip", "tip") if finger == "thumb" else ("mcp", "pip", "dip", "tip")
         names = [f"{own}_{part.upper()}" for part in parts]
@@ -89,7 +89,9 @@ def _mano() -> JointFormat:
             *itertools.pairwise(names),
             (names[2], f"{_pinky(finger)}_tip"),
         ]
-    joints |= {f"{_pinky(finger)}_tip": POINTS[f"{finger}_skin"] for finger in ("thumb", *FINGERS)}
+    joints |= {
+        f"{_pinky(finger)}_tip": POINTS[f"{finger}_skin"] for finger in ("thumb", *LONG_FINGERS)
+    }
     return JointFormat(
         "mano", joints, tuple(bones), "m", (1, -1, 1), "x right, y down, z away from the camera"
     )
@@ -100,15 +102,15 @@ def _pinky(finger: str) -> str:
 
 
 def _nyu() -> JointFormat:
-    names = [f"{finger}_{part}" for finger in reversed(FINGERS) for part in ("tip", "pip_a")]
+    names = [f"{finger}_{part}" for finger in reversed(LONG_FINGERS) for part in ("tip", "pip_a")]
     names += ["thumb_tip", "thumb_dip", "thumb_pip", "wrist_left", "wrist_middle", "palm"]
     moved = "as annotated; of the packaged hand 5 to 8 mm distal"
     joints = {
         name: Point({name: 1}, moved if name.endswith("_pip_a") else "as annotated")
         for name in names
     }
-    bones = [(f"{finger}_pip_a", f"{finger}_tip") for finger in FINGERS]
-    bones += [("palm", f"{finger}_pip_a") for finger in FINGERS] + [
+    bones = [(f"{finger}_pip_a", f"{finger}_tip") for finger in LONG_FINGERS]
+    bones += [("palm", f"{finger}_pip_a") for finger in LONG_FINGERS] + [
         ("palm", "wrist_left"),
         ("palm", "wrist_middle"),
     ]

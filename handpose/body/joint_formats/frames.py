@@ -34,8 +34,8 @@ from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.errors import DataError, reason_of
 
-NO_HAND = "the skeleton has no joint {!r}; only hands have joints and angles of other formats"
-FINGERS = ("index", "middle", "ring", "little")
+NO_JOINT = "the skeleton has no joint {!r}; only hands have joints and angles of other formats"
+LONG_FINGERS = ("index", "middle", "ring", "little")
 # share of wrist_middle; wrist_left the rest
 PALM_BONES = {"index": 0.75, "middle": 0.58, "ring": 0.42, "little": 0.25}
 CARPALS = 0.3  # position between wrist (0) and knuckle (1)
@@ -75,7 +75,7 @@ def _points() -> dict[str, Point]:
         "thumb_tip": Point({"thumb_tip": 1}, "2 mm distal; 9 mm before the end of the thumb"),
         "thumb_skin": Point(_beyond("thumb", SKIN), "the end of the thumb in the surface model"),
     }
-    for finger in FINGERS:
+    for finger in LONG_FINGERS:
         radial, base = PALM_BONES[finger], 1 - CARPALS
         cmc = {
             "wrist_middle": base * radial,
@@ -119,10 +119,10 @@ def hinges_of(skeleton: Skeleton) -> dict[str, tuple[int, ...]]:
     """
     index = {name: i for i, name in enumerate(skeleton.joint_names)}
     found = {}
-    for finger in ("thumb", *FINGERS):
+    for finger in ("thumb", *LONG_FINGERS):
         for name in (f"{finger}_mcp", f"{finger}_tip"):
             if name not in index:
-                raise DataError(NO_HAND.format(name))
+                raise DataError(NO_JOINT.format(name))
         joint = index[f"{finger}_tip"]
         ends = [joint]
         while joint not in (index[f"{finger}_mcp"], -1):
@@ -149,7 +149,7 @@ def weights_of(points: Sequence[Point], skeleton: Skeleton) -> Array:
     for row, point in enumerate(points):
         for joint, weight in (point.nyu if annotated and point.nyu else point.weights).items():
             if joint not in index:
-                raise DataError(NO_HAND.format(joint))
+                raise DataError(NO_JOINT.format(joint))
             weights[row, index[joint]] = weight
     return weights
 
@@ -191,7 +191,7 @@ def palm_frame(joints: Array, skeleton: Skeleton) -> Array:
     Raises DataError if the skeleton has too few such joints.
     """
     if "palm" not in skeleton.joint_names:
-        raise DataError(NO_HAND.format("palm"))
+        raise DataError(NO_JOINT.format("palm"))
     joints, (fixed, in_palm) = joints_of(skeleton, "right", joints), _fixed_to_palm(skeleton)
     from_palm = joints[fixed] - joints[skeleton.joint_names.index("palm")]
     U, _, Vt = np.linalg.svd(from_palm.T @ in_palm)

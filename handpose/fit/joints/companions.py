@@ -36,7 +36,7 @@ DESCRIPTION = (
     "dof: inputs of the hand model, radians, and half-cubes from center (mm, camera axes, y up)"
 )
 STARTS = 4  # of a fit
-VERSION = 3  # increase after a change of the code that changes the angles
+ANGLES_VERSION = 3  # increase after a change of the code that changes the angles
 
 
 def write_fit(
@@ -132,7 +132,7 @@ def fit_file(
         stat = os.fstat(stream.fileno())
     recipe = json.dumps(
         {
-            "version": VERSION,
+            "version": ANGLES_VERSION,
             "skeleton": hand,
             "limits": limits,
             "ridge": ridge,

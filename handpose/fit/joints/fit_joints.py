@@ -35,11 +35,11 @@ from netlib.errors import DataError
 
 CHUNK = 256  # frames per job of a thread
 GRID_STEP = np.pi / 6  # angle between the rotations of the grid
-ITERATIONS = 100  # maximum number per start
-MIN_GAIN = 1e-7  # relative; a frame whose cost decreases by less is finished
+MAX_ITERATIONS = 100  # maximum number per start
+COST_TOLERANCE = 1e-7  # relative; a frame whose cost decreases by less is finished
 EXACT = 5e-6  # root mean square distance of the joints at which a frame needs no other start
 MIN_MU = 1e-12  # minimum damping; below it a step equals Gauss-Newton's, up to rounding
-RIDGE = 1e-12  # if no known joint moves with an angle, its step is 0 / 1e-12
+DEFAULT_RIDGE = 1e-12  # if no known joint moves with an angle, its step is 0 / 1e-12
 
 
 class JointFit(NamedTuple):
@@ -217,10 +217,10 @@ def _descend(problem: PoseProblem, inputs: Array, goal: Array) -> tuple[Array, A
         inputs[:, problem.free],
         problem.lower,
         problem.upper,
-        ITERATIONS,
-        ridge=RIDGE,
+        MAX_ITERATIONS,
+        ridge=DEFAULT_RIDGE,
         min_mu=MIN_MU,
-        min_gain=MIN_GAIN,
+        min_gain=COST_TOLERANCE,
     )
     found = inputs.copy()
     found[:, problem.free] = x

@@ -39,7 +39,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.frames.camera_file import FRAMES, TICKS, since_1970
+from handpose.frames.camera_file import FRAME_UNIT, TICKS, since_1970
 from handpose.frames.camera_places import next_to
 from handpose.frames.cameras import Camera, View
 from handpose.frames.formats import CONVERTED, OF_ONE_FRAME, RAW, STACKS, conversion, is_pattern
@@ -131,7 +131,7 @@ class FolderRecording(Recording):
         unit, how = unit_of_times(
             name, numbers, str(self.folder), given.time_unit, own, camera_json
         )
-        ticks = 0 if unit == FRAMES else NANO
+        ticks = 0 if unit == FRAME_UNIT else NANO
         steps = (
             np.rint((numbers - numbers[0]) * (ticks / TICKS[unit] if ticks else 1))
             .astype(int)
@@ -296,7 +296,7 @@ SINCE_1970 = re.compile(r"(?<!\d)(\d{9,19})(?:\.(\d+)|(?<=(?<!\d)\d{10})[_-](\d{
 DATE = re.compile(
     r"(?<!\d)20\d\d\D?[01]\d\D?[0-3]\d(?:\D{0,4}[0-2]\d\D?[0-5]\d\D?[0-5]\d(?:\.\d+)?)?"
 )
-NUMBER, DECIMAL = re.compile(r"\d+"), re.compile(r"\d+(?:[.,]\d+)?")
+DIGITS, DECIMAL = re.compile(r"\d+"), re.compile(r"\d+(?:[.,]\d+)?")
 SPARSE = 10  # times as many numbers as frames are no count if the names have a date
 MIN_SIDE = 16  # px of a frame; labels and matrices have fewer rows or columns
 BYTES = 2  # of a value without a header
@@ -350,7 +350,7 @@ def _groups(names: Iterable[str]) -> dict[tuple[str, ...], list[str]]:
     groups: dict[tuple[str, ...], list[str]] = defaultdict(list)
     for name in names:
         path = PurePath(name)
-        key = (*NUMBER.split(path.stem), path.suffix.lower())
+        key = (*DIGITS.split(path.stem), path.suffix.lower())
         groups[key].append(name)
     return groups
 
@@ -394,7 +394,7 @@ def _reading(names: Sequence[str], unit: str | None) -> Reading | None:
 def _is_one_sequence(found: Reading) -> bool:
     """True if all numbers besides the time are constant or ascend with it."""
     order = sorted(range(len(found.times)), key=lambda i: found.times[i])
-    columns = zip(*(map(int, NUMBER.findall(found.rests[i])) for i in order))
+    columns = zip(*(map(int, DIGITS.findall(found.rests[i])) for i in order))
     return all(
         len(set(column)) == 1 or all(a < b for a, b in itertools.pairwise(column))
         for column in columns
@@ -410,10 +410,10 @@ def _readings(stems: list[str], unit: str | None) -> list[Reading]:
     how = "frames in the order of the numbers in their names"
     counts = [
         _read(stems, matches, [int(match[0]) for match in matches], 0, how)
-        for matches in _in_columns(stems, NUMBER)
+        for matches in _in_columns(stems, DIGITS)
     ] or [Reading([0] * len(stems), 0, how, stems)]
     counts.sort(key=lambda one: (len(set(one.times)) == 1, _range(one)))
-    if unit == FRAMES:
+    if unit == FRAME_UNIT:
         return counts
     if unit is not None:
         how, factor = f"times from the file names, in {unit} as given", NANO // TICKS[unit]
@@ -460,7 +460,7 @@ def _dated(stems: list[str]) -> Iterator[Reading]:
     """Names with several dates, after the same numbers: in the order of all their numbers."""
     matches = [DATE.search(stem) for stem in stems]
     if all(matches) and len({match[0] for match in matches if match}) > 1:
-        rows = [tuple(map(int, NUMBER.findall(stem))) for stem in stems]
+        rows = [tuple(map(int, DIGITS.findall(stem))) for stem in stems]
         ranks = {row: rank for rank, row in enumerate(sorted(set(rows)))}
         rests = [stem[: match.start()] for stem, match in zip(stems, matches) if match]
         how = "frames in the order of the dates in their names, one frame period each"
@@ -497,7 +497,7 @@ def _sequences(names: list[str], unit: str | None) -> list[list[str]]:
     if _reading(names, unit) is not None:
         return [names]
     columns = [
-        column for column in zip(*(NUMBER.findall(name) for name in names)) if len(set(column)) > 1
+        column for column in zip(*(DIGITS.findall(name) for name in names)) if len(set(column)) > 1
     ]
     column = min(columns, key=lambda column: len(set(column)))
     return [
@@ -510,11 +510,11 @@ def _pattern(names: list[str]) -> str:
     for the last one.
     """
     path = PurePath(names[0])
-    columns = list(zip(*(NUMBER.findall(PurePath(name).stem) for name in names)))
+    columns = list(zip(*(DIGITS.findall(PurePath(name).stem) for name in names)))
     changes = [len(set(column)) > 1 for column in columns]
     if columns and not any(changes):
         changes[-1] = True
     numbers = ["*" if change else column[0] for change, column in zip(changes, columns)]
-    texts = [glob.escape(text) for text in NUMBER.split(path.stem)]
+    texts = [glob.escape(text) for text in DIGITS.split(path.stem)]
     parts = itertools.zip_longest(texts, numbers, fillvalue="")
     return "".join(itertools.chain(*parts)) + path.suffix

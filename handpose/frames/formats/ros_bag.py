@@ -248,11 +248,11 @@ def _own(
 def _unit_mm(bag: Bag, topic: str, encoding: str) -> float | None:
     sensor = re.match(r"/device_\d+/sensor_\d+(?=/)", topic)
     options = [f"{sensor[0]}/option/{name}/value" for name in OPTIONS] if sensor else []
-    there = bag.topics(*NUMBERS)
+    there = bag.topics(*OPTION_TYPES)
     found = next((option for option in options if option in there), None)
     if found is None:
         return UNITS_MM.get(encoding)
-    return 1000 * metres_of(bag.first(found, *NUMBERS), f"{bag.where}: {found}")
+    return 1000 * metres_of(bag.first(found, *OPTION_TYPES), f"{bag.where}: {found}")
 
 
 # ----------------------------------------------------------------------------------------- messages
@@ -263,7 +263,7 @@ IMAGE, COMPRESSED, INFO = (
     "sensor_msgs/msg/CameraInfo",
 )
 IMAGES = (IMAGE, COMPRESSED)
-NUMBERS = ("std_msgs/msg/Float32", "std_msgs/msg/String")  # types of RealSense's options
+OPTION_TYPES = ("std_msgs/msg/Float32", "std_msgs/msg/String")  # types of RealSense's options
 # endings of the topics of CompressedImage, those for depth first
 PACKED = ("/compressedDepth", "/compressed")
 ENCODINGS = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
@@ -271,7 +271,7 @@ ENCODINGS = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
 # unit elsewhere.
 UNITS_MM = {"16UC1": 1.0, "32FC1": 1000.0}
 HEADER_BYTES = 12  # of a compressedDepth
-PICTURES = (pictures.PNG, b"II*\0", b"MM\0*")  # beginnings of a PNG and of TIFFs
+PICTURE_SIGNATURES = (pictures.PNG, b"II*\0", b"MM\0*")  # beginnings of a PNG and of TIFFs
 GREY_16 = b"\x10\x00"  # bits and type of colours in the header of a PNG
 
 
@@ -320,8 +320,8 @@ def _unpacked(message: Any, encoding: str, where: str) -> NDArray[Any]:
     Raises DataError for compressions that do not preserve depth, and others.
     """
     content = bytes(message.data)
-    picture = content if content.startswith(PICTURES) else content[HEADER_BYTES:]
-    if encoding == "32FC1" or not picture.startswith(PICTURES):
+    picture = content if content.startswith(PICTURE_SIGNATURES) else content[HEADER_BYTES:]
+    if encoding == "32FC1" or not picture.startswith(PICTURE_SIGNATURES):
         raise DataError(
             f"{where}: compressed depth of the format {message.format!r}; expected a PNG or TIFF of 16 "
             "bits (of others, `ros2 run image_transport republish` makes raw images)"

@@ -28,7 +28,7 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from handpose.frames import camera_file
-from handpose.frames.camera_file import FRAMES, TICKS, since_1970
+from handpose.frames.camera_file import FRAME_UNIT, MAX_NAMES, TICKS, since_1970
 from handpose.frames.camera_places import next_to
 from handpose.frames.images import errors_of
 from handpose.frames.recording import (
@@ -46,7 +46,7 @@ from netlib.errors import DataError
 from netlib.files.pictures import MAX_PIXELS
 
 WHAT = "the depth frames"
-AXES = {
+EXPECTED_AXES = {
     False: "(frames, height, width)",
     True: "(height, width); a file with several frames is opened by its name",
 }
@@ -72,7 +72,7 @@ class StackRecording(Recording):
             numbers = checked_times(others[times], count, f"{where}: {times}")
             unit, how = unit_of_times(times, numbers, where, given.time_unit, own, camera_json)
             rate = given.or_else(own).or_else(camera_json).rate or RATE
-            self._times = numbers / (rate if unit == FRAMES else TICKS[unit])
+            self._times = numbers / (rate if unit == FRAME_UNIT else TICKS[unit])
             taken.append(f"times from {times!r}, {how}")
         elif given.time_unit is not None:
             raise DataError(
@@ -163,7 +163,9 @@ class _Npz:
             self.names, self.others = list(headers), {}
             for name, header in headers.items():
                 is_known = (
-                    camera_file.is_known(name) or TIMES.fullmatch(_last(name)) or name == TEXT
+                    camera_file.is_known(name)
+                    or TIMES.fullmatch(_last(name))
+                    or name == CAMERA_TEXT
                 )
                 if is_known and header.dtype.kind in PARAMETERS:
                     with archive.open(f"{name}.npy") as stream:
@@ -215,7 +217,9 @@ def _name_of_depth(headers: Mapping[str, _Header], where: str, is_single: bool) 
         if len(named) == 1:
             return named[0]
     content = ", ".join(f"{name} {header.shape}" for name, header in headers.items()) or "nothing"
-    raise NotDepthError(f"{where}: holds {content}; expected an array depth {AXES[is_single]}")
+    raise NotDepthError(
+        f"{where}: holds {content}; expected an array depth {EXPECTED_AXES[is_single]}"
+    )
 
 
 def _last(name: str) -> str:
@@ -242,7 +246,7 @@ def _checked_shape(
     is_image = len(found) == 3 and min(found) > 0 and math.prod(found[1:]) <= MAX_PIXELS
     if advice or not is_image:
         raise NotDepthError(
-            f"{where}: an array of shape {shape}; expected {AXES[is_single]}{advice}"
+            f"{where}: an array of shape {shape}; expected {EXPECTED_AXES[is_single]}{advice}"
         )
     check_values(dtype, where)
     return found
@@ -265,10 +269,9 @@ TIMES = re.compile(
 )
 # the one name whose times are seconds unless they are times since 1970 in another unit
 IN_SECONDS = "time"
-OF_ANYTHING = ("name", "model", *camera_file.SIZE)  # ambiguous keys, used only with a camera
-TEXT = "camera"  # the name of the whole text of a camera.json
+OF_ANYTHING = ("name", "model", *camera_file.SIZE_KEYS)  # ambiguous keys, used only with a camera
+CAMERA_TEXT = "camera"  # the name of the whole text of a camera.json
 MAX_VALUES = 1000  # in an array of parameters
-MAX_NAMES = 8  # number of unused arrays that are named
 
 
 def not_used(names: list[str]) -> tuple[str, ...]:
@@ -303,10 +306,10 @@ def parameters_in(
             inner[last] = _plain(value, f"{where}: {name}")
     said = camera_file.find(nested, where, given.camera is not None)
     info, fields = said.info, said.fields
-    if TEXT in found:
-        text = str(_plain(found[TEXT], f"{where}: camera"))
+    if CAMERA_TEXT in found:
+        text = str(_plain(found[CAMERA_TEXT], f"{where}: camera"))
         info = info.or_else(camera_file.parse(text, f"{where}: camera"))
-        fields = {**fields, TEXT: "parameters"}
+        fields = {**fields, CAMERA_TEXT: "parameters"}
     used = [
         name
         for name, field in fields.items()

@@ -24,7 +24,7 @@ from netlib.blob import Array
 from netlib.errors import DataError
 
 # Blue, green, red, of fingers and of the limbs of other bodies; everything else is grey.
-COLOURS: dict[str, Colour] = {
+FINGER_COLOURS: dict[str, Colour] = {
     "thumb": (80, 90, 240),
     "index": (40, 165, 250),
     "middle": (90, 200, 90),
@@ -37,7 +37,7 @@ BLACK: Colour = (0, 0, 0)
 _PAPER: Colour = (248, 248, 248)
 GUESS_MM = 30.0  # a finger with a larger expected error is drawn as a guess
 YAW, PITCH = 35.0, 20.0  # degrees: where the view in space is seen from
-COLUMNS = 6  # of a page of ``two_views``
+PAGE_COLUMNS = 6  # of a page of ``two_views``
 LEGEND = "in colour: predicted; thin white, in space thin black: annotated"
 
 
@@ -183,7 +183,7 @@ def two_views(
             overlay(crop, joints[n], skeleton, annotated, center, cube_mm[n], camera, zoom=3)
         )
         images.append(view_3d(joints[n], skeleton, annotated, size=384))
-    page = strokes.sheet(images, COLUMNS, [title for pair in titles for title in pair])
+    page = strokes.sheet(images, PAGE_COLUMNS, [title for pair in titles for title in pair])
     legend = np.full((24, page.shape[1], 3), 255, dtype=np.uint8)
     strokes.text_within(legend, LEGEND, np.array([8, 18]), (40, 40, 40), 0.5, page.shape[1] - 16)
     return np.concatenate([legend, page])
@@ -195,10 +195,10 @@ def colours(skeleton: Skeleton) -> list[Colour]:
     In a body without fingers the limbs have different colours; a limb is a chain of joints
     without a fork.
     """
-    fingers = [COLOURS.get(name.partition("_")[0]) for name in skeleton.joint_names]
+    fingers = [FINGER_COLOURS.get(name.partition("_")[0]) for name in skeleton.joint_names]
     if any(fingers):
         return [own or GREY for own in fingers]
-    palette = list(COLOURS.values())
+    palette = list(FINGER_COLOURS.values())
     found = [GREY] * len(fingers)
     for number, limb in enumerate(limbs(skeleton)):
         for joint in limb:

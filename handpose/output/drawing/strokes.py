@@ -17,7 +17,7 @@ Image = NDArray[np.uint8]  # (height, width, 3), OpenCV's colour order
 Colour = tuple[int, int, int]  # blue, green, red
 
 _SUBPIXEL = 4  # cv2 draws at multiples of 1 / 2**4 of a pixel
-_FAR = 1e4  # pixels
+_MAX_COORDINATE = 1e4  # pixels
 
 
 def line(canvas: Image, start: Array, stop: Array, colour: Colour, thick: int) -> None:
@@ -55,8 +55,8 @@ def text_width(words: str, scale: float) -> int:
 def _fixed(point: Array) -> tuple[int, int]:
     """A point for cv2's drawing with ``shift``, clipped to the range of its integers."""
     x, y = point.tolist()  # plain floats are faster
-    return round(min(max(x, -_FAR), _FAR) * 2**_SUBPIXEL), round(
-        min(max(y, -_FAR), _FAR) * 2**_SUBPIXEL
+    return round(min(max(x, -_MAX_COORDINATE), _MAX_COORDINATE) * 2**_SUBPIXEL), round(
+        min(max(y, -_MAX_COORDINATE), _MAX_COORDINATE) * 2**_SUBPIXEL
     )
 
 
@@ -93,8 +93,8 @@ def sheet(
     return canvas
 
 
-COLUMNS, PLACES = 4, 16  # of a page
-WIDTH = 480  # pixels of an image; larger ones are reduced
+SHEET_COLUMNS, IMAGES_PER_PAGE = 4, 16  # of a page
+MAX_IMAGE_WIDTH = 480  # pixels of an image; larger ones are reduced
 PAGES = 4  # an even number
 
 
@@ -113,7 +113,7 @@ class ContactSheet:
     def add(self, time: float, draw: Callable[[], Image]) -> None:
         """Add a frame at a time in s; its image is drawn only if it is taken."""
         if self._count % self._step == 0:
-            if len(self._kept) == PAGES * PLACES:
+            if len(self._kept) == PAGES * IMAGES_PER_PAGE:
                 self._kept, self._step = self._kept[::2], 2 * self._step
             self._kept.append((time, self._reduced(draw())))
         self._count += 1
@@ -125,18 +125,19 @@ class ContactSheet:
     def page(self) -> Image:
         """The images, each with its time above it. Raises DataError if there are none."""
         images = [image for _, image in self._chosen()]
-        return sheet(images, COLUMNS, [f"{time:.2f} s" for time in self.times()])
+        return sheet(images, SHEET_COLUMNS, [f"{time:.2f} s" for time in self.times()])
 
     def _chosen(self) -> list[tuple[float, Image]]:
-        count = min(len(self._kept), PLACES)
+        count = min(len(self._kept), IMAGES_PER_PAGE)
         return [
             self._kept[round(n * (len(self._kept) - 1) / max(count - 1, 1))] for n in range(count)
         ]
 
     def _reduced(self, image: Image) -> Image:
-        if image.shape[1] <= WIDTH:
+        if image.shape[1] <= MAX_IMAGE_WIDTH:
             return image
-        height = max(round(image.shape[0] * WIDTH / image.shape[1]), 1)
+        height = max(round(image.shape[0] * MAX_IMAGE_WIDTH / image.shape[1]), 1)
         return np.asarray(
-            cv2.resize(image, (WIDTH, height), interpolation=cv2.INTER_AREA), dtype=np.uint8
+            cv2.resize(image, (MAX_IMAGE_WIDTH, height), interpolation=cv2.INTER_AREA),
+            dtype=np.uint8,
         )

@@ -8,14 +8,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from handpose.body.render import Capsules, in_front, normalise_depth, render, render_crop
 from handpose.frames.cameras import Camera
+from handpose.frames.crops import FAR_FACE
 from handpose.output.drawing import hands
 from handpose.output.drawing.strokes import Colour, Image
 from netlib.blob import Array
 
-SKIN: Colour = (120, 165, 235)  # blue, green, red
-MISSING: Colour = (90, 60, 200)
-BACKGROUND = 0.999  # depths from here on are the far face, including rounding
-_LIGHT = np.array([-0.35, 0.45, -0.82])  # from the upper left, behind the viewer
+SKIN_COLOUR: Colour = (120, 165, 235)  # blue, green, red
+MISSING_COLOUR: Colour = (90, 60, 200)
+_LIGHT_DIRECTION = np.array([-0.35, 0.45, -0.82])  # from the upper left, behind the viewer
 _STEEP = 5.0  # maximum slope; a steeper one is an edge
 _SAMPLES = 144  # maximum number of rendered pixels along the longer side of a hand's rectangle
 _OBLIQUE = 1.3  # elongation of a sphere at the image's edge
@@ -43,13 +43,16 @@ def over_crop(
     ]
     canvas = hands.picture(crop, zoom)
     large = cv2.resize(drawn, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_NEAREST)
-    shown = large < BACKGROUND
+    shown = large < FAR_FACE
     light = cv2.resize(
         _shade(drawn, 2 / len(drawn)), None, fx=zoom, fy=zoom, interpolation=cv2.INTER_LINEAR
     )
-    seen = (crop < BACKGROUND).astype(np.uint8)
+    seen = (crop < FAR_FACE).astype(np.uint8)
     behind = cv2.resize(seen, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_NEAREST) > 0
-    colour = np.where(behind[..., None], np.array(SKIN), np.array(MISSING)) * light[..., None]
+    colour = (
+        np.where(behind[..., None], np.array(SKIN_COLOUR), np.array(MISSING_COLOUR))
+        * light[..., None]
+    )
     mixed = np.where(shown[..., None], 0.75 * colour + 0.25 * canvas, canvas)
     return np.asarray(np.clip(np.rint(mixed), 0, 255), np.uint8)
 
@@ -70,7 +73,7 @@ def paint(canvas: Image, capsules: Capsules, camera: Camera, opacity: float = 0.
     y = (rows.start + _samples(height, step) - camera.v0) / camera.fy
     depth = render(near, x[None], y[None], np.array([_NOTHING]))[0]
     shaded = _shade(depth, depth * np.float32(step / camera.fx))[..., None] * np.array(
-        SKIN, np.float32
+        SKIN_COLOUR, np.float32
     )
     skin = cv2.resize(shaded.astype(np.uint8), (width, height))
     shown = cv2.resize((depth < _NOTHING).astype(np.float32), (width, height))
@@ -110,6 +113,6 @@ def _shade(depth: NDArray[np.float32], pixel: float | NDArray[np.float32]) -> ND
     across, down = (np.gradient(depth, axis=axis) / pixel for axis in (1, 0))
     for slope in (across, down):
         slope[np.abs(slope) > _STEEP] = 0
-    lx, ly, lz = _LIGHT / np.linalg.norm(_LIGHT)
+    lx, ly, lz = _LIGHT_DIRECTION / np.linalg.norm(_LIGHT_DIRECTION)
     light = (across * lx - down * ly - lz) / np.sqrt(across * across + down * down + 1)
     return np.asarray(np.clip(0.35 + 0.65 * light, 0, 1), np.float32)

@@ -20,8 +20,8 @@ from handpose.output.drawing.strokes import Colour, Image
 from handpose.output.drawing.view import (
     Contrast,
     Tags,
-    View,
-    Window,
+    Viewport,
+    ViewportFollower,
     box_of,
     colour_of,
     spoken,
@@ -51,7 +51,7 @@ class Painter:
         self.header = header
         zoom = min(MAX_WIDTH / camera.width, MAX_HEIGHT / camera.height)
         self._size = max(round(camera.width * zoom), 1), max(round(camera.height * zoom), 1)
-        self._contrast, self._window = Contrast(), Window(camera)
+        self._contrast, self._follower = Contrast(), ViewportFollower(camera)
 
     def picture(
         self,
@@ -92,7 +92,7 @@ class Painter:
         check_size(depth, self.header.camera)
         joints = np.concatenate([np.empty((0, 3)), *(hand.xyz for hand in frame.hands)])
         self._contrast.see(frame.time, depth, joints[:, 2])
-        part = _Part(self._window.see(frame.time, frame.hands), self.header.camera, self._size)
+        part = _Part(self._follower.see(frame.time, frame.hands), self.header.camera, self._size)
         canvas = np.asarray(
             cv2.cvtColor(part.of(self._contrast.grey(depth)), cv2.COLOR_GRAY2BGR), dtype=np.uint8
         )
@@ -120,11 +120,11 @@ class _Part:
     sees the image.
     """
 
-    def __init__(self, view: View, camera: Camera, size: tuple[int, int]) -> None:
+    def __init__(self, viewport: Viewport, camera: Camera, size: tuple[int, int]) -> None:
         self._size, self._frame = size, camera
-        self._zoom, self._corner = np.array(size) / view[2:], np.array(view[:2])
+        self._zoom, self._corner = np.array(size) / viewport[2:], np.array(viewport[:2])
         (across, down), (left, top) = self._zoom, 0.5 - self._corner
-        self._is_reduced = view.width == camera.width and across < 1
+        self._is_reduced = viewport.width == camera.width and across < 1
         self.camera = Camera(
             camera.name,
             camera.fx * across,

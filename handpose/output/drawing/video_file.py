@@ -20,7 +20,7 @@ from handpose.output.drawing.strokes import Image
 from netlib.errors import DataError, NetlibError
 from netlib.files import atomic
 
-TICKS = 60000  # per second: exact for 30 and 29.97 frames/s
+TICKS_PER_S = 60000  # exact for 30 and 29.97 frames/s
 RATES = (0.1, 1000.0)  # range of images per second that players support
 MAX_SECONDS = 1e8
 # With their options; the first that PyAV was built with is taken. Without B-frames times begin at 0
@@ -75,10 +75,10 @@ class VideoFile:
         """
         if self._stream is None:
             self._begin(image, time)
-        elif not 1 <= (time - self._last) * TICKS <= MAX_SECONDS * TICKS:
+        elif not 1 <= (time - self._last) * TICKS_PER_S <= MAX_SECONDS * TICKS_PER_S:
             raise DataError(
                 f"{self.path}: a picture at {time:g} s after one at {self._last:g} s; expected a later "
-                f"one, by 1/{TICKS} s at least and {MAX_SECONDS:g} s at most"
+                f"one, by 1/{TICKS_PER_S} s at least and {MAX_SECONDS:g} s at most"
             )
         even = cv2.copyMakeBorder(
             image, 0, image.shape[0] % 2, 0, image.shape[1] % 2, cv2.BORDER_REPLICATE
@@ -86,7 +86,10 @@ class VideoFile:
         with self._refusals():
             frame = self._av.VideoFrame.from_ndarray(even, format="bgr24")
             frame = frame.reformat(format="yuv420p", dst_colorspace="ITU709")
-            frame.pts, frame.time_base = int((time - self._first) * TICKS + 0.5), Fraction(1, TICKS)
+            frame.pts, frame.time_base = (
+                int((time - self._first) * TICKS_PER_S + 0.5),
+                Fraction(1, TICKS_PER_S),
+            )
             self._mux(frame)
         self._last = time
 
@@ -117,9 +120,9 @@ class VideoFile:
             self._stack = stack.pop_all()
         self._first = time
         stream.height, stream.width = (pixels + pixels % 2 for pixels in image.shape[:2])
-        stream.pix_fmt, stream.time_base = "yuv420p", Fraction(1, TICKS)
+        stream.pix_fmt, stream.time_base = "yuv420p", Fraction(1, TICKS_PER_S)
         coder = stream.codec_context
-        coder.time_base = Fraction(1, TICKS)
+        coder.time_base = Fraction(1, TICKS_PER_S)
         coder.colorspace = coder.color_primaries = coder.color_trc = BT709
         coder.color_range = LIMITED
         self._stream = stream
@@ -127,7 +130,7 @@ class VideoFile:
     def _mux(self, frame: Any) -> None:
         """Encode a frame, or flush the encoder, and write its output."""
         for packet in self._stream.encode(frame):
-            packet.duration = round(TICKS / self.rate)  # the duration of the last image
+            packet.duration = round(TICKS_PER_S / self.rate)  # the duration of the last image
             self._file.mux(packet)
 
     @contextlib.contextmanager

@@ -25,7 +25,7 @@ MARGIN = 1.1  # of the crops of all hands
 MAX_ZOOM = 5.0  # at least a fifth of the frame is shown
 
 
-class View(NamedTuple):
+class Viewport(NamedTuple):
     """A part of a frame in pixels; the pixel in column c covers c to c + 1.
 
     Parts have the frame's aspect ratio.
@@ -55,7 +55,7 @@ class _Follower:
         return self._state
 
 
-class Window:
+class ViewportFollower:
     """Follows the hands in the frames of one camera, in the order of time; without hands it is
     the whole frame.
     """
@@ -65,13 +65,13 @@ class Window:
         # of middle u, v and the logarithm of the width in frame widths
         self._follower = _Follower(SECONDS)
 
-    def see(self, time: float, hands: Sequence[TrackedHand]) -> View:
+    def see(self, time: float, hands: Sequence[TrackedHand]) -> Viewport:
         """The part to show at a time in s."""
         state = self._follower.follow(time, self._around(hands))
         frame = np.array([self._camera.width, self._camera.height], np.float64)
         size = frame * min(float(np.exp(state[2])), 1.0)
         corner = np.clip(state[:2] - size / 2, 0, frame - size)
-        return View(float(corner[0]), float(corner[1]), float(size[0]), float(size[1]))
+        return Viewport(float(corner[0]), float(corner[1]), float(size[0]), float(size[1]))
 
     def _around(self, hands: Sequence[TrackedHand]) -> Array:
         width, height = self._camera.width, self._camera.height
@@ -148,7 +148,7 @@ def _nearer_half(depth: NDArray[np.floating]) -> tuple[float, float]:
 # ------------------------------------------------------------------------------------------- labels
 
 # Blue, green, red: dark enough for white letters on them.
-COLOURS: tuple[Colour, ...] = (
+ID_COLOURS: tuple[Colour, ...] = (
     (190, 110, 25),
     (30, 95, 210),
     (60, 130, 40),
@@ -157,14 +157,14 @@ COLOURS: tuple[Colour, ...] = (
     (130, 130, 0),
 )
 
-HEIGHT = 22  # pixels
+TAG_HEIGHT = 22  # pixels
 _WORDS = 0.55  # scale of text
 _BESIDE = 6  # pixels of background left and right of the text
 
 
 def colour_of(id: int) -> Colour:
     """The colour of the hand with this id."""
-    return COLOURS[id % len(COLOURS)]
+    return ID_COLOURS[id % len(ID_COLOURS)]
 
 
 def percent(confidence: float) -> str:
@@ -211,26 +211,29 @@ class Tags:
         scale = _WORDS * min(1.0, room / max(strokes.text_width(words, _WORDS), 1))
         wide = strokes.text_width(words, scale) + 2 * _BESIDE
         x = int(np.clip(left, 0, max(width - wide, 0)))
-        wanted = int(np.clip(bottom - HEIGHT, 0, height - HEIGHT))
+        wanted = int(np.clip(bottom - TAG_HEIGHT, 0, height - TAG_HEIGHT))
         places = sorted(
-            range(wanted % HEIGHT, height - HEIGHT + 1, HEIGHT), key=lambda y: (abs(y - wanted), y)
+            range(wanted % TAG_HEIGHT, height - TAG_HEIGHT + 1, TAG_HEIGHT),
+            key=lambda y: (abs(y - wanted), y),
         )
         y = next((y for y in places if not self._hits(x, x + wide, y)), wanted)
         self._taken.append((x, x + wide, y))
         white = (255, 255, 255)
-        cv2.rectangle(self._canvas, (x, y), (x + wide - 1, y + HEIGHT - 1), colour, -1)
+        cv2.rectangle(self._canvas, (x, y), (x + wide - 1, y + TAG_HEIGHT - 1), colour, -1)
         if not sure:
-            cv2.rectangle(self._canvas, (x + 2, y + 2), (x + wide - 3, y + HEIGHT - 3), white, -1)
+            cv2.rectangle(
+                self._canvas, (x + 2, y + 2), (x + wide - 3, y + TAG_HEIGHT - 3), white, -1
+            )
         strokes.text(
             self._canvas,
             words,
-            np.array([x + _BESIDE, y + HEIGHT - 6]),
+            np.array([x + _BESIDE, y + TAG_HEIGHT - 6]),
             white if sure else colour,
             scale,
         )
 
     def _hits(self, left: int, right: int, top: int) -> bool:
         return any(
-            left < end and right > start and abs(top - other) < HEIGHT
+            left < end and right > start and abs(top - other) < TAG_HEIGHT
             for start, end, other in self._taken
         )

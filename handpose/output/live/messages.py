@@ -26,14 +26,14 @@ from numpy.typing import NDArray
 
 from handpose.body.joint_formats.formats import FormatName
 from handpose.frames.cameras import Camera
-from handpose.output.drawing.view import Contrast, View, Window, box_of
+from handpose.output.drawing.view import Contrast, Viewport, ViewportFollower, box_of
 from handpose.output.tracks.json_values import FrameValues, header_values, to_text
 from handpose.tracking.track import TrackedFrame, TrackedHand, TrackHeader
 
 # paths of the server: frames as JSON lines, and those of the page
-LINES, VIEWS = "/frames", "/view"
+LINES_PATH, VIEWS_PATH = "/frames", "/view"
 MAX_SAMPLES = 320  # maximum side of the depth image sent to the page
-_MAX_DEPTH = np.iinfo(np.uint16).max
+_MAX_SAMPLE = np.iinfo(np.uint16).max
 
 
 class Grid(NamedTuple):
@@ -53,11 +53,12 @@ class Grid(NamedTuple):
         return depth[rows, self.left : self.left + self.columns * self.step : self.step]
 
 
-def grid_of(camera: Camera, window: View, hands: Sequence[TrackedHand]) -> Grid:
-    """The grid that contains the window and the crops of the hands, with at most MAX_SAMPLES
+def grid_of(camera: Camera, viewport: Viewport, hands: Sequence[TrackedHand]) -> Grid:
+    """The grid that contains the viewport and the crops of the hands, with at most MAX_SAMPLES
     columns and rows.
     """
-    boxes = [(window.left, window.top, window.left + window.width, window.top + window.height)]
+    right, bottom = viewport.left + viewport.width, viewport.top + viewport.height
+    boxes = [(viewport.left, viewport.top, right, bottom)]
     edges = np.array(boxes + [box_of(hand, camera) for hand in hands])
     size = np.array([camera.width, camera.height])
     low = np.floor(np.clip(edges[:, :2].min(axis=0), 0, size)).astype(int)
@@ -81,7 +82,7 @@ class Messages:
         self.header = to_text(header_values(header, joints))
         self._values = FrameValues(header, joints, gestures, live=True)
         self._camera = header.camera
-        self._contrast, self._window = Contrast(), Window(header.camera)
+        self._contrast, self._follower = Contrast(), ViewportFollower(header.camera)
 
     def record(self, frame: TrackedFrame) -> dict[str, Any]:
         """The frame as an object; call it once per frame."""
@@ -97,20 +98,20 @@ class Messages:
         """The message for the page."""
         points = np.concatenate([np.empty((0, 3)), *(hand.xyz for hand in frame.hands)])
         self._contrast.see(frame.time, depth, points[:, 2])
-        window = self._window.see(frame.time, frame.hands)
-        grid = grid_of(self._camera, window, frame.hands)
+        viewport = self._follower.see(frame.time, frame.hands)
+        grid = grid_of(self._camera, viewport, frame.hands)
         surfaces = [hand.capsules for hand in frame.hands]
         counts = [0 if surface is None else surface.a.shape[1] for surface in surfaces]
         values = {
             "record": record,
             "middle": self._contrast.middle,
             "spread": self._contrast.spread,
-            "window": [round(edge, 2) for edge in window],
+            "window": [round(edge, 2) for edge in viewport],
             "grid": list(grid),
             "capsules": counts,
         }
         text = to_text(values).encode()
-        samples = np.clip(grid.of(depth), 0, _MAX_DEPTH).astype("<u2")
+        samples = np.clip(grid.of(depth), 0, _MAX_SAMPLE).astype("<u2")
         parts = [
             struct.pack("<I", _padded(len(text))),
             text.ljust(_padded(len(text))),

@@ -2,8 +2,8 @@
 
 with LiveServer("127.0.0.1", 0, messages.header, page) as server:    # port 0: any that is free
     print(server.page_url, server.lines_url)
-    server.put(LINES, line)
-    server.put(VIEWS, view)
+    server.put(LINES_PATH, line)
+    server.put(VIEWS_PATH, view)
 
 It answers three paths, each with the query token=TOKEN, which is random:
 
@@ -42,7 +42,7 @@ from http import HTTPStatus
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
-from handpose.output.live.messages import LINES, VIEWS
+from handpose.output.live.messages import LINES_PATH, VIEWS_PATH
 from handpose.output.live.page import page_without_token
 from netlib.errors import NetlibError, reason_of
 
@@ -90,7 +90,7 @@ class LiveServer:
         self._websockets = websockets
         self.host, self.port, self._header, self._page = host, port, header, page
         self.token = secrets.token_urlsafe(16) if token is None else checked_token(token)
-        self._clients: dict[str, set[_Newest]] = {LINES: set(), VIEWS: set()}
+        self._clients: dict[str, set[_Newest]] = {LINES_PATH: set(), VIEWS_PATH: set()}
         self._handlers: dict[asyncio.Task[Any], Any] = {}  # with the connection of each
         self._was_asked = threading.Event()
         self._ready: Future[None] = Future()
@@ -113,7 +113,7 @@ class LiveServer:
     @property
     def lines_url(self) -> str:
         """The address for programs."""
-        return self._address("ws", LINES)
+        return self._address("ws", LINES_PATH)
 
     @property
     def is_public(self) -> bool:
@@ -194,12 +194,12 @@ class LiveServer:
         self._handlers[task] = connection
         self._clients[path].add(waiting)
         try:
-            if path == LINES:
+            if path == LINES_PATH:
                 await connection.send(self._header)
             self._was_asked.set()
             while (message := await waiting.get()) is not None:
                 await connection.send(message)
-                if path == VIEWS:
+                if path == VIEWS_PATH:
                     await connection.recv()  # it has the frame, and requests the next one
             await connection.close(*self._close_with)
         except self._websockets.exceptions.ConnectionClosed:
@@ -240,7 +240,7 @@ class LiveServer:
         if url.path == "/":
             return _response(connection, HTTPStatus.OK, self._page, "text/html")
         if url.path not in self._clients:
-            return refused(HTTPStatus.NOT_FOUND, f"Expected /, {LINES} or {VIEWS}.\n")
+            return refused(HTTPStatus.NOT_FOUND, f"Expected /, {LINES_PATH} or {VIEWS_PATH}.\n")
         if any(site != hosts[0] for site in sites):  # programs send no origin
             return refused(HTTPStatus.FORBIDDEN, "Pages of other sites get no frames.\n")
         return None

@@ -26,8 +26,8 @@ from netlib.blob import Array
 from netlib.errors import DataError
 from netlib.proto import prototxt, schema
 
-FORMAT, VERSION = "handpose", 2
-READ = (1, 2)  # versions; without presence before 2
+FORMAT, FORMAT_VERSION = "handpose", 2
+READABLE_VERSIONS = (1, 2)  # versions; without presence before 2
 UNITS = {"length": "mm", "angle": "rad", "time": "s", "pixel": "px"}
 AXES = {"x": "right", "y": "up", "z": "away from the camera"}
 
@@ -71,7 +71,7 @@ def header_values(
     }
     return {
         "format": FORMAT,
-        "version": VERSION,
+        "version": FORMAT_VERSION,
         "source": header.source,
         "smoothed": header.smoothed,
         "units": UNITS,
@@ -113,9 +113,9 @@ def header_of(fields: Fields) -> TrackHeader:
         raise DataError(
             f"{fields.where}: not a track; expected a file that track --json has written"
         )
-    if fields.whole("version") not in READ:
+    if fields.whole("version") not in READABLE_VERSIONS:
         raise DataError(
-            f"{fields.where}: format version {fields.whole('version')}; this program reads {VERSION}"
+            f"{fields.where}: format version {fields.whole('version')}; this program reads {FORMAT_VERSION}"
         )
     if not fields.has("camera"):
         raise DataError(

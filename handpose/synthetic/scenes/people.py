@@ -33,8 +33,8 @@ THIGH = (85.0, 62.0)  # radii at hip and knee
 HIP = ((-95.0, -470.0, 20.0), (95.0, -470.0, 20.0))
 
 
-class Person(NamedTuple):
-    """Directions and places of N people: (N, 3) each, and the size (N, 1)."""
+class Torsos(NamedTuple):
+    """Directions and places of the torsos of N people: (N, 3) each, and the size (N, 1)."""
 
     up: Array
     face: Array
@@ -51,7 +51,7 @@ class People(NamedTuple):
     """Two placed hands in each frame, and whose they are."""
 
     hands: tuple[Hands, Hands]
-    person: Person
+    person: Torsos
     palms: Array  # (N, 2, 3)
     there: NDArray[np.bool_]  # (N, 2)
     rests: NDArray[np.bool_]  # (N,) the first one, on a table
@@ -79,20 +79,20 @@ def draw_people(
     return People((first, second), person, palms, there, rests)
 
 
-def _wearer(rng: np.random.Generator, cameras: Cameras, size: Array) -> Person:
+def _wearer(rng: np.random.Generator, cameras: Cameras, size: Array) -> Torsos:
     """The people on whose heads the cameras would be."""
     count, up = len(size), cameras.up
     face = unit(across(AHEAD + 0.25 * rng.normal(size=(count, 3)) - 0.3 * up, up))
     right = np.cross(up, face)
     below, behind = rng.uniform(60, 320, (count, 1)), rng.uniform(-60, 150, (count, 1))
     middle = -up * below - face * behind + right * rng.uniform(-100, 100, (count, 1))
-    return Person(up, face, right, middle, size)
+    return Torsos(up, face, right, middle, size)
 
 
 def _turn_of_first(
     rng: np.random.Generator,
     cameras: Cameras,
-    wearer: Person,
+    wearer: Torsos,
     hand: Hands,
     place: Array,
     rests: NDArray[np.bool_],
@@ -118,7 +118,7 @@ def _turn_of_first(
     return np.asarray(turns[np.arange(count), score.argmax(1)])
 
 
-def _owner(rng: np.random.Generator, cameras: Cameras, wearer: Person, hand: Hands) -> Person:
+def _owner(rng: np.random.Generator, cameras: Cameras, wearer: Torsos, hand: Hands) -> Torsos:
     """The people of the first hands: the wearers, or somebody at the end of the arm."""
     count, up = len(hand.side), cameras.up
     outwards = hand.side[:, None]
@@ -134,7 +134,7 @@ def _owner(rng: np.random.Generator, cameras: Cameras, wearer: Person, hand: Han
     )
     size = wearer.size
     shoulder = np.where(on_head, wearer.shoulder(hand.side), hand.elbow + ARM_MM * size * upper)
-    return Person(up, face, right, shoulder - outwards * right * SHOULDER_MM * size, size)
+    return Torsos(up, face, right, shoulder - outwards * right * SHOULDER_MM * size, size)
 
 
 def _second(
@@ -142,7 +142,7 @@ def _second(
     prior: HandsParameter,
     sampler: BodySampler,
     cameras: Cameras,
-    person: Person,
+    person: Torsos,
     place: Array,
     side: Array,
 ) -> tuple[Hands, Array]:
@@ -170,7 +170,7 @@ def _second(
     return hand.placed(turns[rows, best], where), where
 
 
-def _other_elbows(rng: np.random.Generator, person: Person, side: Array) -> Array:
+def _other_elbows(rng: np.random.Generator, person: Torsos, side: Array) -> Array:
     """Places (N, TRIALS, 3) of the elbows of the other arms."""
     count = len(side)
     many = (count, TRIALS, 1)
@@ -188,7 +188,7 @@ def draw_arm(
     rng: np.random.Generator,
     prior: ArmParameter,
     hand: Hands,
-    person: Person,
+    person: Torsos,
     there: NDArray[np.bool_],
 ) -> Capsules:
     """Forearm, sleeve and upper arm (N, 3 capsules); some arms end early."""
@@ -215,7 +215,7 @@ def draw_arm(
     return shown(Capsules(a, b, ra, rb), there[:, None])
 
 
-def draw_body(rng: np.random.Generator, prior: BodyParameter, person: Person) -> Capsules:
+def draw_body(rng: np.random.Generator, prior: BodyParameter, person: Torsos) -> Capsules:
     """Trunk, shoulders, neck, head, and the legs of some who sit."""
     count = len(person.size)
     axes = np.stack([person.right, person.up, person.face], axis=1)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from handpose.frames.cameras import Floats
 from handpose.synthetic.scenes.directions import across, any_direction, any_rotation, dot, unit
-from handpose.synthetic.scenes.people import People, Person
+from handpose.synthetic.scenes.people import People, Torsos
 from handpose.synthetic.scenes.prior import (
     PartParameter,
     PlanesParameter,
@@ -79,7 +79,7 @@ def draw_table(
 
 
 def draw_things(
-    rng: np.random.Generator, prior: ThingsParameter, person: Person, near: Array, table: Table
+    rng: np.random.Generator, prior: ThingsParameter, person: Torsos, near: Array, table: Table
 ) -> tuple[Solids, NDArray[np.int_]]:
     """Some things in each frame, each of one or several solids, M in all; and which of the prior's
     things these belong to (M,).
@@ -101,7 +101,7 @@ def _solids_of(
     rng: np.random.Generator,
     prior: ThingsParameter,
     thing: ThingParameter,
-    person: Person,
+    person: Torsos,
     near: Array,
     table: Table,
     shown: NDArray[np.bool_],
@@ -138,7 +138,7 @@ def _placed(
     rng: np.random.Generator,
     prior: ThingsParameter,
     thing: ThingParameter,
-    person: Person,
+    person: Torsos,
     near: Array,
     table: Table,
     n: NDArray[np.int_],
@@ -197,7 +197,7 @@ def _tilted(tilt: Array, lean: Array) -> Array:
 def draw_planes(
     rng: np.random.Generator,
     prior: PlanesParameter,
-    person: Person,
+    person: Torsos,
     near: Array,
     palm: Array,
     rays: Rays,

@@ -6,10 +6,18 @@ import numpy as np
 import pytest
 
 from handpose.body import gestures
-from handpose.body.gestures import BEGIN, END, FORGET_S, GESTURES, NUMBERS, GestureReader, scores
+from handpose.body.gestures import (
+    BEGIN,
+    END,
+    FINGER_COUNTS,
+    FORGET_S,
+    GESTURES,
+    GestureReader,
+    scores,
+)
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
-from handpose.synthetic.prior_file import PartParameter, PoseParameter
+from handpose.synthetic.prior_file import PoseParameter, PosePartParameter
 from layers.hand.kinematics import Kinematics
 from layers.hand.skeleton import load
 from netlib.blob import Array
@@ -53,13 +61,13 @@ def _pose(
     of their ranges.
     """
     bent = [
-        PartParameter(chain, bend)
+        PosePartParameter(chain, bend)
         for of, bend in zip(("index", "middle", "ring", "little"), bends)
         for chain in (of, f"{of}_knuckle")
         if bend >= 0
     ]
     return PoseParameter(
-        name, tuple(bent), tuple(PartParameter(of, part) for of, part in at.items())
+        name, tuple(bent), tuple(PosePartParameter(of, part) for of, part in at.items())
     )
 
 
@@ -102,7 +110,14 @@ def test_a_half_bent_hand_shows_none() -> None:
 
 
 def test_numbers() -> None:
-    assert set(NUMBERS) < set(GESTURES) and sorted(NUMBERS.values()) == [0, 1, 2, 3, 4, 5]
+    assert set(FINGER_COUNTS) < set(GESTURES) and sorted(FINGER_COUNTS.values()) == [
+        0,
+        1,
+        2,
+        3,
+        4,
+        5,
+    ]
 
 
 RATE = 30.0

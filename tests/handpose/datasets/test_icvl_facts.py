@@ -125,7 +125,7 @@ def test_bones(hand: Skeleton) -> None:
         for joints in (published, nyu)
     )
     for j, length in lengths.items():
-        assert abs(hand.bones[j]) * icvl.CUBE_MM / 2 == pytest.approx(length.mean(), rel=0.03)
+        assert abs(hand.bones[j]) * icvl.ICVL_CUBE_MM / 2 == pytest.approx(length.mean(), rel=0.03)
         assert length.std() / length.mean() < 0.03
     for name, documented, nyus in (
         ("thumb_mid", 32.3, 46.1),

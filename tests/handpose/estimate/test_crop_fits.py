@@ -12,12 +12,12 @@ from handpose.estimate.crop_fits import fit_crops, fit_starts
 from handpose.estimate.nets import best_fit, hand_poses
 from handpose.estimate.packaged import load_predictor
 from handpose.estimate.predictor import Predictor
-from handpose.fit.body import SIZE, CapsuleModel
+from handpose.fit.body import SIZE_INDEX, CapsuleModel
 from handpose.fit.depth_fit import DepthFit
 from handpose.fit.observation import HandCrops
 from handpose.fit.search import FAST
 from handpose.frames.cameras import NYU
-from handpose.synthetic.generator import Generator, Recipe, Scene, View
+from handpose.synthetic.generator import Generator, Recipe, Scene, SyntheticCamera
 from netlib.net import Net
 from tests.handpose.estimate.conftest import NetOf
 from tests.support.packaged_hand import EXACT
@@ -41,7 +41,7 @@ def predictor() -> Predictor:
 @pytest.fixture(scope="module")
 def scene() -> Scene:
     """Some synthetic frames of NYU's camera."""
-    return Generator(9, recipe=Recipe(EXACT, views=(View(NYU, None),))).scene(0)
+    return Generator(9, recipe=Recipe(EXACT, views=(SyntheticCamera(NYU, None),))).scene(0)
 
 
 def fits(predictor: Predictor, scene: Scene, count: int, **options: Any) -> DepthFit:
@@ -65,7 +65,9 @@ def test_blocks_change_nothing(
 
 
 def test_a_known_size(predictor: Predictor, scene: Scene) -> None:
-    assert np.exp(fits(predictor, scene, 2, size=0.95).x[:, SIZE]) == pytest.approx(0.95, abs=3e-3)
+    assert np.exp(fits(predictor, scene, 2, size=0.95).x[:, SIZE_INDEX]) == pytest.approx(
+        0.95, abs=3e-3
+    )
 
 
 def crops(count: int) -> np.ndarray:
@@ -90,7 +92,7 @@ def test_of_a_net_with_sizes(net: Net, model: CapsuleModel) -> None:
     """The start has the size that the net predicts, and the joints of its hand model."""
     (x,) = fit_starts(net, model, crops(2), (0,))
     assert x.shape == (2, model.variables) and best_fit(net) == "accurate"
-    np.testing.assert_allclose(np.exp(x[:, SIZE]), 0.9, atol=0.003)
+    np.testing.assert_allclose(np.exp(x[:, SIZE_INDEX]), 0.9, atol=0.003)
     np.testing.assert_allclose(
         model.joints(x)[0] / 150, net.blobs["pred"].data[0].reshape(31, 3), atol=0.02
     )

@@ -9,7 +9,7 @@ import pytest
 
 from handpose.body.sides import MIRROR, SIDES, Side
 from handpose.estimate.hand import Hand, as_one_side, judge
-from handpose.fit.body import SIZE, THICKNESS, CapsuleModel
+from handpose.fit.body import SIZE_INDEX, THICKNESS_INDEX, CapsuleModel
 from handpose.fit.depth_fit import DepthFit
 from handpose.frames.cameras import NYU
 from handpose.frames.crops import crop
@@ -24,7 +24,7 @@ WALL = np.full((NYU.height, NYU.width), 700.0)
 def fitted(model: CapsuleModel, side: Side, cost: float = 2.5) -> Hand:
     """A hand with a fit of a random pose, of 0.95 times the size and 1.1 times the thickness."""
     x = np.random.default_rng(0).uniform(0, 0.4, (1, model.variables))
-    x[0, SIZE], x[0, THICKNESS] = np.log([0.95, 1.1])
+    x[0, SIZE_INDEX], x[0, THICKNESS_INDEX] = np.log([0.95, 1.1])
     fit = DepthFit(
         joints=model.joints(x),
         network=model.joints(x) + 4,

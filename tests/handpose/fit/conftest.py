@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from handpose.fit.body import SIZE, THICKNESS, CapsuleModel, Posed
+from handpose.fit.body import SIZE_INDEX, THICKNESS_INDEX, CapsuleModel, Posed
 from handpose.fit.observation import Observation, observe
 from handpose.fit.residuals import Residuals
 from handpose.frames.cameras import NYU
-from handpose.synthetic.generator import Generator, Recipe, View
+from handpose.synthetic.generator import Generator, Recipe, SyntheticCamera
 from tests.support.packaged_hand import EXACT
 
 
@@ -30,7 +30,7 @@ class Scene(NamedTuple):
 @pytest.fixture(scope="session")
 def scene(model: CapsuleModel) -> Scene:
     """Twelve hands with the packaged bones, without noise."""
-    drawn = Generator(5, "train", Recipe(prior=EXACT, views=(View(NYU, None),))).scene(0)
+    drawn = Generator(5, "train", Recipe(prior=EXACT, views=(SyntheticCamera(NYU, None),))).scene(0)
     crops, uvd = drawn.depth[:12], drawn.center_uvd[:12]
     truth = model.variables_of(drawn.bodies.inputs[:12])
     return Scene(crops, uvd, truth, drawn.bodies.joints[:12] * 150, observe(crops, uvd, NYU, 300.0))
@@ -53,7 +53,7 @@ def written_out(model: CapsuleModel, posed: Posed, r: Residuals) -> np.ndarray:
         + posed.motion[n, model.end[r.capsule]] * s
     )
     J = np.einsum("nitr,nriv->ntrv", r.direction.astype(float), motion)
-    J[..., [SIZE, THICKNESS]] += r.swell[..., None]
+    J[..., [SIZE_INDEX, THICKNESS_INDEX]] += r.swell[..., None]
     return J
 
 

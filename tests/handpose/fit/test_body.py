@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handpose.fit.body import SIZE, THICKNESS, CapsuleModel
+from handpose.fit.body import SIZE_INDEX, THICKNESS_INDEX, CapsuleModel
 from layers.hand.bodies import kinematics_of
 from tests.handpose.body.test_surface_model import ARM
 from tests.handpose.fit.conftest import slopes
@@ -22,8 +22,8 @@ def body(text: str) -> CapsuleModel:
 def exact_ends(model: CapsuleModel, x: np.ndarray) -> np.ndarray:
     """The ends (N, E, 3) in mm, in float64, computed from the surface itself."""
     inputs = np.zeros((len(x), len(model.whole.initial)))
-    inputs[:, model.free] = x[:, :SIZE]
-    size, kinematics = np.exp(x[:, SIZE]), kinematics_of(model.whole)
+    inputs[:, model.free] = x[:, :SIZE_INDEX]
+    size, kinematics = np.exp(x[:, SIZE_INDEX]), kinematics_of(model.whole)
     pose = kinematics.forward(inputs, model.whole.bones * size[:, None])
     used = np.unique(np.concatenate([model.surface.start, model.surface.end]))
     return model.surface.ends(pose, size)[:, used] * model.unit_mm
@@ -41,8 +41,10 @@ def test_ends_and_their_motion_equal_those_of_the_surface(
     np.testing.assert_allclose(posed.ends, exact_ends(surface, x), atol=1e-6 * scale)
     expected = slopes(lambda x: exact_ends(surface, x), x, 1e-5)
     np.testing.assert_allclose(posed.motion, expected, atol=3e-6 * scale)
-    np.testing.assert_allclose(posed.thickness, np.exp(x[:, SIZE] + x[:, THICKNESS]), rtol=1e-6)
-    assert (posed.motion[..., THICKNESS] == 0).all()
+    np.testing.assert_allclose(
+        posed.thickness, np.exp(x[:, SIZE_INDEX] + x[:, THICKNESS_INDEX]), rtol=1e-6
+    )
+    assert (posed.motion[..., THICKNESS_INDEX] == 0).all()
 
 
 def test_variables_of_the_hand(model: CapsuleModel) -> None:
@@ -69,7 +71,7 @@ def test_inputs_survive_conversion_to_variables_and_back(model: CapsuleModel) ->
     np.testing.assert_allclose(
         model.joints(x), kinematics_of(model.skeleton).joints(inputs) * 150, atol=1e-9
     )
-    x[:, SIZE] = np.log(1.1)
+    x[:, SIZE_INDEX] = np.log(1.1)
     root = model.joints(x)[:, model.skeleton.joint_names.index("palm")]
     larger, same = (
         model.joints(x) - root[:, None],
@@ -83,7 +85,7 @@ def test_inputs_survive_conversion_to_variables_and_back(model: CapsuleModel) ->
 def test_capsules_for_the_renderer(model: CapsuleModel) -> None:
     """The capsules are moved to the centre, and their radii are scaled by the thickness."""
     x = np.zeros((1, model.variables))
-    x[0, THICKNESS] = np.log(1.2)
+    x[0, THICKNESS_INDEX] = np.log(1.2)
     capsules = model.capsules(x, np.array([[1.0, 2, 700]]))
     np.testing.assert_allclose(capsules.radius_a[0], model.radii[:, 0] * 1.2, rtol=1e-6)
     np.testing.assert_allclose(

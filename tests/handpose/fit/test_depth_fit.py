@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handpose.fit.body import SIZE, CapsuleModel
+from handpose.fit.body import SIZE_INDEX, CapsuleModel
 from handpose.fit.depth_fit import SIGN_WEIGHTS, DepthFitter
 from handpose.fit.network_errors import NetworkErrors
 from handpose.fit.observation import observe
@@ -29,7 +29,7 @@ def test_a_fast_fit(fitter: DepthFitter, scene: Scene) -> None:
     found = fitter.fit(scene.seen, [start], FAST)
     assert np.median(error(model, found.x, scene)) < 0.5 * np.median(error(model, start, scene))
     np.testing.assert_allclose(found.joints, model.joints(found.x))
-    size = np.exp(found.x[:, SIZE])
+    size = np.exp(found.x[:, SIZE_INDEX])
     assert ((size > 0.65) & (size < 1.36)).all() and (found.start == 0).all()
     np.testing.assert_allclose(found.cost, found.signs[:, :4].sum(axis=1))
     np.testing.assert_allclose(np.log(found.uncertainty), np.log1p(found.signs) @ SIGN_WEIGHTS)
@@ -137,7 +137,7 @@ def test_known_sizes_are_kept(fitter: DepthFitter, scene: Scene) -> None:
         (fitter.fit(scene.seen, [scene.truth], FAST, size=sizes, before=scene.truth), sizes),
         (fitter.follow(scene.seen, scene.truth, np.zeros(12), FAST, size=sizes), sizes),
     ):
-        np.testing.assert_allclose(np.exp(found.x[:, SIZE]), size, atol=3e-3)
+        np.testing.assert_allclose(np.exp(found.x[:, SIZE_INDEX]), size, atol=3e-3)
 
 
 @pytest.mark.parametrize("plan", [FAST, ACCURATE], ids=lambda plan: plan.name)

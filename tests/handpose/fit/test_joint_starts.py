@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from handpose.fit.body import SIZE, CapsuleModel
+from handpose.fit.body import SIZE_INDEX, CapsuleModel
 from handpose.fit.joint_starts import aligned, near_joints
 from tests.handpose.fit.conftest import Scene, error
 
@@ -26,7 +26,7 @@ def test_joints_of_another_size(model: CapsuleModel, scene: Scene) -> None:
     """The size grows with joints that are farther from the root than the skeleton's."""
     root = scene.joints[:, [24]]
     found = near_joints(model, scene.truth, root + 1.1 * (scene.joints - root))
-    np.testing.assert_allclose(np.exp(found[:, SIZE]), 1.1, atol=0.02)
+    np.testing.assert_allclose(np.exp(found[:, SIZE_INDEX]), 1.1, atol=0.02)
 
 
 def test_fitting_a_body_reduces_independent_joint_errors(model: CapsuleModel, scene: Scene) -> None:

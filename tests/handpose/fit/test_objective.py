@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from handpose.fit import objective as objectives
-from handpose.fit.body import SIZE, CapsuleModel
+from handpose.fit.body import SIZE_INDEX, CapsuleModel
 from handpose.fit.network_errors import Poses
 from handpose.fit.objective import Objective, Prior, Weights
 from tests.handpose.fit.conftest import Scene, slopes
@@ -72,7 +72,7 @@ def test_the_prior_by_hand(model: CapsuleModel, scene: Scene) -> None:
         [2 * 11 * 0.01, 0.01 / flexion**2, 0.01 / 0.04, n * 15**2 / 14**2], rel=1e-3
     )
     known = objective.of_known_size()
-    x[4, SIZE] += 0.01
+    x[4, SIZE_INDEX] += 0.01
     assert cost(known, x, scene).parts[4, PRIOR] > 1000 > cost(objective, x, scene).parts[4, PRIOR]
 
 

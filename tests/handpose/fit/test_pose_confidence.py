@@ -20,7 +20,7 @@ from handpose.fit.pose_confidence import (
     pose_signs,
     read_weights,
     side_chance,
-    side_evidence,
+    side_log_ratio,
     unknown_finger_errors,
     unseen_share,
 )
@@ -126,10 +126,10 @@ def test_the_side_by_its_cost() -> None:
     """Equal costs tell nothing, the sides' probabilities add up to 1, and a single image never
     tells for certain.
     """
-    assert side_chance(side_evidence(80, 80)) == 0.5
-    found, other = side_chance(side_evidence(80, 100)), side_chance(side_evidence(100, 80))
+    assert side_chance(side_log_ratio(80, 80)) == 0.5
+    found, other = side_chance(side_log_ratio(80, 100)), side_chance(side_log_ratio(100, 80))
     assert found == pytest.approx(1 / (1 + 0.8**8)) == 1 - other
-    assert side_chance(side_evidence(80, 400)) == side_chance(side_evidence(80, np.inf)) < 0.99
+    assert side_chance(side_log_ratio(80, 400)) == side_chance(side_log_ratio(80, np.inf)) < 0.99
 
 
 def errors_of(whole: float, fingers: dict[str, np.ndarray]) -> np.ndarray:

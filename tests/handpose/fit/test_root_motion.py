@@ -12,7 +12,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from handpose.fit.body import SIZE, CapsuleModel, RootMotion, WorldPose, crop_variables, world_pose
+from handpose.fit.body import (
+    SIZE_INDEX,
+    CapsuleModel,
+    RootMotion,
+    WorldPose,
+    crop_variables,
+    world_pose,
+)
 from layers.hand.bodies import kinematics_of
 from tests.support.made_tracks import skeleton_of
 
@@ -63,7 +70,7 @@ def test_place_and_rotation_there_and_back(model: CapsuleModel, made: CapsuleMod
     kinematics, root = kinematics_of(own.skeleton), RootMotion(own)
     x = np.random.default_rng(1).uniform(-1, 1, (30, own.variables))
     x[:, own.root] *= 4  # angles in all directions
-    x[:, SIZE] = 0
+    x[:, SIZE_INDEX] = 0
     pose = kinematics.forward(own.inputs_of(x))
     joint = int(np.flatnonzero(own.skeleton.parents < 0)[0])
     np.testing.assert_allclose(root.place(x), pose.joints[:, joint] * 150)

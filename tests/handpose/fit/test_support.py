@@ -8,7 +8,14 @@ import numpy as np
 import pytest
 
 from handpose.fit.body import CapsuleModel
-from handpose.fit.support import FAR_MM, Samples, Support, joint_depths, support, support_of_parts
+from handpose.fit.support import (
+    MAX_JOINT_DEPTH_MM,
+    Samples,
+    Support,
+    joint_depths,
+    support,
+    support_of_parts,
+)
 from handpose.frames.cameras import KINECT2
 from handpose.sequences.recordings import render_image
 from tests.handpose.fit.test_body import body
@@ -137,7 +144,7 @@ def test_joints_in_the_image(image: np.ndarray) -> None:
     joints = np.stack([surface * (1 + dz / d) for dz in (12, -30, 500)])[None]
     found = joint_depths(joints, image, CAMERA)
     np.testing.assert_allclose(
-        [found.behind[0], found.before[0]], [(12 + FAR_MM) / 3, 10], rtol=1e-4
+        [found.behind[0], found.before[0]], [(12 + MAX_JOINT_DEPTH_MM) / 3, 10], rtol=1e-4
     )
     missing = image.copy()
     missing[v, u] = np.nan

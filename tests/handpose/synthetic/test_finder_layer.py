@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from handpose.estimate.finder import VOTE_MM, channels_of
-from handpose.synthetic.finder_layer import UNKNOWN, targets_of
-from handpose.synthetic.whole_scenes import BLOCK, SceneGenerator
+from handpose.synthetic.finder_layer import IGNORE_LABEL, targets_of
+from handpose.synthetic.whole_scenes import SCENES_PER_BLOCK, SceneGenerator
 from netlib import TRAIN, Net
 
 NET = Path(__file__).parents[3] / "prototxt" / "finder_train_test.prototxt"
@@ -30,8 +30,8 @@ def test_votes_lead_to_palms_and_heat_is_highest_there() -> None:
         assert (right[n, 0][pixels] == (scenes.side[n, k] > 0)).all()
         column, row = np.round(scenes.middle_px[n, k] / 4).astype(int)
         if row < heat.shape[2] and column < heat.shape[3]:
-            assert heat[n, 0, row, column] in (1.0, UNKNOWN)
-    assert (right[own[:, :1] == 0] == UNKNOWN).all()
+            assert heat[n, 0, row, column] in (1.0, IGNORE_LABEL)
+    assert (right[own[:, :1] == 0] == IGNORE_LABEL).all()
 
 
 def test_the_net_trains_on_the_scenes_of_its_number() -> None:
@@ -42,7 +42,9 @@ def test_the_net_trains_on_the_scenes_of_its_number() -> None:
     np.testing.assert_array_equal(
         net.blobs["frame"].data, channels_of(SceneGenerator(1).block(0).depth)
     )
-    assert len(net.blobs["frame"].data) == BLOCK and net.layers[0].state() == {"number": 1}
+    assert len(net.blobs["frame"].data) == SCENES_PER_BLOCK and net.layers[0].state() == {
+        "number": 1
+    }
     net.layers[0].restore({"number": 5})
     net.forward()
     np.testing.assert_array_equal(

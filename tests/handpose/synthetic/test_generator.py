@@ -16,7 +16,7 @@ from handpose.datasets.frames import Frames
 from handpose.frames.cameras import NYU
 from handpose.frames.crops import crop_pixels, restore_joints, window
 from handpose.synthetic import prior_file, recipes
-from handpose.synthetic.generator import BLOCK, VERSION, Generator, Recipe, View
+from handpose.synthetic.generator import BLOCK, VERSION, Generator, Recipe, SyntheticCamera
 from handpose.synthetic.prior_file import NormalParameter, RangeParameter
 from netlib.files.paths import ROOT
 
@@ -48,7 +48,7 @@ def test_frames_depend_on_seed_split_and_number_only(generator: Generator, frame
 
 def test_joints_are_inside_the_surface() -> None:
     """Along a joint's ray the surface is in front of the joint, by a median of about 12 mm."""
-    frames = Generator(seed=3, recipe=Recipe(views=(View(NYU, None),))).block(0)
+    frames = Generator(seed=3, recipe=Recipe(views=(SyntheticCamera(NYU, None),))).block(0)
     joints = frames.joint.reshape(-1, 31, 3).astype(float)
     xyz = restore_joints(joints, frames.center, frames.half_cube)
     at = np.rint(crop_pixels(NYU.project(xyz), frames.center_uvd, 300.0)).astype(int)

@@ -52,7 +52,7 @@ def tracked(predictor: Predictor, take: Take, **options: object) -> Take:
     tracker = Tracker(predictor, min_confidence=0, **options)  # type: ignore[arg-type]
     done = replace(take, tracker=tracker, reported=[])
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sizing, "FRAMES", 12)
+        patch.setattr(sizing, "COLLECTED_POSES", 12)
         done.reported.extend(tracker.follow(take.frames))
     return done
 

@@ -11,9 +11,15 @@ import numpy as np
 import pytest
 
 from handpose.body.sides import SIDES, Side, mirror_of
-from handpose.fit.body import SIZE, CapsuleModel, crop_variables, world_pose
+from handpose.fit.body import SIZE_INDEX, CapsuleModel, crop_variables, world_pose
 from handpose.fit.pose_confidence import GOOD_MM
-from handpose.tracking.later_frames import AHEAD, AHEAD_S, LASTING_S, MAX_UNDECIDED_S, LaterFrames
+from handpose.tracking.later_frames import (
+    LASTING_S,
+    LOOKAHEAD_FRAMES,
+    LOOKAHEAD_S,
+    MAX_UNDECIDED_S,
+    LaterFrames,
+)
 from handpose.tracking.smoothing import PoseFilter
 from handpose.tracking.track import PresentHand, TrackedFrame, TrackedHand, TrackedPoses, joints_of
 from tests.handpose.tracking.conftest import frames_of
@@ -147,7 +153,7 @@ def test_a_moving_hand_is_followed_without_lag(model: CapsuleModel) -> None:
 def test_a_trembling_hand_becomes_steadier(model: CapsuleModel) -> None:
     """The deviation at rest is smaller than that of the tracker's smoothing."""
     off = np.random.default_rng(0).normal(0, 0.004, (120, model.variables))
-    off[:, SIZE:] = 0
+    off[:, SIZE_INDEX:] = 0
     before, after = (
         xyz[30:-30].std(axis=0).mean() for xyz in joints(model, take(model, 0.1 + off))
     )
@@ -168,7 +174,7 @@ def test_the_values_of_a_hand_agree(model: CapsuleModel, side: Side) -> None:
         np.testing.assert_allclose(hand.xyz, own, atol=1e-6)
         np.testing.assert_allclose(hand.bones, 0.9 * model.skeleton.bones)
         x = variables_of(model, hand)
-        x[:, SIZE] = np.log(0.9)
+        x[:, SIZE_INDEX] = np.log(0.9)
         expected = model.capsules(x, (ORIGIN * mirror_of(side))[None]).mirrored(
             mirror_of(side)[None]
         )
@@ -178,7 +184,7 @@ def test_the_values_of_a_hand_agree(model: CapsuleModel, side: Side) -> None:
 
 def test_frames_are_held_for_a_limited_time(model: CapsuleModel) -> None:
     """A frame waits for twice the time ahead at most, and for a limited number of frames."""
-    for rate, most in ((RATE, 2 * AHEAD_S * RATE + 1), (1000.0, 2 * AHEAD)):
+    for rate, most in ((RATE, 2 * LOOKAHEAD_S * RATE + 1), (1000.0, 2 * LOOKAHEAD_FRAMES)):
         one, waiting = LaterFrames[int](model), 0
         for n in range(400):
             waiting += 1 - len(one.add(n, TrackedFrame(n, n / rate, ())))

@@ -10,7 +10,7 @@ import pytest
 
 from handpose.body.sides import SIDES, Side, mirror_of, pixel_of
 from handpose.estimate.hand import Hand, judge
-from handpose.fit.body import SIZE, CapsuleModel
+from handpose.fit.body import SIZE_INDEX, CapsuleModel
 from handpose.fit.depth_fit import DepthFit
 from handpose.frames.cameras import NYU
 from handpose.sequences.recordings import render_image
@@ -33,7 +33,7 @@ def image_of(model: CapsuleModel, side: Side = "right") -> np.ndarray:
 def variables(model: CapsuleModel) -> np.ndarray:
     """A pose (V,)."""
     x = np.random.default_rng(0).uniform(0, 0.2, model.variables)
-    x[SIZE] = np.log(0.95)
+    x[SIZE_INDEX] = np.log(0.95)
     return x
 
 

@@ -12,14 +12,14 @@ import pytest
 from handpose.body.render import normalise_depth, render_crop
 from handpose.body.sides import Side, camera_of
 from handpose.estimate.hand import Hand
-from handpose.fit.body import SIZE, TYPICAL_SIZE, CapsuleModel
+from handpose.fit.body import SIZE_INDEX, TYPICAL_SIZE, CapsuleModel
 from handpose.fit.depth_fit import DepthFitter
 from handpose.frames.cameras import NYU
-from handpose.synthetic.generator import Generator, Recipe, View
+from handpose.synthetic.generator import Generator, Recipe, SyntheticCamera
 from handpose.synthetic.prior_file import RangeParameter
 from handpose.synthetic.recipes import recipe
 from handpose.tracking import sizing
-from handpose.tracking.sizing import FRAMES, POPULATION, SizeKeeper, lowest
+from handpose.tracking.sizing import COLLECTED_POSES, POPULATION, SizeKeeper, lowest
 from tests.support.packaged_hand import EXACT
 
 Poses = tuple[np.ndarray, np.ndarray]
@@ -30,7 +30,7 @@ def poses(model: CapsuleModel) -> Poses:
     """Variables (N, V) of right hands, and the centres (N, 3) of their crops."""
     # enlarged hands are in front of the camera, too
     away = EXACT.but(depth=RangeParameter(550.0, 1000.0))
-    drawn = Generator(5, "train", Recipe(prior=away, views=(View(NYU, None),))).scene(0)
+    drawn = Generator(5, "train", Recipe(prior=away, views=(SyntheticCamera(NYU, None),))).scene(0)
     return model.variables_of(drawn.bodies.inputs[:60]), drawn.center_uvd[:60]
 
 
@@ -46,12 +46,12 @@ def estimates(
     about ``fitted``.
     """
     x, uvd = poses[0].copy(), poses[1]
-    x[:, SIZE] = np.log(size)
+    x[:, SIZE_INDEX] = np.log(size)
     crops = normalise_depth(
         render_crop(model.capsules(x, NYU.unproject(uvd)), uvd, 300.0), uvd[:, 2], 300.0
     )
     x += np.random.default_rng(0).normal(0, 0.03, x.shape)
-    x[:, SIZE] = np.log(fitted) + np.random.default_rng(1).normal(0, 0.05, len(x))
+    x[:, SIZE_INDEX] = np.log(fitted) + np.random.default_rng(1).normal(0, 0.05, len(x))
     camera = camera_of(NYU, side)
     fits: Any = [SimpleNamespace(x=row[None], uncertainty=np.ones(1)) for row in x]
     return [
@@ -88,9 +88,9 @@ def test_the_size_of_a_hand(model: CapsuleModel, poses: Poses, side: Side, other
     """
     hands = estimates(model, poses, side=side)
     [(count, size)] = kept(model, hands)
-    assert count == FRAMES and size == pytest.approx(0.93, abs=0.02)
+    assert count == COLLECTED_POSES and size == pytest.approx(0.93, abs=0.02)
     [(later, same)] = kept(model, [*estimates(model, poses, side=other)[:20], *hands])
-    assert later == FRAMES + 20 and same == pytest.approx(size)
+    assert later == COLLECTED_POSES + 20 and same == pytest.approx(size)
 
 
 @pytest.mark.parametrize(("size", "fitted"), [(0.761, 0.72), (0.93, 0.8), (1.329, 1.25)])

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from handpose.fit.body import CapsuleModel, WorldPose, crop_variables, world_pose
-from handpose.tracking.smoothing import GOOD_MM, SCATTER_HZ, Cutoff, PoseFilter, share
+from handpose.tracking.smoothing import SCATTER_HZ, TRUSTED_MM, Cutoff, PoseFilter, share
 
 CUTOFF = Cutoff(least=0.8, slope=0.02, speed=1.5)
 SEEDS = st.integers(0, 10**6)
@@ -147,7 +147,7 @@ def test_noise_is_subtracted_from_the_speed(
         rng.uniform(10, 100, 30),
     )
     cutoff = Cutoff(0.8, 0.5, 1.5, noise, most, gap, least_gap=1.0)
-    trust = np.clip((GOOD_MM / errors) ** 3, 0.1, 1)
+    trust = np.clip((TRUSTED_MM / errors) ** 3, 0.1, 1)
     expected = np.transpose([with_noise(own, times, cutoff, trust) for own in values.T])
     np.testing.assert_allclose(
         filtered(cutoff, times, others=values, errors_mm=errors).others, expected, atol=1e-9

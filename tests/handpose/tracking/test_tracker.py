@@ -256,7 +256,7 @@ def test_a_hand_that_is_more_present_takes_the_place_of_a_doubtful_one(
     for n in range(MIN_GIVEN):
         tracker.step(frame._replace(time=n / RATE))
     [track] = tracker.tracks
-    monkeypatch.setattr(HandTrack, "evidence", 0.5)
+    monkeypatch.setattr(HandTrack, "hand_chance", 0.5)
     monkeypatch.setattr("handpose.tracking.tracker.SURE", 2.0)
     reported = seeing(tracker, (250.0, 60, 1400, 0.4)).step(frame._replace(time=1.0))
     assert reported.hands and track.is_tracked and not reported.present, (

@@ -9,12 +9,12 @@ from __future__ import annotations
 import functools
 from pathlib import Path
 
-from handpose.output.drawing.view import COLOURS
+from handpose.output.drawing.view import ID_COLOURS
 from handpose.output.hand_page.assembly import assembled, script_of, skeleton_values, source
-from handpose.output.live.messages import VIEWS
+from handpose.output.live.messages import VIEWS_PATH
 from handpose.tracking.track import TrackHeader
 
-FOLDER = Path(__file__).parent
+LIVE_FOLDER = Path(__file__).parent
 
 
 def page(header: TrackHeader) -> str:
@@ -23,14 +23,17 @@ def page(header: TrackHeader) -> str:
     Its title is the name of the source without its folder, because others may see the page.
     """
     data = {
-        "stream": VIEWS.removeprefix("/"),
+        "stream": VIEWS_PATH.removeprefix("/"),
         "camera": vars(header.camera),
         "skeleton": skeleton_values(header.skeleton),
-        "colours": [colour[::-1] for colour in COLOURS],
+        "colours": [colour[::-1] for colour in ID_COLOURS],
     }
-    style, body = source("page.css") + source("live.css", FOLDER), source("live.html", FOLDER)
+    style, body = (
+        source("page.css") + source("live.css", LIVE_FOLDER),
+        source("live.html", LIVE_FOLDER),
+    )
     title = f"{Path(header.source).name}, tracked"
-    return assembled(title, data, body, style, script_of("live", FOLDER), connects=True)
+    return assembled(title, data, body, style, script_of("live", LIVE_FOLDER), connects=True)
 
 
 @functools.cache
@@ -39,4 +42,4 @@ def page_without_token() -> str:
     shows the error.
     """
     words = "<p>Wrong token. Open the address that the tracker has printed.</p>\n"
-    return assembled("Wrong token", {}, words, "", script_of("without_token", FOLDER))
+    return assembled("Wrong token", {}, words, "", script_of("without_token", LIVE_FOLDER))

@@ -10,7 +10,7 @@ from posed_hands import MIRROR, PEOPLE, any_pose, right_hand
 
 from handpose.body.joint_formats.angles import ANGLES, anatomical_angles, turned
 from handpose.body.joint_formats.formats import FORMATS, FormatName, formatted
-from handpose.body.joint_formats.frames import FINGERS
+from handpose.body.joint_formats.frames import LONG_FINGERS
 from handpose.body.nyu import EVALUATION_JOINTS
 from handpose.frames.cameras import KINECT2
 from netlib.blob import Array
@@ -129,7 +129,7 @@ def test_hinge_angles_equal_the_models(seed: int) -> None:
     inputs = any_pose(np.random.default_rng(seed))
     theta = dict(zip(PEOPLE.dof_names, np.degrees(PEOPLE.theta(inputs[None])[0])))
     found = angles(inputs)
-    for finger in FINGERS:
+    for finger in LONG_FINGERS:
         assert found[f"{finger}_pip_flexion"] == pytest.approx(
             -theta[f"{finger}_pip_rot_x"], abs=1e-6
         )
@@ -140,7 +140,7 @@ def test_hinge_angles_equal_the_models(seed: int) -> None:
     assert found["thumb_ip_flexion"] == pytest.approx(theta["thumb_tip_rot_z"], abs=1e-6)
 
 
-@pytest.mark.parametrize("finger", FINGERS)
+@pytest.mark.parametrize("finger", LONG_FINGERS)
 @pytest.mark.parametrize("spread", ["lower", "upper"])
 def test_a_closed_finger(finger: str, spread: str) -> None:
     """At the limits a finger is bent by 90, 110 and 80 degrees, also if its first phalanx
@@ -158,7 +158,7 @@ def test_a_closed_finger(finger: str, spread: str) -> None:
     assert found[f"{finger}_dip_flexion"] == pytest.approx(80, abs=1e-4)
 
 
-@pytest.mark.parametrize("finger", FINGERS)
+@pytest.mark.parametrize("finger", LONG_FINGERS)
 def test_noise_near_a_right_angle(finger: str) -> None:
     """Where the knuckle's bend does not determine the spread, noise of 0.1 mm changes the
     other bends little.
@@ -189,7 +189,7 @@ def test_angles_do_not_depend_on_place_rotation_size_and_side(seed: int) -> None
     assert np.allclose(found, list(left.values()), atol=1e-6)
 
 
-@pytest.mark.parametrize("finger", FINGERS)
+@pytest.mark.parametrize("finger", LONG_FINGERS)
 def test_signs(finger: str) -> None:
     """Bending a knuckle raises its flexion; a turn to the thumb lowers the abduction of ring and
     little finger only.

@@ -10,7 +10,7 @@ import pytest
 from posed_hands import MIRROR, PEOPLE, any_pose, right_hand
 
 from handpose.body.joint_formats.frames import (
-    FINGERS,
+    LONG_FINGERS,
     POINTS,
     SKIN,
     hinges_of,
@@ -42,7 +42,7 @@ def test_a_finger_bends_at_three_joints(skeleton: Skeleton, bends_at: tuple[str,
     anatomical joints.
     """
     hinges = hinges_of(skeleton)
-    for finger in FINGERS:
+    for finger in LONG_FINGERS:
         assert [skeleton.joint_names[joint] for joint in hinges[finger]] == [
             f"{finger}_{part}" for part in bends_at
         ]

@@ -30,14 +30,14 @@ def test_overlay_shows_joints_where_they_are_seen() -> None:
     """
     picture = hands.overlay(EMPTY, JOINTS, SKELETON, center_uvd=CENTER)
     assert picture.shape == (512, 512, 3) and picture.dtype == np.uint8
-    assert tuple(picture[V, U]) == hands.COLOURS["thumb"]
+    assert tuple(picture[V, U]) == hands.FINGER_COLOURS["thumb"]
     parallel = hands.overlay(EMPTY, JOINTS, SKELETON)
-    assert hands.COLOURS["thumb"] in colours_in(parallel[V - 30 : V + 30, U - 30 : U + 30])
+    assert hands.FINGER_COLOURS["thumb"] in colours_in(parallel[V - 30 : V + 30, U - 30 : U + 30])
 
 
 def test_every_finger_has_its_colour() -> None:
     for picture in (hands.overlay(EMPTY, JOINTS, SKELETON), hands.view_3d(JOINTS, SKELETON)):
-        assert {*hands.COLOURS.values(), hands.GREY} <= colours_in(picture)
+        assert {*hands.FINGER_COLOURS.values(), hands.GREY} <= colours_in(picture)
 
 
 def test_a_guessed_finger_is_drawn_hollow() -> None:
@@ -45,7 +45,9 @@ def test_a_guessed_finger_is_drawn_hollow() -> None:
     assert hands.guessed(np.array([30.0, 31, np.nan, 60, 2])) == ["index", "ring"]
     picture = hands.overlay(EMPTY, JOINTS, SKELETON, center_uvd=CENTER, guesses=["thumb"])
     assert tuple(picture[V, U]) == hands.WHITE
-    for colour in hands.COLOURS.values():  # the rim is one pixel wide, between white and black
+    for (
+        colour
+    ) in hands.FINGER_COLOURS.values():  # the rim is one pixel wide, between white and black
         assert (np.abs(picture.astype(int) - colour).max(axis=2) < 40).sum() > 20
     solid, hollow = (hands.view_3d(JOINTS, SKELETON, guesses=some) for some in ((), ["index"]))
     assert (hollow == 255).all(axis=2).sum() > (solid == 255).all(axis=2).sum() + 50
@@ -77,7 +79,7 @@ def test_joints_far_outside_the_picture_are_harmless() -> None:
     wild[tip] = 0
     picture = hands.overlay(EMPTY, wild, SKELETON)
     assert picture.shape == (512, 512, 3)
-    assert tuple(picture[257, 257]) == hands.COLOURS["index"]
+    assert tuple(picture[257, 257]) == hands.FINGER_COLOURS["index"]
     assert (picture == 0).all(axis=2).mean() > 0.9  # except for the bones, which cross it
     assert (hands.overlay(EMPTY, JOINTS * 1e9 + 1e9, SKELETON) == 0).all(), "all beside the picture"
     far, near = hands.view_3d(JOINTS * 3, SKELETON), hands.view_3d(JOINTS, SKELETON)

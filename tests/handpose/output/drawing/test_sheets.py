@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from handpose.frames.cameras import ICVL
 from handpose.output.drawing import hands, strokes
-from handpose.output.drawing.strokes import PAGES, PLACES, ContactSheet, Image
+from handpose.output.drawing.strokes import IMAGES_PER_PAGE, PAGES, ContactSheet, Image
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
 
@@ -29,14 +29,14 @@ def test_moments_evenly_apart(frames: int) -> None:
     sheet, drawn = ContactSheet(), []
     for n in range(frames):
         sheet.add(n, lambda n=n: drawn.append(n) or picture(n))
-        assert len(sheet._kept) <= PAGES * PLACES
+        assert len(sheet._kept) <= PAGES * IMAGES_PER_PAGE
     times = sheet.times()
-    assert len(times) == min(frames, PLACES) and times[0] == 0
+    assert len(times) == min(frames, IMAGES_PER_PAGE) and times[0] == 0
     gaps = np.diff(times)
     if len(gaps):
         assert gaps.min() >= 1 and gaps.max() <= 2 * gaps.min()
         assert frames - times[-1] <= gaps.max() + 1
-    assert len(drawn) <= PAGES * PLACES * (1 + np.log2(max(frames, 2)) / 2)
+    assert len(drawn) <= PAGES * IMAGES_PER_PAGE * (1 + np.log2(max(frames, 2)) / 2)
 
 
 def test_the_page(monkeypatch: pytest.MonkeyPatch) -> None:

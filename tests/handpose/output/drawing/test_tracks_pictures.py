@@ -12,14 +12,14 @@ from handpose.frames.cameras import CAMERAS, Camera
 from handpose.output.drawing import hands
 from handpose.output.drawing.strokes import Image
 from handpose.output.drawing.tracks import HEAD, LOST_S, MAX_HEIGHT, MAX_WIDTH, Painter
-from handpose.output.drawing.view import Window, box_of, colour_of
+from handpose.output.drawing.view import ViewportFollower, box_of, colour_of
 from handpose.tracking.track import LostHand, PresentHand, TrackedFrame, TrackedHand, TrackHeader
 from tests.support.tracked_hands import CAMERA, HEADER, seen, tracked
 
 RIGHT = tracked("right", (-120, 0, 600), 1, 0.93)
 LEFT = tracked("left", (120, 0, 640), 2, 0.71)
 DEPTH = seen([RIGHT, LEFT])
-VIEW = Window(CAMERA).see(1.0, [RIGHT, LEFT])  # of a first frame with both
+VIEW = ViewportFollower(CAMERA).see(1.0, [RIGHT, LEFT])  # of a first frame with both
 ZOOM = MAX_HEIGHT / VIEW.height
 
 
@@ -44,7 +44,7 @@ def test_joints_are_where_the_camera_sees_them() -> None:
     """
     guess = replace(RIGHT, finger_error_mm=np.array([10.0, 45, 12, 29, 8]))
     picture = annotated(DEPTH, of(guess, LEFT))[HEAD:]
-    for hand, (finger, colour) in itertools.product((guess, LEFT), hands.COLOURS.items()):
+    for hand, (finger, colour) in itertools.product((guess, LEFT), hands.FINGER_COLOURS.items()):
         u, v, _ = CAMERA.project(hand.xyz[HEADER.skeleton.joint_names.index(f"{finger}_tip")])
         x, y = (round((edge + 0.5) * ZOOM - 0.5) for edge in (u - VIEW.left, v - VIEW.top))
         assert tuple(picture[y, x]) == (
@@ -70,7 +70,7 @@ def test_surface_lies_over_the_depth_that_it_explains() -> None:
     )
     alone = depth < 1500
     changed = (bare != with_surface).any(axis=2)
-    view = Window(CAMERA).see(1.0, [RIGHT])
+    view = ViewportFollower(CAMERA).see(1.0, [RIGHT])
     x = np.floor(view.left + (np.arange(MAX_WIDTH) + 0.5) * view.width / MAX_WIDTH).astype(int)
     y = np.floor(view.top + (np.arange(MAX_HEIGHT) + 0.5) * view.height / MAX_HEIGHT).astype(int)
     hand = alone[y.clip(max=119)][:, x.clip(max=159)]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from handpose.output.drawing.strokes import Image
-from handpose.output.drawing.video_file import TICKS, VideoFile
+from handpose.output.drawing.video_file import TICKS_PER_S, VideoFile
 from netlib.errors import DataError, NetlibError
 from tests.support.bad_input import bad_inputs
 
@@ -47,7 +47,7 @@ def test_every_picture_at_its_time_as_browsers_play_it(tmp_path: Path) -> None:
     write(tmp_path / "a.mp4")
     frames = read(tmp_path / "a.mp4")
     np.testing.assert_allclose(
-        [time for time, _ in frames], np.subtract(TIMES, 5.0), atol=1 / TICKS
+        [time for time, _ in frames], np.subtract(TIMES, 5.0), atol=1 / TICKS_PER_S
     )
     np.testing.assert_allclose([grey for _, grey in frames], 40 * np.arange(6), atol=4)
     content = (tmp_path / "a.mp4").read_bytes()

@@ -10,13 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from handpose.output.drawing.view import (
-    HEIGHT,
     MARGIN,
     MAX_ZOOM,
+    TAG_HEIGHT,
     Contrast,
     Tags,
-    View,
-    Window,
+    Viewport,
+    ViewportFollower,
     box_of,
     colour_of,
     percent,
@@ -31,14 +31,17 @@ NEAR, FAR, BESIDE = (
     tracked("left", (40, 0, 3000)),
     tracked("right", (-250, 0, 600)),
 )
-WHOLE = View(0.0, 0.0, CAMERA.width, CAMERA.height)
+WHOLE = Viewport(0.0, 0.0, CAMERA.width, CAMERA.height)
 
 
 def test_the_crop_is_in_the_middle() -> None:
     """The part has the frame's aspect ratio and shows the crop with a margin, at once for
     the first frame.
     """
-    view, (left, top, right, bottom) = Window(CAMERA).see(5.0, [NEAR]), box_of(NEAR, CAMERA)
+    view, (left, top, right, bottom) = (
+        ViewportFollower(CAMERA).see(5.0, [NEAR]),
+        box_of(NEAR, CAMERA),
+    )
     assert view.width / view.height == pytest.approx(CAMERA.width / CAMERA.height)
     assert view.height == pytest.approx(MARGIN * (bottom - top))
     assert view.left + view.width / 2 == pytest.approx((left + right) / 2)
@@ -47,9 +50,9 @@ def test_the_crop_is_in_the_middle() -> None:
 
 @given(st.lists(st.sampled_from([NEAR, FAR, BESIDE]), max_size=3), st.floats(0, 10))
 def test_a_part_lies_within_the_frame(hands: list, time: float) -> None:
-    window = Window(CAMERA)
-    window.see(0.0, [NEAR])
-    view = window.see(time, hands)
+    follower = ViewportFollower(CAMERA)
+    follower.see(0.0, [NEAR])
+    view = follower.see(time, hands)
     assert view.left >= 0 and view.top >= 0
     assert (
         view.left + view.width <= CAMERA.width + 1e-6
@@ -62,12 +65,12 @@ def test_the_window_moves_slowly() -> None:
     """Without hands the whole frame is shown, at once in the first frame and later
     after some seconds.
     """
-    assert Window(CAMERA).see(0.0, []) == WHOLE
-    window = Window(CAMERA)
-    before = window.see(0.0, [NEAR])
-    after = window.see(1 / 30, [])
+    assert ViewportFollower(CAMERA).see(0.0, []) == WHOLE
+    follower = ViewportFollower(CAMERA)
+    before = follower.see(0.0, [NEAR])
+    after = follower.see(1 / 30, [])
     assert before.width < after.width < 1.06 * before.width
-    np.testing.assert_allclose(window.see(10.0, []), WHOLE, atol=1e-3)
+    np.testing.assert_allclose(follower.see(10.0, []), WHOLE, atol=1e-3)
 
 
 DEPTH = np.array([[0, 400, 600, 620, 1000, 3000, 70000]], np.float32)
@@ -166,8 +169,8 @@ def test_labels_lie_within_the_picture_and_do_not_overlap(
         before = canvas.copy()
         tags.add("right 93%", left, bottom, (n + 1, n + 1, n + 1))
         rows, columns = np.nonzero((canvas != before).any(axis=2))
-        assert rows.max() - rows.min() + 1 == HEIGHT
-        areas.append(len(np.unique(columns)) * HEIGHT)
+        assert rows.max() - rows.min() + 1 == TAG_HEIGHT
+        areas.append(len(np.unique(columns)) * TAG_HEIGHT)
     assert len(set(areas)) == 1  # every label is as long as the first
     assert (canvas.any(axis=2)).sum() == sum(areas)
 
@@ -189,4 +192,4 @@ def test_the_tag_of_an_assumed_side_has_inverted_colours() -> None:
 def test_long_words_become_small() -> None:
     canvas = np.zeros((100, 200, 3), np.uint8)
     Tags(canvas).add("left hand lost 12.3 s: " + "a long reason " * 4, 0, 100, (0, 0, 200))
-    assert not canvas[:, -2:].any() or (canvas[-HEIGHT:, -2:] == (0, 0, 200)).all()
+    assert not canvas[:, -2:].any() or (canvas[-TAG_HEIGHT:, -2:] == (0, 0, 200)).all()

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from handpose.output.drawing.hands import COLOURS
+from handpose.output.drawing.hands import FINGER_COLOURS
 from handpose.output.hand_page import assembly
 from handpose.output.hand_page.assembly import escaped, script_of
-from handpose.output.live.page import FOLDER as LIVE
+from handpose.output.live.page import LIVE_FOLDER as LIVE
 
 
 @pytest.mark.parametrize(
@@ -67,4 +67,4 @@ def test_fingers_have_the_colours_of_other_pictures() -> None:
         r"(\w+): \[(\d+), (\d+), (\d+)\]",
         (assembly.FOLDER / "shading.js").read_text(encoding="utf-8"),
     )
-    assert {name: tuple(map(int, rgb[::-1])) for name, *rgb in found} == COLOURS
+    assert {name: tuple(map(int, rgb[::-1])) for name, *rgb in found} == FINGER_COLOURS

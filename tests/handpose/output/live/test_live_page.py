@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from handpose.output.drawing.hands import COLOURS
-from handpose.output.drawing.view import Contrast, Window
-from handpose.output.live.messages import Messages
+from handpose.output.drawing.hands import FINGER_COLOURS
+from handpose.output.drawing.view import Contrast, ViewportFollower
+from handpose.output.live.messages import VIEWS_PATH, Messages
 from handpose.output.live.page import page
-from handpose.output.live.server import VIEWS, LiveServer
+from handpose.output.live.server import LiveServer
 from handpose.tracking.track import LostHand, TrackedFrame
 from tests.handpose.output.live.conftest import BOTH, DEPTH, LEFT, ONE, RIGHT
 from tests.support.chromium_tabs import picture
@@ -33,7 +33,7 @@ class Shown:
         assert server.wait_for_client(60)
 
     def put(self, frame: TrackedFrame) -> None:
-        self.server.put(VIEWS, self.messages.view(self.messages.record(frame), DEPTH, frame))
+        self.server.put(VIEWS_PATH, self.messages.view(self.messages.record(frame), DEPTH, frame))
 
     def show(self, frame: TrackedFrame) -> None:
         """Send a frame and wait until it is drawn."""
@@ -83,13 +83,13 @@ def test_the_depth_image(shown: Shown) -> None:
     """Nearer is lighter, and each joint's disc is at its pixel in its finger's colour."""
     shown.show(BOTH)
     image = picture(shown.tab, "depth")
-    view = Window(CAMERA).see(0.0, [RIGHT, LEFT])
+    view = ViewportFollower(CAMERA).see(0.0, [RIGHT, LEFT])
     zoom = image.shape[1] / view.width
     for hand in (RIGHT, LEFT):
         for joint in ("thumb_tip", "little_tip"):
             u, v, _ = CAMERA.project(hand.xyz[HEADER.skeleton.joint_names.index(joint)])
             colour = image[int((v + 0.5 - view.top) * zoom), int((u + 0.5 - view.left) * zoom), :3]
-            np.testing.assert_allclose(colour, COLOURS[joint.split("_")[0]][::-1], atol=3)
+            np.testing.assert_allclose(colour, FINGER_COLOURS[joint.split("_")[0]][::-1], atol=3)
     wall = int(image[-3, -3, 0])
     u, v, _ = CAMERA.project(RIGHT.xyz.mean(axis=0))
     assert image[int((v + 4 - view.top) * zoom), int((u - view.left) * zoom), 0] > wall + 50
@@ -171,7 +171,7 @@ def test_a_page_that_is_slow_gets_the_newest_frame(shown: Shown) -> None:
     busy = "for (const end = performance.now() + 500; performance.now() < end; );"
     shown.tab.evaluate(f"setTimeout(() => {{ {busy} }})")
     for message in encoded:
-        shown.server.put(VIEWS, message)
+        shown.server.put(VIEWS_PATH, message)
     shown.state("frame 59, ")
     assert shown.tab.evaluate("live.drawn") < 20
 

@@ -21,7 +21,7 @@ from urllib.parse import urlsplit
 import pytest
 
 from handpose.output.live import server as module
-from handpose.output.live.messages import LINES, VIEWS, Messages
+from handpose.output.live.messages import LINES_PATH, VIEWS_PATH, Messages
 from handpose.output.live.server import LiveServer, is_named
 from netlib.errors import NetlibError
 from netlib.files.paths import ROOT
@@ -37,11 +37,11 @@ def connect() -> Iterator[Connect]:
     client = pytest.importorskip("websockets.sync.client")
     with contextlib.ExitStack() as stack:
 
-        def connected(server: LiveServer, path: str = LINES, **options: Any) -> Any:
+        def connected(server: LiveServer, path: str = LINES_PATH, **options: Any) -> Any:
             one = stack.enter_context(
-                client.connect(server.lines_url.replace(LINES, path), **options)
+                client.connect(server.lines_url.replace(LINES_PATH, path), **options)
             )
-            if path == LINES:
+            if path == LINES_PATH:
                 assert json.loads(one.recv(timeout=60))["format"] == "handpose"
             assert server.wait_for_client(60)
             return one
@@ -57,13 +57,13 @@ def test_lines(connect: Connect, serve: Serve) -> None:
     that of the stream.
     """
     with serve() as server:
-        server.put(LINES, "before")
-        assert not server.wait_for_client(0) and not server.has_clients(LINES)
+        server.put(LINES_PATH, "before")
+        assert not server.wait_for_client(0) and not server.has_clients(LINES_PATH)
         client = connect(server)
         for number in range(3):
-            server.put(LINES, f'{{"number":{number}}}')
+            server.put(LINES_PATH, f'{{"number":{number}}}')
             assert json.loads(client.recv(timeout=60)) == {"number": number}
-        server.put(LINES, "last")
+        server.put(LINES_PATH, "last")
     assert list(client) == ["last"]
     assert (client.protocol.close_code, client.protocol.close_reason) == (
         1000,
@@ -74,22 +74,22 @@ def test_lines(connect: Connect, serve: Serve) -> None:
 def test_two_clients(connect: Connect, serve: Serve) -> None:
     with serve() as server:
         one, other = connect(server), connect(server)
-        server.put(LINES, "a")
+        server.put(LINES_PATH, "a")
         assert [client.recv(timeout=60) for client in (one, other)] == ["a", "a"]
         one.close()
-        server.put(LINES, "b")
+        server.put(LINES_PATH, "b")
         assert other.recv(timeout=60) == "b"
-        server.put(LINES, "c")
-    assert list(other) == ["c"] and not server.has_clients(LINES)
+        server.put(LINES_PATH, "c")
+    assert list(other) == ["c"] and not server.has_clients(LINES_PATH)
 
 
 def test_a_viewer_gets_the_newest_frame_when_it_asks(connect: Connect, server: LiveServer) -> None:
     """Frames that arrived in between are dropped, and ``put`` does not block."""
-    viewer = connect(server, VIEWS)
-    server.put(VIEWS, b"0")
+    viewer = connect(server, VIEWS_PATH)
+    server.put(VIEWS_PATH, b"0")
     assert viewer.recv(timeout=60) == b"0"
     for number in range(1, 100):
-        server.put(VIEWS, b"%d" % number)
+        server.put(VIEWS_PATH, b"%d" % number)
     viewer.send("next")
     assert viewer.recv(timeout=60) == b"99"
     viewer.close()
@@ -102,7 +102,7 @@ def test_a_slow_program_misses_frames(connect: Connect, server: LiveServer) -> N
     count, size = 300, 1 << 18
     client, found = connect(server), [-1]
     for number in range(count):
-        server.put(LINES, f"{number}".rjust(size))
+        server.put(LINES_PATH, f"{number}".rjust(size))
     while found[-1] < count - 1:
         found.append(int(client.recv(timeout=60)))
     assert found == sorted(found) and len(found) < count / 2
@@ -113,9 +113,9 @@ def test_a_client_that_leaves_in_the_middle_of_a_frame(connect: Connect, serve: 
         gone, other = (connect(server, max_size=None) for _ in range(2))
         # close by a reset
         gone.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
-        server.put(LINES, "x" * (1 << 20) * 8)
+        server.put(LINES_PATH, "x" * (1 << 20) * 8)
         gone.socket.shutdown(socket.SHUT_RDWR)
-        server.put(LINES, "after")
+        server.put(LINES_PATH, "after")
     assert list(other)[-1] == "after"
 
 
@@ -141,10 +141,10 @@ def test_a_client_that_does_not_answer_does_not_hold_up_the_end(
     """
     monkeypatch.setattr(module, "GRACE_S", 0.05)
     with contextlib.ExitStack() as stack, serve() as server:
-        viewer = connect(server, VIEWS)
+        viewer = connect(server, VIEWS_PATH)
         stack.enter_context(reader(server))
-        server.put(VIEWS, b"a")
-        server.put(LINES, "x" * (1 << 25))
+        server.put(VIEWS_PATH, b"a")
+        server.put(LINES_PATH, "x" * (1 << 25))
         assert viewer.recv(timeout=60) == b"a"
     assert not any(thread.name == "live" for thread in threading.enumerate())
 
@@ -210,7 +210,7 @@ def a_message_of_10_mb(server: LiveServer, connect: Connect) -> None:
     with contextlib.suppress(ConnectionClosed):  # while it is sent, or with the next message
         client.send("x" * 10_000_000)
         client.recv(timeout=60)
-    server.put(LINES, "after")
+    server.put(LINES_PATH, "after")
     assert other.recv(timeout=60) == "after" and client.protocol.close_code in (1006, 1009)
 
 
@@ -221,7 +221,7 @@ def half_open_connections(server: LiveServer, connect: Connect) -> None:
             if number % 100 == 99:
                 serves(server)
         client = connect(server)
-        server.put(LINES, "a")
+        server.put(LINES_PATH, "a")
         assert client.recv(timeout=60) == "a"
 
 
@@ -233,7 +233,7 @@ def readers_that_never_read(server: LiveServer, connect: Connect) -> None:
             )
         client = connect(server)
         for number in range(100):
-            server.put(LINES, f"{number}".rjust(1 << 16))
+            server.put(LINES_PATH, f"{number}".rjust(1 << 16))
         while int(client.recv(timeout=60)) < 99:
             pass
 
@@ -423,7 +423,7 @@ def test_the_example_for_programs(tmp_path: Path, serve: Serve) -> None:
             [sys.executable, "watch.py"], stdout=subprocess.PIPE, text=True, cwd=tmp_path
         )
         assert server.wait_for_client(60)
-        server.put(LINES, messages.line(messages.record(BOTH)))
+        server.put(LINES_PATH, messages.line(messages.record(BOTH)))
     out, _ = process.communicate(timeout=60)
     tip = HEADER.skeleton.joint_names.index("index_tip")
     expected = [

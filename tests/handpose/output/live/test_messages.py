@@ -10,7 +10,7 @@ import struct
 import numpy as np
 
 from handpose.frames.cameras import CAMERAS
-from handpose.output.drawing.view import View, Window
+from handpose.output.drawing.view import Viewport, ViewportFollower
 from handpose.output.live.messages import MAX_SAMPLES, Grid, Messages, grid_of
 from handpose.output.tracks.json_values import FrameValues, header_values
 from handpose.tracking.track import TrackedFrame
@@ -51,7 +51,7 @@ def test_large_frames_are_sampled() -> None:
     depths are clipped.
     """
     for camera in CAMERAS.values():
-        grid = grid_of(camera, Window(camera).see(0.0, ()), ())
+        grid = grid_of(camera, ViewportFollower(camera).see(0.0, ()), ())
         assert (
             grid.step == (2 if camera.width > MAX_SAMPLES else 1)
             and max(grid.columns, grid.rows) <= MAX_SAMPLES
@@ -71,13 +71,13 @@ def test_large_frames_are_sampled() -> None:
 
 
 def test_the_part_around_a_hand_is_sent_with_all_its_pixels() -> None:
-    """The grid contains the window and the crops within the frame, as whole pixels."""
+    """The grid contains the viewport and the crops within the frame, as whole pixels."""
     camera = dataclasses.replace(CAMERA, width=1600, height=1200, fx=1470, fy=1470, u0=800, v0=600)
-    window = View(700.5, 500.5, 200.0, 150.0)
-    assert grid_of(camera, window, ()) == Grid(700, 500, 1, 201, 151)
+    viewport = Viewport(700.5, 500.5, 200.0, 150.0)
+    assert grid_of(camera, viewport, ()) == Grid(700, 500, 1, 201, 151)
     # a crop of 735 px, partly outside
     hand = dataclasses.replace(RIGHT, center_uvd=np.array([100.0, 600.0, 600.0]))
-    grid = grid_of(camera, window, [hand])
+    grid = grid_of(camera, viewport, [hand])
     assert (grid.left, grid.left + grid.step * grid.columns) == (0, 903) and grid.step == 3
     assert grid.of(np.zeros((1200, 1600))).shape == (grid.rows, grid.columns)
 
