@@ -37,26 +37,26 @@ class Size(NamedTuple):
 ROOMS = {
     "docs": Size(12_789, 928, 63, 8_608),
     "exercises": Size(8_692, 636, 41, 32_860),
-    "experiments": Size(14_233, 1_138, 50, 10_132),
+    "experiments": Size(14_543, 1_165, 50, 10_323),
     "export": Size(8_282, 630, 22, 3_938),
     "fast": Size(28_464, 2_291, 114, 2_396),
-    "handpose": Size(94_035, 7_728, 351, 33_669),
-    "handpose/synthetic": Size(15_800, 1_265, 77, 2_077),
+    "handpose": Size(94_485, 7_760, 351, 33_665),
+    "handpose/synthetic": Size(15_851, 1_269, 78, 2_077),
     "layers": Size(36_718, 3_025, 123, 18_344),
     "netlib": Size(44_390, 4_306, 63, 65_768),
     "setup.py": Size(180, 10, 1, 284),
-    "tests": Size(265_490, 17_372, 748, 368_566),
-    "tools": Size(30_395, 2_755, 54, 31_439),
+    "tests": Size(266_574, 17_444, 749, 369_028),
+    "tools": Size(30_492, 2_762, 54, 31_434),
 }
 LINES = {  # of files that are not Python, by their patterns
     "prototxt/*.prototxt models/*.prototxt": 4_082,
     "*.json": 400,
-    "*.js *.css *.html": 2_830,
+    "*.js *.css *.html": 2_832,
 }
 WORDS = {  # of documents, by their pattern
-    ":(glob)docs/*.md": 25_881,
+    ":(glob)docs/*.md": 25_978,
     "README.md": 898,
-    "*.md": 64_777,
+    "*.md": 65_029,
 }
 OTHERS = LINES | WORDS
 LIMITS = {  # that no recorded total may exceed: syntax nodes of rooms, lines, words
