@@ -45,7 +45,7 @@ ROOMS = {
     "layers": Size(36_718, 3_025, 123, 18_344),
     "netlib": Size(44_390, 4_306, 63, 65_768),
     "setup.py": Size(180, 10, 1, 284),
-    "tests": Size(266_574, 17_444, 749, 369_028),
+    "tests": Size(266_582, 17_444, 749, 369_028),
     "tools": Size(30_492, 2_762, 54, 31_434),
 }
 LINES = {  # of files that are not Python, by their patterns
@@ -56,7 +56,7 @@ LINES = {  # of files that are not Python, by their patterns
 WORDS = {  # of documents, by their pattern
     ":(glob)docs/*.md": 25_978,
     "README.md": 898,
-    "*.md": 65_029,
+    "*.md": 64_997,
 }
 OTHERS = LINES | WORDS
 LIMITS = {  # that no recorded total may exceed: syntax nodes of rooms, lines, words
