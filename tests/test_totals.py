@@ -56,7 +56,7 @@ LINES = {  # of files that are not Python, by their patterns
 WORDS = {  # of documents, by their pattern
     ":(glob)docs/*.md": 25_978,
     "README.md": 898,
-    "*.md": 64_997,
+    "*.md": 65_000,
 }
 OTHERS = LINES | WORDS
 LIMITS = {  # that no recorded total may exceed: syntax nodes of rooms, lines, words
