@@ -136,8 +136,8 @@ class HandEstimator:
     def _moved_to_palm(
         self, view: SideView, candidate: Candidate, most: float = MAX_MOVE_MM
     ) -> Candidate:
-        """The crop moved to the palm that is predicted in it, by at most so many mm; the unchanged
-        candidate if it is already there.
+        """The candidate with its crop centred on the palm that is predicted in it, at most ``most``
+        mm from its start; unchanged if the crop is already there.
         """
         start, camera = candidate.center_uvd, view.camera
         for _ in range(self.refine):

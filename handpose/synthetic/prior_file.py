@@ -239,7 +239,7 @@ def _check(prior: PosePrior) -> None:
     """Raise PrototxtError for invalid numbers and unknown names."""
     skeleton = prior.body()
     _known(prior, "camera", prior.camera, CAMERAS)
-    for message in _messages(prior):
+    for message in messages(prior):
         _check_numbers(message)
     _check_sizes(prior, skeleton)
     _check_center(prior, skeleton)
@@ -247,14 +247,14 @@ def _check(prior: PosePrior) -> None:
     _check_poses(prior)
 
 
-def _messages(message: Any) -> Iterator[Any]:
+def messages(message: Any) -> Iterator[Any]:
     """The message and all messages in it."""
     yield message
     for field in fields(message):
         value = getattr(message, field.name)
         for part in value if isinstance(value, tuple) else (value,):
             if is_dataclass(part):
-                yield from _messages(part)
+                yield from messages(part)
 
 
 def _check_numbers(message: Any) -> None:
@@ -262,12 +262,12 @@ def _check_numbers(message: Any) -> None:
     for names, (is_right, expected) in _NUMBERS.items():
         for name in names:
             value = getattr(message, name, None)
-            _expect(message, name, value is None or is_right(value), expected)
+            expect(message, name, value is None or is_right(value), expected)
     if isinstance(message, RangeParameter):
         right = 0 < message.low <= message.high <= MAX_DISTANCE_MM
-        _expect(message, "low", right, f"0 < low <= high <= {MAX_DISTANCE_MM:g}, in mm")
+        expect(message, "low", right, f"0 < low <= high <= {MAX_DISTANCE_MM:g}, in mm")
     elif isinstance(message, (BetaParameter, BetweenParameter)):
-        _expect(message, "a", 0 < message.a < np.inf and 0 < message.b < np.inf, "a and b > 0")
+        expect(message, "a", 0 < message.a < np.inf and 0 < message.b < np.inf, "a and b > 0")
 
 
 def _check_sizes(prior: PosePrior, skeleton: Skeleton) -> None:
@@ -279,7 +279,7 @@ def _check_sizes(prior: PosePrior, skeleton: Skeleton) -> None:
     for message, name, mean in (*drawn, *((group, "std", 1.0) for group in prior.proportion)):
         std = getattr(message, name)
         expected = "less than 1 / scale_clip, so that none is below 0"
-        _expect(message, name, not std or std * prior.scale_clip < mean, expected)
+        expect(message, name, not std or std * prior.scale_clip < mean, expected)
     for group in prior.proportion:
         for joint in group.joint:
             _known(group, "joint", joint, skeleton.joint_names)
@@ -289,12 +289,12 @@ def _check_center(prior: PosePrior, skeleton: Skeleton) -> None:
     """Raise unless the centre of crops is on a joint that moves the whole body, as required."""
     if prior.center is None:
         for name in ("center_jitter", "center_jitter_wide"):
-            _expect(prior, name, not getattr(prior, name), "a center { ... } to be away from")
+            expect(prior, name, not getattr(prior, name), "a center { ... } to be away from")
         return
     _known(prior.center, "joint", prior.center.joint, skeleton.joint_names)
     joint = skeleton.joint_names.index(prior.center.joint)
     carries = skeleton.parents[joint] < 0 and len(translations(skeleton, joint)) == 3
-    _expect(prior.center, "joint", carries, "one without a parent that translates along X, Y and Z")
+    expect(prior.center, "joint", carries, "one without a parent that translates along X, Y and Z")
 
 
 def translations(skeleton: Skeleton, joint: int) -> dict[int, int]:
@@ -316,14 +316,14 @@ def _check_dofs(prior: PosePrior, skeleton: Skeleton) -> None:
     seen: set[str] = set()
     for message, dof in drawn:
         _known(message, "dof", dof, skeleton.dof_names)
-        _expect(message, "dof", dof not in seen, f"DoF {dof!r} once")
+        expect(message, "dof", dof not in seen, f"DoF {dof!r} once")
         d = skeleton.dof_names.index(dof)
-        _expect(message, "dof", not skeleton.fixed[d], f"no fixed DoF such as {dof!r}")
+        expect(message, "dof", not skeleton.fixed[d], f"no fixed DoF such as {dof!r}")
         bounded = (
             isinstance(message, TurnParameter)
             or np.isfinite([skeleton.lower[d], skeleton.upper[d]]).all()
         )
-        _expect(message, "dof", bool(bounded), f"limits of DoF {dof!r} in {prior.skeleton}")
+        expect(message, "dof", bool(bounded), f"limits of DoF {dof!r} in {prior.skeleton}")
         seen.add(dof)
 
 
@@ -333,7 +333,7 @@ def _check_poses(prior: PosePrior) -> None:
     drawn = [dof for spread in prior.spread for dof in spread.dof]
     drawn += [dof for between in prior.between for dof in between.dof]
     for n, pose in enumerate(prior.pose):
-        _expect(
+        expect(
             pose,
             "name",
             pose.name not in [other.name for other in prior.pose[:n]],
@@ -342,16 +342,17 @@ def _check_poses(prior: PosePrior) -> None:
         for parts, known in ((pose.bend, chains), (pose.at, drawn)):
             for i, part in enumerate(parts):
                 _known(part, "of", part.of, known)
-                _expect(
+                expect(
                     part,
                     "of",
                     part.of not in [other.of for other in parts[:i]],
                     f"{part.of!r} once in a pose",
                 )
-    _expect(prior, "blend", not prior.blend or bool(prior.pose), "a pose { ... } to be between")
+    expect(prior, "blend", not prior.blend or bool(prior.pose), "a pose { ... } to be between")
 
 
-def _expect(message: object, field: str, true: bool, expected: str) -> None:
+def expect(message: object, field: str, true: bool, expected: str) -> None:
+    """Raise PrototxtError at a message's field, with what was expected, unless it is ``true``."""
     if not true:
         raise PrototxtError(schema.position_of(message, field), f"{field}: expected {expected}")
 

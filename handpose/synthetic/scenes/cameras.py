@@ -47,7 +47,7 @@ class Cameras(NamedTuple):
         return np.stack([x, y, z], axis=-1)
 
     def anywhere(self, rng: np.random.Generator, margin: float, z: Array) -> Array:
-        """Points (N, 3) in the frames, at least so many px from the border, at depths (N,)."""
+        """Random points (N, 3) at depths (N,), ``margin`` px or more inside the frames' borders."""
         u = rng.uniform(margin, WIDTH - margin, len(z))
         v = rng.uniform(margin, HEIGHT - margin, len(z))
         return self.at(u, v, z)

@@ -119,7 +119,7 @@ def _turn_of_first(
 
 
 def _owner(rng: np.random.Generator, cameras: Cameras, wearer: Torsos, hand: Hands) -> Torsos:
-    """The people of the first hands: the wearers, or somebody at the end of the arm."""
+    """The owners of the first hands: the cameras' wearers, or people placed at the arms."""
     count, up = len(hand.side), cameras.up
     outwards = hand.side[:, None]
     forward = unit(hand.wrist - hand.elbow) + 0.6 * rng.normal(size=(count, 3))
@@ -202,7 +202,7 @@ def draw_arm(
     shoulder = person.shoulder(hand.side)
     size = person.size[:, 0]
     upper = prior.upper.draw(rng, count) * size + thicker
-    longest = 420 * size  # upper arms; farther shoulders are of somebody else
+    longest = 420 * size  # of upper arms; a shoulder farther away belongs to another person
     joined = (ends[:, 0] == 1) & (np.linalg.norm(hand.elbow - shoulder, axis=1) < longest)
     begin = radii[:, 0] + sleeve * (radii[:, 1] - radii[:, 0]) + thicker
     end = radii[:, 1] + thicker

@@ -7,16 +7,14 @@ in degrees, shares and chances between 0 and 1.
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
-from handpose.synthetic.prior_file import NYU_PRIOR
+from handpose.synthetic.prior_file import NYU_PRIOR, expect, messages
 from netlib.blob import Array
-from netlib.errors import PrototxtError
 from netlib.files.paths import real
 from netlib.proto import prototxt, schema
 from netlib.proto.schema import Double
@@ -236,26 +234,11 @@ class ScenePrior:
 def load(path: str | Path = SCENE_PRIOR) -> ScenePrior:
     """The prior of a file. Raises PrototxtError, NetlibError."""
     prior = schema.read(prototxt.parse_file(real(path)), ScenePrior, f"scene prior {path}")
-    for message in _messages(prior):
+    for message in messages(prior):
         if isinstance(message, Sizes):
-            _expect(message, "low", 0 < message.low <= message.high, "0 < low <= high")
+            expect(message, "low", 0 < message.low <= message.high, "0 < low <= high")
         elif isinstance(message, Range):
-            _expect(message, "low", message.low <= message.high, "low <= high")
+            expect(message, "low", message.low <= message.high, "low <= high")
         elif isinstance(message, ThingParameter):
-            _expect(message, "share", message.share > 0, "a share above 0")
+            expect(message, "share", message.share > 0, "a share above 0")
     return prior
-
-
-def _expect(message: object, field: str, true: bool, expected: str) -> None:
-    if not true:
-        raise PrototxtError(schema.position_of(message, field), f"{field}: expected {expected}")
-
-
-def _messages(message: Any) -> Iterator[Any]:
-    """The message and all messages in it."""
-    yield message
-    for field in fields(message):
-        value = getattr(message, field.name)
-        for part in value if isinstance(value, tuple) else (value,):
-            if is_dataclass(part):
-                yield from _messages(part)
