@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterable, Sequence
+from itertools import groupby
 from typing import TypeVar
 
 import numpy as np
@@ -18,7 +19,8 @@ from fast import parallel
 from fast.fast_layer import FastLayer
 from fast.fusing import fuse, release
 from fast.plan import plan
-from fast.slices import SlicedStep, WholeStep
+from fast.slices import SlicedStep
+from fast.whole_steps import FastStep, WholeStep, whole_steps
 from layers.common.split import Split
 from netlib.blob import Array, Blob, blocks
 from netlib.engine import Connection, Engine, Step
@@ -77,17 +79,19 @@ class FastEngine(Engine):
                     at.needs_backward,
                     any(at.propagate_down),
                 )
-        fuse(connections)
-        known = {step.run.key: step for step in old if isinstance(step, SlicedStep)}
-        whole = {step.at: step for step in old if isinstance(step, WholeStep)}
-        runs = plan(connections, set(outside))
+        stored = set(outside)
+        fuse(connections, stored)
+        runs = plan(connections, stored)
         _share_splits(connections, [at for run in runs if run.sliced for at in run.connections])
-        return [
-            known.get(run.key) or SlicedStep(run)
-            if run.sliced
-            else whole.get(run.order[0]) or WholeStep(run.order[0])
-            for run in runs
-        ]
+        blobs = {blob for at in connections for blob in at.blobs}
+        new: list[FastStep] = []
+        for is_sliced, part in groupby(runs, lambda run: run.sliced):
+            if is_sliced:
+                new += [SlicedStep(run) for run in part]
+            else:
+                new += whole_steps([at for run in part for at in run.connections], blobs)
+        known = {step.key: step for step in old if isinstance(step, FastStep)}
+        return [known.get(step.key, step) for step in new]
 
     def steps_by_layer(self, connections: Sequence[Connection]) -> Sequence[Step]:
         """A step for each layer, on the whole batch; no layer is computed with another."""

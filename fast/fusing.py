@@ -1,16 +1,19 @@
-"""Fusing: a convolution computes the layers in place behind it, while its outputs are in the cache.
+"""Fusing: a convolution computes the layers behind it, while its outputs are in the cache.
 
 Batch normalization by its sums, a Scale with learned parameters and a ReLU or ReLU6 are a
-multiplication, an addition and a maximum per channel: y = max(gain y + bias, 0). The values between
-the layers are overwritten in any case, and their diffs are those of the layers on their own. If a
-part of the net is run, each layer is computed on its own. A layer with a backward pass is fused
-only if it is a ReLU or ReLU6, which store nothing, or a Scale directly behind a BatchNorm by the
-statistics of the batch (per_channel.py).
+multiplication, an addition and a maximum per channel: y = max(gain y + bias, 0). If they are in
+place, the values between them are overwritten in any case, and their diffs are those of the layers
+on their own. A layer may also write another blob, if the blob that it reads is read by no other
+layer, and so is *unstored* (whole_steps.py). If a part of the net is run, each layer is computed
+on its own. A layer with a backward pass is fused only in place, if it is a ReLU or ReLU6, which
+store nothing, or a Scale directly behind a BatchNorm by the statistics of the batch
+(per_channel.py).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Sequence, Set
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,7 +23,7 @@ from layers.activation.relu import ReLU
 from layers.activation.relu6 import ReLU6
 from layers.activation.scale import Scale
 from layers.normalization.batch_norm import BatchNorm
-from netlib.blob import Array, blocks
+from netlib.blob import Array, Blob, blocks
 from netlib.engine import Connection
 from netlib.layer import Layer
 
@@ -128,9 +131,11 @@ def statistics(layer: BatchNorm) -> tuple[Array, Array]:
     return scale * layer.mean.data, np.sqrt(scale * layer.variance.data + layer.param.eps)
 
 
-def fuse(connections: Sequence[Connection]) -> None:
-    """Let layers compute those in place behind them, where they can."""
+def fuse(connections: Sequence[Connection], stored: Set[Blob]) -> None:
+    """Let layers compute those behind them, where they can; blobs of ``stored`` stay stored."""
     release(connections)
+    users = Counter(blob for at in connections for blob in set(at.blobs))
+    last_writer = {blob: i for i, at in enumerate(connections) for blob in at.top}
     for i, at in enumerate(connections):
         layer = at.layer
         if (
@@ -139,10 +144,22 @@ def fuse(connections: Sequence[Connection]) -> None:
             and layer.fuses_relu()
             and len(at.top) == 1
         ):
+            # an unstored blob is computed later from what the first layer has read
+            may_move = not at.needs_backward and all(
+                last_writer.get(blob, -1) < i for blob in at.bottom
+            )
             chain: list[FastLayer] = []
+            blob, own = at.top[0], 1  # the blob to be written, and its users among these layers
             for follower in connections[i + 1 :]:
-                if not _continues(at, chain, follower):
+                if not _continues(at, chain, follower, blob):
                     break
+                own += 1
+                if follower.top[0] is not blob:
+                    if not may_move or follower.needs_backward:
+                        break
+                    if own < users[blob] or blob in stored:
+                        break
+                    blob, own = follower.top[0], 1
                 assert isinstance(follower.layer, FastLayer)
                 chain.append(follower.layer)
             layer.after = chain
@@ -157,17 +174,15 @@ def release(connections: Sequence[Connection]) -> None:
             at.layer.after, at.layer.is_fused = (), False
 
 
-def _continues(at: Connection, chain: Sequence[Layer], follower: Connection) -> bool:
-    """Whether a layer is in place on the top of ``at`` and can be computed with it and the
-    chain between them.
+def _continues(at: Connection, chain: Sequence[Layer], follower: Connection, blob: Blob) -> bool:
+    """Whether a layer reads the blob that ``at`` and the chain behind it write, and can be computed
+    with them.
     """
-    first, layer, blob = at.layer, follower.layer, at.top[0]
+    first, layer = at.layer, follower.layer
     assert isinstance(first, FastLayer)
-    if not isinstance(layer, FastLayer) or not all(
-        one is blob for one in [*follower.bottom, *follower.top]
-    ):
+    if not isinstance(layer, FastLayer) or (chain and isinstance(chain[-1], (ReLU, ReLU6))):
         return False
-    if len(follower.bottom) != 1 or (chain and isinstance(chain[-1], (ReLU, ReLU6))):
+    if len(follower.bottom) != 1 or len(follower.top) != 1 or follower.bottom[0] is not blob:
         return False
     if isinstance(layer, (ReLU, ReLU6)):
         return layer.is_monotone()

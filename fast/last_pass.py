@@ -79,6 +79,12 @@ class LastPass:
 
     # ------------------------------------------------------------------------------------ recording
 
+    def take(self, values: Copies) -> None:
+        """Take a complete forward pass, of blobs with ``shapes``, that read these values."""
+        self.inputs = {blob: values[blob].reshape(self.shapes[blob]) for blob in self._read}
+        self.weights = [values[param] for param in self._params]
+        self.is_done = True
+
     def begin(self) -> None:
         """Prepare the copies of a forward pass, and copy the parameters."""
         late = self.late if self.back is None else self._differentiated
@@ -144,7 +150,7 @@ class LastPass:
         """
         if self.is_done is None:
             return Missing({})
-        if self._is_discarded():
+        if self.is_discarded():
             return Missing({}, self.run.connections)
         late = self.late if self.back is None or self.back.is_done else self._differentiated
         if self.is_done:
@@ -168,7 +174,7 @@ class LastPass:
         for at, computed in zip(self.run.connections, connections):
             _take_state(at.layer, computed.layer)
 
-    def _is_discarded(self) -> bool:
+    def is_discarded(self) -> bool:
         """Whether reshapes since the pass have discarded all unstored blobs, and what
         the layers keep.
         """

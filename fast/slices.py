@@ -39,8 +39,9 @@ from fast.last_pass import LastPass, with_params
 from fast.parallel import buffer_of
 from fast.plan import Run, Use, uses_of
 from fast.tiles import FastBlob
+from fast.whole_steps import FastStep, whole_steps
 from netlib.blob import Array, Blob, Blobs
-from netlib.engine import Connection, Missing, Step, versions_of
+from netlib.engine import Connection, Missing
 from netlib.errors import NetlibError
 
 # Limit of a slice: the size of its largest blob, so that its blobs stay in the cache. Smaller
@@ -136,34 +137,7 @@ class ParamOfLane(Blob):
         return self._original.data
 
 
-class WholeStep(Step):
-    """One layer, run on the whole batch.
-
-    Layers of this project are reshaped only after a shape has changed.
-    """
-
-    def __init__(self, at: Connection) -> None:
-        super().__init__(at)
-        # reshape of a Python layer may depend on more than shapes
-        self._is_steady = at.layer.type != "Python"
-        # versions of the blobs after the last reshape of the layer
-        self._reshaped: tuple[int, ...] | None = None
-
-    def forward(self) -> None:
-        """Reshape the tops if necessary and compute them, unless an earlier layer does."""
-        at = self.at
-        fits = self._is_steady and self._reshaped == versions_of(at.blobs)
-        fused = is_fused(at.layer)
-        if not (fits and fused):
-            with at.errors:
-                if not fits:
-                    at.layer.reshape(at.bottom, at.top)
-                if not fused:
-                    at.layer.forward(at.bottom, at.top)
-        self._reshaped = versions_of(at.blobs)
-
-
-class SlicedStep(Step):
+class SlicedStep(FastStep):
     """Several consecutive layers, run slice by slice.
 
     If some blobs have other numbers of items than the others, because a layer before them, such as
@@ -176,12 +150,12 @@ class SlicedStep(Step):
         self._users = uses_of(run.order)
         self._needs_backward = any(at.needs_backward for at in run.connections)
         self._kept = run.read_again()
-        self._sources = {} if self._needs_backward else self._copied()
+        self._same = {} if self._needs_backward else self._copied() | self._fused()
         self._buffers = threading.local()
         self._shapes: list[tuple[int, ...]] = []
         self._lanes: list[Lane] = []
         self._recent: dict[tuple[tuple[int, ...], ...], list[Lane]] = {}
-        self._whole: list[WholeStep] = []  # if the layers run on the whole batch
+        self._whole: list[FastStep] = []  # if the layers run on the whole batch
         self._is_done = False  # whether the slices have the state of a complete forward pass
         self.last = LastPass(run) if self._is_recorded() else None
         self._outputs, down = run.written(), run.differentiated()
@@ -195,6 +169,11 @@ class SlicedStep(Step):
         """
         reads_kept = any(at.layer.reads_kept for at in self.connections)
         return bool(self.unstored) or (self._needs_backward and reads_kept)
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """The run."""
+        return SlicedStep, *self.run.key
 
     def has_state(self) -> bool:
         """Whether the last forward pass of the slices is complete."""
@@ -271,7 +250,22 @@ class SlicedStep(Step):
         """Store the unstored blobs of the last pass, and let the layers keep what they
         need for backward.
         """
-        return (self.lost or Missing({})) if self.last is None else self.last.store()
+        if self.last is not None:
+            return self.last.store()
+        missing = [self.lost or Missing({}), *(step.store() for step in self._whole)]
+        halves = {blob: half for part in missing for blob, half in part.halves.items()}
+        return Missing(halves, [at for part in missing for at in part.layers])
+
+    def finish(self) -> None:
+        """Copy the sources of which a caller has an array, if the layers run on the whole batch."""
+        for step in self._whole:
+            step.finish()
+
+    def keep(self, source: Blob) -> None:
+        """Copy a source, likewise."""
+        for step in self._whole:
+            if source in step.sources:
+                step.keep(source)
 
     def _written(self, blob: Blob) -> NetlibError:
         """The error for an input that a caller has written between forward and backward."""
@@ -325,9 +319,11 @@ class SlicedStep(Step):
     def _run_whole(self) -> None:
         """Run the layers on the whole batch from now on."""
         self.lost = self.store()
-        whole = [WholeStep(at) for at in self.connections]
+        whole = whole_steps(self.connections, set(self._blobs))
+        self.sources = [blob for step in whole for blob in step.sources]
+        unstored = [blob for step in whole for blob in step.unstored]
         # in one statement, so that an interrupt leaves all of them or none
-        self._whole, self._lanes, self.unstored, self.last = whole, [], [], None
+        self._whole, self._lanes, self.unstored, self.last = whole, [], unstored, None
 
     def _piece(self, rows: slice, params: list[Blobs]) -> Piece:
         """Create the layers of one slice."""
@@ -335,7 +331,7 @@ class SlicedStep(Step):
 
         def on_slice(whole: Blob) -> Blob:
             if whole not in blobs:
-                source = self._sources.get(whole)
+                source = self._same.get(whole)
                 blobs[whole] = (
                     on_slice(source) if source is not None else self._slice_blob(whole, rows)
                 )
@@ -363,6 +359,13 @@ class SlicedStep(Step):
                 ) == len(at.top):
                     sources |= dict.fromkeys(at.top, at.bottom[0])
         return sources
+
+    def _fused(self) -> dict[Blob, Blob]:
+        """Unstored blobs in place of which a layer writes the top of one that it computes."""
+        found: dict[Blob, Blob] = {}
+        for step in whole_steps(self.run.connections, set()):
+            found |= dict.fromkeys(step.unstored, step.connections[-1].top[0])
+        return found
 
     def _slice_blob(self, whole: Blob, rows: slice) -> Blob:
         shape = (rows.stop - rows.start, *whole.shape[1:])

@@ -7,6 +7,7 @@ so an unused gradient takes no memory.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any
@@ -43,8 +44,9 @@ class Blob:
     diff           dL/d(data)
     version        another number after each change of the shape, and after ``data`` became those of
                    another blob
-    on_access      while a net does not store the blob: called with the blob and "data" or "diff"
-                   before each access
+    on_access      while a net does not store the blob, or computes such a blob from it: called with
+                   the blob and "data" or "diff" before each access, and "shape" before a change
+    is_held        whether a caller may have an array of the data, by which it can be written
 
     Engines have no subclass for the blobs of a net: scripts of pycaffe compare ``type(blob)`` with
     this class. Another thread may read a blob while a net reshapes it; it gets an array of the old
@@ -98,6 +100,21 @@ class Blob:
         return self._array("data").view()
 
     @property
+    def is_held(self) -> bool:
+        """Whether an array of this memory is in use outside of the blob, which the number of
+        references to it shows, or the memory is that of another blob.
+        """
+        if self._owner is not None or not COUNTS_REFERENCES:
+            return True
+        return "data" in self._memory.arrays and self._references() not in UNHELD
+
+    def _references(self) -> tuple[int, int]:
+        """The number of references to the array of the data, and to the one that it views."""
+        array = self._memory.arrays["data"]
+        viewed = 0 if array.base is None else sys.getrefcount(array.base)
+        return sys.getrefcount(array), viewed
+
+    @property
     def diff(self) -> Array:
         """Gradient of the loss with respect to the values; an array as for ``data``."""
         if self.on_access is not None:
@@ -105,6 +122,21 @@ class Blob:
         if self._diff_owner is not None:
             return self._shared(self._diff_owner.diff)
         return self._array("diff").view()
+
+    @property
+    def unwatched_data(self) -> Array:
+        """The values, without a call of ``on_access``."""
+        if self._owner is not None:
+            return self._shared(self._owner.unwatched_data)
+        return self._array("data").view()
+
+    @property
+    def root(self) -> Blob:
+        """The blob whose memory holds the data: this one, or the one that it shares."""
+        root = self
+        while root._owner is not None:
+            root = root._owner
+        return root
 
     def _shared(self, array: Array) -> Array:
         """An array of another blob in this shape.
@@ -136,6 +168,8 @@ class Blob:
         shape = tuple(int(n) for n in shape)
         if shape != self.shape:
             self._checked(shape)
+            if self.on_access is not None:
+                self.on_access(self, "shape")
             self.version += 1
             kept = self._memory.arrays if math.prod(shape) == self.count else {}
             self._memory = Memory(
@@ -220,6 +254,19 @@ class Blob:
 
     def __repr__(self) -> str:
         return f"<Blob {'x'.join(map(str, self.shape)) or 'scalar'} {self.dtype}>"
+
+
+def _unheld(zeros: Zeros) -> tuple[int, int]:
+    """The references to the array of a blob that nothing else uses."""
+    blob = Blob((1,), zeros=zeros)
+    blob._array("data")
+    return blob._references()
+
+
+# for memory that the array owns, and for an array within other memory
+UNHELD = _unheld(np.zeros), _unheld(lambda _, dtype: np.zeros(2, dtype)[1:])
+# not without the interpreter lock, where counts may be late
+COUNTS_REFERENCES = hasattr(sys, "getrefcount") and getattr(sys, "_is_gil_enabled", lambda: True)()
 
 
 class Blobs(list[Blob]):

@@ -85,11 +85,13 @@ class Step:
 
     connections  the layers that the step runs
     unstored     the blobs between these layers that the step does not store
+    sources      what it computes them from later, if it has no copies of all of it (``keep``)
     lost         what a step could not store when it began to store its blobs, until the net
                  notes it
     """
 
     unstored: Sequence[Blob] = ()
+    sources: Sequence[Blob] = ()
 
     def __init__(self, at: Connection) -> None:
         self.at, self.connections = at, [at]
@@ -129,6 +131,14 @@ class Step:
     def has_state(self) -> bool:
         """Whether what runs backwards has what forward keeps for it, if its layers have run."""
         return True
+
+    def finish(self) -> None:
+        """Prepare, at the end of a pass, for callers that write sources without an access to the
+        blob.
+        """
+
+    def keep(self, source: Blob) -> None:
+        """Prepare for a caller that may write this source from now on."""
 
     def store(self) -> Missing:
         """Store the unstored blobs with their values in the last pass, and let the layers keep what

@@ -59,6 +59,10 @@ class PassState:
         self._is_at_once = False  # whether the running one does
         self._is_running = False  # whether a pass has begun and not ended
         self._fits = False  # whether the check for memory has passed
+        self._watched: set[Blob] = set()  # the blobs whose accesses are noted
+        self._unstored: set[Blob] = set()  # the unstored blobs of all steps
+        # the steps that compute unstored blobs from a blob
+        self._sources: dict[Blob, list[Step]] = {}
         self._by_layer = False  # whether there is a step for each layer, so that a part can run
         self._stores_less = False  # whether the next full pass need not run by layer
         self._make_steps()
@@ -79,6 +83,8 @@ class PassState:
                     self._unknown[blob].add(half)
                 raise
             finally:
+                for step in self.steps:
+                    step.finish()
                 self._is_running = False
 
     @contextmanager
@@ -236,20 +242,29 @@ class PassState:
         At any time the blobs that the old or the new ones do not store are watched.
         """
         access = partial(_look, weakref.ref(self))
-        watched = {blob for step in steps for blob in step.unstored} | self._unknown.keys()
-        for blob in watched:
+        unstored = {blob for step in steps for blob in step.unstored}
+        sources: dict[Blob, list[Step]] = {}
+        for step in steps:
+            for blob in step.sources:
+                sources.setdefault(blob, []).append(step)
+        before, self._watched = self._watched, unstored | sources.keys() | self._unknown.keys()
+        for blob in self._watched:
             blob.on_access = access
-        self.steps = steps
-        for blob in self._blobs.values():
-            if blob not in watched:
-                blob.on_access = None
+        self.steps, self._unstored, self._sources = steps, unstored, sources
+        for blob in before - self._watched:
+            blob.on_access = None
 
     def look(self, blob: Blob, half: str) -> None:
-        """Store all blobs before the first access to an unstored one.
+        """Store all blobs before the first access to an unstored one, and let steps keep a source.
 
-        Raises NetlibError during a pass, and if the value cannot be computed.
+        Raises NetlibError if an unstored blob is read during a pass, or cannot be computed.
         """
-        if any(blob in step.unstored for step in self.steps):
+        if half != "diff" and not self._is_running:
+            for step in self._sources.get(blob, ()):
+                step.keep(blob)
+        if half == "shape":
+            return
+        if blob in self._unstored:
             self._store_before_access()
         if half in self._unknown.get(blob, ()):
             names = {other: name for name, other in self._blobs.items()}

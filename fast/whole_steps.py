@@ -1,0 +1,165 @@
+"""Steps on the whole batch: one layer, or a layer and those that it computes (fusing.py).
+
+    convolution: a -> b     BatchNorm: b -> c     Scale, ReLU: c -> c
+
+If only these layers use b, the convolution writes c, and b is *unstored*. It can be computed from
+``a`` and the parameters of the convolution, the *sources*, as long as these have the values of the
+pass. They are not copied in each pass, because this would take longer than fusing saves, but in
+time: a source of which a caller has an array is copied when the pass ends, and another one
+before a caller gets its array (``keep``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence, Set
+
+from fast.fast_layer import is_fused
+from fast.last_pass import DATA, Copies, LastPass
+from fast.plan import Run
+from netlib.blob import Blob
+from netlib.engine import Connection, Missing, Step, versions_of
+
+
+class FastStep(Step):
+    """A step of the fast engine."""
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """What makes two steps of one net equal."""
+        return type(self), self.at
+
+
+class WholeStep(FastStep):
+    """One layer, run on the whole batch.
+
+    Layers of this project are reshaped only after a shape has changed.
+    """
+
+    def __init__(self, at: Connection) -> None:
+        super().__init__(at)
+        # reshape of a Python layer may depend on more than shapes
+        self._is_steady = at.layer.type != "Python"
+        # versions of the blobs after the last reshape of the layer
+        self._reshaped: tuple[int, ...] | None = None
+
+    def forward(self) -> None:
+        """Reshape the tops if necessary and compute them."""
+        at = self.at
+        with at.errors:
+            self.reshape()
+            at.layer.forward(at.bottom, at.top)
+
+    def reshape(self) -> None:
+        """Reshape the tops if the shape of a blob has changed."""
+        at = self.at
+        if not self._is_steady or self._reshaped != versions_of(at.blobs):
+            at.layer.reshape(at.bottom, at.top)
+            self._reshaped = versions_of(at.blobs)
+
+
+class FusedStep(FastStep):
+    """A layer and those behind it that it computes, run on the whole batch.
+
+    ``blobs`` are those of the net.
+    """
+
+    def __init__(self, connections: Sequence[Connection], blobs: Set[Blob]) -> None:
+        first, last = connections[0], connections[-1]
+        super().__init__(first)
+        self.connections = list(connections)
+        self._by_layer = [WholeStep(at) for at in connections]
+        self._run = Connection(
+            first.layer, first.bottom, last.top, first.propagate_down, first.needs_backward
+        )
+        tops = dict.fromkeys(blob for at in connections for blob in at.top)
+        self.unstored = [blob for blob in tops if blob not in last.top]
+        writers = [at for at in connections if at.top[0] in self.unstored]
+        self._missing = Run(writers, writers, list(self.unstored), {}, sliced=False)
+        # what a writer reads -> the source that has its values
+        self._read = {param: param for at in writers for param in at.layer.blobs}
+        for blob in first.bottom if writers else []:
+            self._read[blob] = blob.root if blob.root in blobs else blob
+        self.sources = list(dict.fromkeys(self._read.values()))
+        self._shapes: dict[Blob, tuple[int, ...]] = {}
+        self._versions: tuple[int, ...] = ()  # of what was read in the last pass
+        # values of sources in the last pass; None: a caller may have written sources since
+        self._copies: Copies | None = None
+        self._is_done: bool | None = None  # whether the last pass is complete; None: there is none
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """The layers, and the memory of what they read."""
+        return FusedStep, *self.connections, *self.unstored, *self.sources
+
+    def forward(self) -> None:
+        """Reshape the tops of all layers if necessary, and compute those of the last."""
+        self._is_done, self._copies = False, None
+        for step in self._by_layer:
+            with step.at.errors:
+                step.reshape()
+        with self.at.errors:
+            self._run.layer.forward(self._run.bottom, self._run.top)
+        self._shapes = {blob: blob.shape for at in self._missing.connections for blob in at.blobs}
+        self._versions = versions_of(self._read)
+        self._is_done = True
+
+    def finish(self) -> None:
+        """Copy the sources of which a caller has an array."""
+        if self._is_done and self._copies is None:
+            held = [blob for blob in self.sources if blob.is_held]
+            self._copies = {blob: blob.unwatched_data.copy() for blob in held}
+
+    def keep(self, source: Blob) -> None:
+        """Copy a source before a caller gets an array of it."""
+        copies = self._copies  # another thread may begin a pass
+        if copies is not None and source not in copies:
+            copies[source] = source.unwatched_data.copy()
+
+    def backward(self, at_once: bool = False) -> None:
+        """Compute the diffs, layer by layer."""
+        for step in reversed(self._by_layer):
+            step.backward(at_once)
+
+    def pieces(self) -> list[list[Connection]]:
+        """The layers in execution order."""
+        return [[self._run, *self.connections[1:]]]
+
+    def has_state(self) -> bool:
+        """Whether the last forward pass is complete."""
+        return bool(self._is_done)
+
+    def store(self) -> Missing:
+        """Store the unstored blobs with their values in the last pass.
+
+        A source that was reshaped without a copy has lost them.
+        """
+        if not self.unstored or self._is_done is None:
+            return Missing({})
+        last, values = LastPass(self._missing, shapes=self._shapes), self._values()
+        if last.is_discarded():
+            return Missing({}, self.connections)
+        if not values:
+            return Missing(dict.fromkeys(self.unstored, DATA), self.connections)
+        last.take(values)
+        return last.store()
+
+    def _values(self) -> Copies:
+        """What the last pass read, as far as it is known: all or nothing."""
+        values: Copies = {}
+        for (blob, source), version in zip(self._read.items(), self._versions):
+            copy = (self._copies or {}).get(source)
+            if copy is None and (self._copies is None or blob.version != version):
+                return {}
+            values[blob] = source.unwatched_data if copy is None else copy
+        return values
+
+
+def whole_steps(connections: Sequence[Connection], blobs: Set[Blob]) -> list[FastStep]:
+    """The steps of layers on the whole batch, in a net with these blobs."""
+    groups: list[list[Connection]] = []
+    for at in connections:
+        if is_fused(at.layer):
+            groups[-1].append(at)
+        else:
+            groups.append([at])
+    return [FusedStep(each, blobs) if len(each) > 1 else WholeStep(each[0]) for each in groups]
