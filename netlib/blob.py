@@ -45,7 +45,8 @@ class Blob:
     version        another number after each change of the shape, and after ``data`` became those of
                    another blob
     on_access      while a net does not store the blob, or computes such a blob from it: called with
-                   the blob and "data" or "diff" before each access, and "shape" before a change
+                   the blob and "data" or "diff" before each access, and "memory" before a reshape
+                   or sharing replaces the memory of the data
     is_held        whether a caller may have an array of the data, by which it can be written
 
     Engines have no subclass for the blobs of a net: scripts of pycaffe compare ``type(blob)`` with
@@ -169,7 +170,7 @@ class Blob:
         if shape != self.shape:
             self._checked(shape)
             if self.on_access is not None:
-                self.on_access(self, "shape")
+                self.on_access(self, "memory")
             self.version += 1
             kept = self._memory.arrays if math.prod(shape) == self.count else {}
             self._memory = Memory(
@@ -206,6 +207,8 @@ class Blob:
         while owner._owner is not None:
             owner = owner._owner
         if owner is not self and owner is not self._owner:
+            if self.on_access is not None:
+                self.on_access(self, "memory")
             self.version += 1
             self._owner = owner
             self._memory.arrays.pop("data", None)

@@ -262,7 +262,7 @@ class PassState:
         if half != "diff" and not self._is_running:
             for step in self._sources.get(blob, ()):
                 step.keep(blob)
-        if half == "shape":
+        if half == "memory":
             return
         if blob in self._unstored:
             self._store_before_access()

@@ -48,14 +48,22 @@ CHAINS = {
 
 
 def make(
-    first: str, chain: str, shape: tuple[int, ...], engine: str, end: str = "", phase: int = 1
+    first: str,
+    chain: str,
+    shape: tuple[int, ...],
+    engine: str,
+    end: str = "",
+    phase: int = 1,
+    in_place: bool = True,
 ) -> netlib.Net:
-    """A net with one convolution and layers in place behind it; its parameters are random."""
+    """A net with one convolution and layers behind it; its parameters are random."""
     text = FIRST[first] % FILLERS if "%" in FIRST[first] else FIRST[first]
-    lines = [inputs(x=shape), f'layer {{ name: "first" bottom: "x" top: "y" {text} }}']
+    kinds = CHAINS[chain][0]
+    tops = ["y" if in_place or i == len(kinds) else f"y{i}" for i in range(len(kinds) + 1)]
+    lines = [inputs(x=shape), f'layer {{ name: "first" bottom: "x" top: "{tops[0]}" {text} }}']
     lines += [
-        f'layer {{ name: "l{i}" bottom: "y" top: "y" {kind} }}'
-        for i, kind in enumerate(CHAINS[chain][0])
+        f'layer {{ name: "l{i}" bottom: "{tops[i]}" top: "{tops[i + 1]}" {kind} }}'
+        for i, kind in enumerate(kinds)
     ]
     net = netlib.Net(
         prototxt.parse("\n".join(lines) + end), phase, dtype=np.float32, engine=engine, seed=3
@@ -108,6 +116,21 @@ def test_the_plain_layers_values(
     y = plain.blobs["y"].data
     np.testing.assert_allclose(fast.blobs["y"].data, y, rtol=0, atol=1e-5 * np.abs(y).max())
     assert fused(fast) == 0
+
+
+@pytest.mark.parametrize("chain", CHAINS)
+@pytest.mark.parametrize("first", FIRST)
+@pytest.mark.parametrize("items", [1, 4])
+def test_layers_that_write_blobs_of_their_own(items: int, first: str, chain: str) -> None:
+    shape = (items, 96, 8, 9)
+    plain, fast = (
+        make(first, chain, shape, engine, in_place=False) for engine in ("plain", "fast")
+    )
+    assert fused(fast) == CHAINS[chain][1]
+    x = np.random.default_rng(7).normal(size=shape).astype(np.float32)
+    y, found = (net.forward(x=x)["y"] for net in (plain, fast))
+    size = max(np.abs(blob.data).max() for name, blob in plain.blobs.items() if name != "x")
+    np.testing.assert_allclose(found, y, rtol=0, atol=1e-5 * size)
 
 
 @pytest.mark.parametrize(
