@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 
-from fast.fast_layer import FastLayer
+from fast.fast_layer import FastLayer, is_fused
 from layers.common.inner_product import InnerProduct
 from netlib.blob import Blob, Blobs
 from netlib.engine import Connection
@@ -114,8 +114,10 @@ def _fits(row: list[Connection], at: Connection) -> bool:
     items = {blob.shape[0] if blob.shape else None for blob in [*at.bottom, *at.top]}
     if len(items) != 1 or items == {None}:
         return False
-    if not row:  # a first layer in place would overwrite its input, which must remain readable
-        return all(blob is not top for blob in at.bottom for top in at.top)
+    if not row:
+        # a first layer in place would overwrite its input, which must remain readable
+        in_place = any(blob is top for blob in at.bottom for top in at.top)
+        return not in_place and not is_fused(at.layer)  # the layer that computes it runs whole
     return row[0].bottom[0].shape[0] == at.bottom[0].shape[0]
 
 
