@@ -12,17 +12,18 @@ from __future__ import annotations
 import math
 import os
 import threading
+import weakref
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor, wait
-from typing import Any, TypeVar
+from contextlib import suppress
+from queue import SimpleQueue
+from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from fast import product_threads
 from netlib.engine import available_cpus
 from netlib.system import memory
-
-T = TypeVar("T")
 
 
 class Workers:
@@ -33,18 +34,33 @@ class Workers:
 
     def __init__(self, count: int, name: str) -> None:
         self.count, self._name = count, name
-        self._start()
+        self._process = -1  # that of the threads: none are started before the first job
 
     def _start(self) -> None:
-        self._executor = ThreadPoolExecutor(self.count, self._name) if self.count else None
-        self.process = os.getpid()
+        self._process, self._jobs = os.getpid(), SimpleQueue[Callable[[], None] | None]()
+        for number in range(self.count):
+            # a daemon, because an idle thread must not keep the process running
+            threading.Thread(
+                target=_serve, args=(self._jobs,), name=f"{self._name}_{number}", daemon=True
+            ).start()
+        weakref.finalize(self, _end, self._jobs, self.count).atexit = False
 
-    def submit(self, job: Callable[..., T], *args: Any) -> Future[T]:
-        """Call ``job(*args)`` on a thread; returns its future."""
-        if self.process != os.getpid():
+    def submit(self, job: Callable[[], None]) -> None:
+        """Call ``job`` on a thread."""
+        if self._process != os.getpid():
             self._start()
-        assert self._executor is not None
-        return self._executor.submit(job, *args)
+        self._jobs.put(job)
+
+
+def _serve(jobs: SimpleQueue[Callable[[], None] | None]) -> None:
+    while (job := jobs.get()) is not None:
+        job()
+        del job  # a waiting thread must not keep arrays
+
+
+def _end(jobs: SimpleQueue[Callable[[], None] | None], count: int) -> None:
+    for _ in range(count):
+        jobs.put(None)
 
 
 _here = threading.local()
@@ -96,7 +112,6 @@ def run(jobs: Sequence[Callable[[], None]], *, here: bool = False) -> None:
             job()
         return
     pool = _pool()
-    helpers = min(pool.count, len(jobs) - 1)
     queue = iter(jobs)  # next() on a list iterator is atomic: each job is taken once
     failed: list[BaseException] = []
 
@@ -113,17 +128,56 @@ def run(jobs: Sequence[Callable[[], None]], *, here: bool = False) -> None:
         finally:
             _here.inside = False
 
-    others = [pool.submit(work) for _ in range(helpers)]
-    work()
-    try:
-        for other in others:
-            other.result()
-    except BaseException as error:  # an interrupt: what the jobs write must not change any more
-        failed.append(error)
-        wait(others)
-        raise
+    helpers = min(pool.count, len(jobs) - 1)
+    if not helpers:
+        work()
+    else:
+        product_threads.begin_jobs()
+        try:
+            _work_together(pool, helpers, work, failed)
+        finally:
+            product_threads.end_jobs()
     if failed:
         raise failed[0]
+
+
+def _work_together(
+    pool: Workers, helpers: int, work: Callable[[], None], failed: list[BaseException]
+) -> None:
+    """Call ``work`` here and on some threads of the pool, and return when all calls have returned.
+
+    A thread that has not begun when ``work`` has returned here is not needed any more.
+    """
+    offered = [None] * helpers  # pop() is atomic: each is taken by one thread, or back
+    finished: list[None] = []
+    done: SimpleQueue[None] = SimpleQueue()
+
+    def help_() -> None:
+        try:
+            offered.pop()
+        except IndexError:
+            return
+        work()
+        finished.append(None)
+        done.put(None)
+
+    for _ in range(helpers):
+        pool.submit(help_)
+    work()
+    running = helpers
+    while offered:
+        with suppress(IndexError):
+            offered.pop()
+            running -= 1
+    interrupt: BaseException | None = None
+    while len(finished) < running:
+        try:
+            done.get()
+        except BaseException as error:  # what the jobs write must not change any more
+            interrupt = error
+            failed.append(error)
+    if interrupt is not None:
+        raise interrupt
 
 
 # ------------------------------------------------------------------------------------------- memory
