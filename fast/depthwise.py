@@ -35,8 +35,6 @@ MAX_VALUES = 1 << 18  # of the maps of a block
 MIN_CHANNELS = 32  # of a block
 # of the rows of outputs in one call; the weights, nine times as many, stay in the cache
 BAND_VALUES = 1 << 14
-    1 << 14
-)  # of the rows of outputs in one call; nine times as many weights stay in the cache
 
 
 def is_depthwise(s: Sizes) -> bool:
