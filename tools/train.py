@@ -6,10 +6,10 @@
 Ctrl-C (or SIGTERM) writes a snapshot and stops; SIGHUP only writes a snapshot. To resume exactly
 where the training stopped, add --snapshot snapshots/nyu_iter_2000.solverstate.h5
 
-    mpiexec -n 4 python -m mpi4py tools/train.py prototxt/nyu_solver.prototxt
+    python tools/train.py prototxt/nyu_solver.prototxt --ranks 2
 
-Four processes train together, on one machine or several (docs/distributed.md). Each runs the net's
-batch on its own rows, so a step processes four times as many.
+Two processes on this machine divide each batch, which for many nets is faster than two threads of
+one process; with mpiexec, processes on several machines train together (docs/distributed.md).
 """
 
 from __future__ import annotations
@@ -24,10 +24,11 @@ import tools
 
 tools.begin(__name__)
 
+from netlib.errors import NetlibError
 from tools.common import training
-from tools.common.arguments import add_engine, count, natural, parser_of
+from tools.common.arguments import add_engine, count, natural, parser_of, positive
 from tools.common.console import guarded
-from tools.common.ranks import only_first_prints, world
+from tools.common.ranks import is_started, only_first_prints, start, world
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -61,9 +62,11 @@ def main(argv: list[str] | None = None) -> int:
         "--log", metavar="FILE", help="log file, in addition to stderr; a resumed training appends"
     )
     parser.add_argument(
-        "--ranks-divide-batch",
-        action="store_true",
-        help="split the net's batch among the processes instead of running it on each",
+        "--ranks",
+        type=positive,
+        default=0,
+        metavar="N",
+        help="start N processes that divide each batch; needs mpi4py and mpiexec",
     )
     with only_first_prints():
         args = parser.parse_args(argv)
@@ -72,8 +75,15 @@ def main(argv: list[str] | None = None) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Train the net."""
+    if args.ranks > 1 and not is_started():
+        start(args.ranks)
     with only_first_prints():
-        ranks = world(args.ranks_divide_batch)
+        ranks = world(divide=args.ranks > 0)
+        if args.ranks not in (0, ranks.count):
+            raise NetlibError(
+                f"--ranks {args.ranks}, but {ranks.count} processes were started; start this command "
+                "without mpiexec, or without --ranks"
+            )
     return training.train(
         args.solver,
         snapshot=args.snapshot,

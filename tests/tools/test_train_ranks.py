@@ -6,15 +6,20 @@ import os
 import re
 import shutil
 import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 
+import netlib
+from netlib.errors import NetlibError
 from tests.netlib.distributed.small_net import NET, SOLVER, whole_snapshot, write_files
 from tests.support import ranks_started
 from tests.support.ranks_started import CAFFE, TRAIN, needs_mpi, ours
+from tools.common import ranks
 
 pytestmark = needs_mpi
 
@@ -149,3 +154,33 @@ def test_an_error_on_one_rank_ends_all(small):
         (line,) = ours(done.stderr)
         assert re.fullmatch(said, line), line
         assert not list(Path().rglob("*.solverstate"))
+
+
+@pytest.mark.parametrize("words", [[TRAIN], ["-m", "netlib", "train"]])
+def test_ranks_that_the_command_starts_divide_the_batch(words, small):
+    """Two processes with half the batch each train what one process does, to rounding."""
+    Path("short.prototxt").write_text(SOLVER.replace("1000000", "20"))
+    weights = []
+    for options in ([], ["--ranks", "2"]):
+        done = subprocess.run(
+            [sys.executable, *map(str, words), "short.prototxt", *options],
+            capture_output=True,
+            text=True,
+            timeout=ranks_started.TIMEOUT_S,
+        )
+        assert done.returncode == 0, done.stderr
+        assert ("2 ranks × 4 = 8 per step" in done.stderr) == bool(options), done.stderr
+        weights.append(netlib.Net("small.prototxt", "snapshots/small_iter_20.caffemodel", 0))
+    for one, two in zip(*(net.learnable for net in weights)):
+        np.testing.assert_allclose(two.blob.data, one.blob.data, rtol=1e-4, atol=1e-6)
+
+
+def test_ranks_within_other_ranks_are_wrong_usage(small):
+    done = ranks_started.run(2, TRAIN, "solver.prototxt", "--ranks", "3")
+    assert "--ranks 3, but 2 processes were started" in done.stderr
+
+
+def test_ranks_without_mpi_are_one_line(small, monkeypatch, capsys):
+    monkeypatch.setattr(ranks, "find_spec", lambda name: None)
+    with pytest.raises(NetlibError, match="need mpi4py and mpiexec"):
+        ranks.start(2)

@@ -1,16 +1,21 @@
-"""The processes started by ``mpiexec``, as the ranks of one training run."""
+"""The processes of one training run, its ranks, started by ``mpiexec`` or by ``--ranks``."""
 
 from __future__ import annotations
 
 import contextlib
 import io
 import os
+import shutil
 import sys
 from collections.abc import Iterator
+from importlib.util import find_spec
+from pathlib import Path
+from typing import NoReturn
 
 from netlib import engine
 from netlib.distributed.ranks import ALONE, Ranks
 from netlib.errors import NetlibError
+from tools.common.commands import is_subcommand
 
 OPEN_MPI = ("OMPI_COMM_WORLD_SIZE", "OMPI_COMM_WORLD_RANK")
 LAUNCHERS = (  # environment variables with the number of processes and the number of this one
@@ -19,6 +24,30 @@ LAUNCHERS = (  # environment variables with the number of processes and the numb
     # srun; also set in shells under it, so used only with -m mpi4py
     ("SLURM_STEP_NUM_TASKS", "SLURM_PROCID"),
 )
+
+
+def start(count: int) -> NoReturn:
+    """Replace this process by ``mpiexec``, which starts the command as ``count`` processes.
+
+    Raises NetlibError.
+    """
+    name = f"mpiexec{'.exe' if os.name == 'nt' else ''}"
+    beside = Path(sys.executable).with_name(name)  # of the package mpich, for this Python
+    launcher = str(beside) if beside.exists() else shutil.which(name)
+    if launcher is None or find_spec("mpi4py") is None:
+        raise NetlibError(
+            f"{count} processes that train together need mpi4py and mpiexec, and one is missing; "
+            "pip install mpi4py mpich"
+        )
+    program = ["-m", *sys.argv[0].split()] if is_subcommand() else sys.argv[:1]
+    words = [launcher, "-n", str(count), sys.executable, "-m", "mpi4py", *program, *sys.argv[1:]]
+    sys.stdout.flush()
+    os.execv(launcher, words)
+
+
+def is_started() -> bool:
+    """Whether a launcher has started this process and others."""
+    return _started()[0] > 1
 
 
 def world(divide: bool = False) -> Ranks:
