@@ -1,7 +1,9 @@
-"""The nets of the benchmarks: eight public classifiers, one for segmentation, four small ones,
-and the paper's.
+"""The nets of the benchmarks: eight public classifiers, one for segmentation, six kinds of which
+OpenCV or PyTorch were faster, four small ones for training, and the paper's.
 
-Weights are random, so nothing is downloaded; times do not depend on them.
+The public ones have the form in which their authors published them: in MobileNet v2 and
+DenseNet-121, BatchNorm writes a blob of its own. Weights are random, so nothing is downloaded;
+times do not depend on them.
 """
 
 from __future__ import annotations
@@ -30,9 +32,12 @@ class Text:
     """The layers of a net.
 
     Every method adds layers behind the blob ``bottom`` and returns the name of the top.
+
+    norm_in_place  whether BatchNorm behind a convolution is in place
     """
 
     def __init__(self, *shape: int) -> None:
+        self.norm_in_place = True
         self.lines: list[str] = []
         self.input("data", *shape)
 
@@ -74,7 +79,7 @@ class Text:
             "Convolution", [bottom], f"convolution_param {{ {options} {bias} {FILLER} }}"
         )
         if norm:
-            self.norm_and_scale(top, top)
+            top = self.norm_and_scale(top, top if self.norm_in_place else "")
         return self.relu(top) if relu else top
 
     def normed(self, bottom: str) -> str:
@@ -152,6 +157,7 @@ def _mobilenet_v1(net: Text) -> str:
 
 
 def _mobilenet_v2(net: Text) -> str:
+    net.norm_in_place = False
     x, channels = net.conv("data", 32, 3, stride=2, pad=1, norm=True), 32
     for wider, count, repeats, first in (
         (1, 16, 1, 1),
@@ -194,6 +200,7 @@ def _vgg16(net: Text) -> str:
 
 
 def _densenet121(net: Text) -> str:
+    net.norm_in_place = False
     x, channels = net.pool(net.conv("data", 64, 7, stride=2, pad=3, norm=True), 3, 2), 64
     for number, repeats in enumerate((6, 12, 24, 16)):
         if number:
@@ -219,6 +226,46 @@ def _unet(net: Text) -> str:
             net.conv(net.add("Concat", [wider, passed.pop()]), count, 3, pad=1), count, 3, pad=1
         )
     return net.conv(x, 2, 1, relu=False)
+
+
+def _small(net: Text) -> str:
+    """As the second net of MTCNN, which runs for each face."""
+    x = net.pool(net.conv("data", 28, 3), 3, 2)
+    x = net.conv(net.pool(net.conv(x, 48, 3), 3, 2), 64, 2)
+    return net.product(net.relu(net.product(x, 128)), 6)
+
+
+def _three_dimensional(net: Text) -> str:
+    x = net.conv(net.conv("data", 16, 3, pad=1), 32, 3, stride=2, pad=1)
+    return net.conv(net.conv(x, 32, 3, pad=1), 64, 3, stride=2, pad=1)
+
+
+def _activated(kind: str) -> Callable[[Text], str]:
+    """Convolutions with another activation than ReLU."""
+
+    def layers(net: Text) -> str:
+        x = "data"
+        for count in (16, 32, 32):
+            x = net.add(kind, [net.conv(x, count, 3, pad=1, relu=False)])
+        return x
+
+    return layers
+
+
+def _dilated(net: Text) -> str:
+    x = net.conv("data", 64, 3, pad=1)
+    for dilation in (2, 4, 4):
+        options = f"num_output: 64 kernel_size: 3 pad: {dilation} dilation: {dilation} {FILLER}"
+        x = net.relu(net.add("Convolution", [x], f"convolution_param {{ {options} }}"))
+    return x
+
+
+def _lstm(net: Text) -> str:
+    """One stream of 100 steps."""
+    net.input("cont", 100, 1)
+    filler = 'weight_filler { type: "uniform" min: -0.2 max: 0.2 }'
+    options = f"recurrent_param {{ num_output: 128 {filler} }}"
+    return net.add("LSTM", ["data", "cont"], options)
 
 
 def _lenet(net: Text) -> str:
@@ -344,6 +391,12 @@ NETS = {
         ordinary("VGG-16", _vgg16, 1, 3, 224, 224),
         ordinary("DenseNet-121", _densenet121, 1, 3, 224, 224),
         ordinary("U-Net", _unet, 1, 3, 256, 256),
+        ordinary("small", _small, 1, 3, 24, 24),
+        ordinary("3-D", _three_dimensional, 1, 3, 16, 56, 56),
+        ordinary("sigmoid", _activated("Sigmoid"), 1, 3, 96, 96),
+        ordinary("swish", _activated("Swish"), 1, 3, 96, 96),
+        ordinary("dilated", _dilated, 1, 3, 64, 64),
+        ordinary("LSTM", _lstm, 100, 1, 64),
         ordinary("LeNet", _lenet, 64, 1, 28, 28, trains=True),
         ordinary("CIFAR-10", _cifar10, 100, 3, 32, 32, trains=True),
         ordinary("VGG-like", _vgg, 16, 3, 64, 64, trains=True),
@@ -387,6 +440,8 @@ class Workload:
             else rng.integers(0, 10, shape).astype(np.float32)
             for name, shape in shapes.items()
         }
+        if "cont" in self.inputs:  # no sequence ends
+            self.inputs["cont"].fill(1)
         if example.batch:
             self.inputs = {"depth": hands(example.batch)[0]}
         if self.solver:

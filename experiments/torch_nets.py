@@ -59,7 +59,10 @@ class TorchNet(nn.Module):
     def _convolution(self, layer: Layer, transposed: bool = False) -> Operation:
         w, b = self._param(layer, 0), self._param(layer, 1)
         options = {"stride": layer.stride, "padding": layer.pad, "groups": layer.param.group}  # type: ignore[attr-defined]
-        function = F.conv_transpose2d if transposed else F.conv2d
+        if transposed:
+            return lambda x: F.conv_transpose2d(x, w, b, **options)
+        options["dilation"] = layer.dilation  # type: ignore[attr-defined]
+        function = F.conv3d if len(layer.kernel) == 3 else F.conv2d  # type: ignore[attr-defined]
         return lambda x: function(x, w, b, **options)
 
     def _deconvolution(self, layer: Layer) -> Operation:
@@ -91,6 +94,27 @@ class TorchNet(nn.Module):
 
     def _relu(self, layer: Layer) -> Operation:
         return torch.relu
+
+    def _sigmoid(self, layer: Layer) -> Operation:
+        return torch.sigmoid
+
+    def _swish(self, layer: Layer) -> Operation:
+        return F.silu
+
+    def _lstm(self, layer: Layer) -> Operation:
+        """Of sequences that do not end. Caffe's gates are i, f, o, g, PyTorch's i, f, g, o."""
+        w, bias, h = (torch.from_numpy(blob.data.copy()) for blob in layer.blobs)
+        D = h.shape[1]
+        order = torch.cat(
+            [torch.arange(2 * D), torch.arange(3 * D, 4 * D), torch.arange(2 * D, 3 * D)]
+        )
+        module = nn.LSTM(w.shape[1], D)
+        with torch.no_grad():
+            module.weight_ih_l0.copy_(w[order])
+            module.weight_hh_l0.copy_(h[order])
+            module.bias_ih_l0.copy_(bias[order])
+            module.bias_hh_l0.zero_()
+        return lambda x, cont: module(x)[0]
 
     def _dropout(self, layer: Layer) -> Operation:
         return lambda x: F.dropout(x, layer.param.dropout_ratio, self.training)
