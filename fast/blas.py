@@ -4,9 +4,7 @@ NumPy's OpenBLAS reads the environment when it is loaded:
 
 - Threads: the net splits a batch into slices and runs each slice on one thread (slices.py), so a
   product inside a slice should use one thread. Additional BLAS threads compete with them and make a
-  net at least ten times slower. The number can also be set after NumPy was imported. In a pass for
-  one image each product uses all threads (product_threads.py). Between two products a thread of
-  OpenBLAS waits in a loop, by default for about 20 ms in which it slows the others down.
+  net at least ten times slower. The number can also be set after NumPy was imported.
 - Kernels: OpenBLAS identifies processors by model number and selects its AVX2 kernels for an
   unknown, newer model, even if AVX-512 is available. Naming a known model can double the speed of a
   product. The kernels cannot be changed after NumPy was imported, so netlib must be imported first.
@@ -23,7 +21,7 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 _THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
@@ -31,9 +29,6 @@ _THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS
 _AVX512 = {"avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"}
 # M_TRIM_THRESHOLD and M_MMAP_THRESHOLD, of which 32 MB is the maximum
 _KEEPING = {-1: 256 << 20, -3: 32 << 20}
-# logarithm of the cycles for which a thread of OpenBLAS waits in a loop, 0.3 ms; with 12 to 16, a
-# processor of a virtual machine sleeps between the products of a net and takes 50 us to wake up
-_WAIT = "20"
 _SETTERS = (
     "scipy_openblas_set_num_threads64_",
     "scipy_openblas_set_num_threads",
@@ -42,25 +37,17 @@ _SETTERS = (
 )
 
 
-# whether the user has not set the number of threads of OpenBLAS
-is_ours = False
-
-
 def configure() -> str:
     """Prepare the environment for OpenBLAS, or set its threads if it is loaded; returns a
     line for the log.
     """
-    global is_ours
     _keep_freed_memory()
-    os.environ.setdefault("OPENBLAS_THREAD_TIMEOUT", _WAIT)
     late = "numpy" in sys.modules
     given = next((f"{os.environ[n]} ({n})" for n in _THREAD_VARIABLES if n in os.environ), None)
-    is_ours = given is None
-    if is_ours:
+    if given is None:
         os.environ["OPENBLAS_NUM_THREADS"] = "1"
         if late:
-            for set_threads in thread_setters():
-                set_threads(1)
+            _set_threads(1)
     if "OPENBLAS_CORETYPE" in os.environ:
         kernels = f"kernels {os.environ['OPENBLAS_CORETYPE']} (OPENBLAS_CORETYPE)"
     elif not _is_amd_with_avx512():
@@ -101,16 +88,13 @@ def _is_amd_with_avx512() -> bool:
     return "AuthenticAMD" in info and flags >= _AVX512
 
 
-def thread_setters() -> list[Callable[[int], object]]:
-    """A function of each loaded OpenBLAS that sets its number of threads."""
-    found = []
+def _set_threads(count: int) -> None:
+    """Set the number of threads of every loaded OpenBLAS."""
     for library in _loaded("openblas"):
-        names = [name for name in _SETTERS if hasattr(library, name)]
-        if names:
-            setter = getattr(library, names[0])
-            setter.argtypes = [ctypes.c_int]
-            found.append(setter)
-    return found
+        for name in _SETTERS:
+            if setter := getattr(library, name, None):
+                setter(ctypes.c_int(count))
+                break
 
 
 def _loaded(name: str) -> Iterator[ctypes.CDLL]:

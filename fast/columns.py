@@ -34,7 +34,6 @@ from fast.geometry import (
     image_blocks,
     run_blocks,
     run_parts,
-    run_products,
 )
 from fast.parallel import scratch
 from netlib.blob import Array
@@ -122,7 +121,7 @@ def _correlate(g: Geometry, w: Array, after: After, columns: Array, y: Array) ->
         multiply(g, w, columns, result, o)
         after.write(by_image[:, o], target[:, o], o, axis=1)
 
-    run_products(job, O, g.group, w.size * columns.shape[1])
+    run_parts(job, O, g.group, w.size * columns.shape[1])
 
 
 def _transpose(
@@ -146,7 +145,7 @@ def _transpose(
         if rows.stop == outputs[0]:
             after.write(padded[at(c, g.inside(sizes))], target[c], c)
 
-    run_products(job, C, g.group, w.size * dy.shape[1] + columns.size * COPY)
+    run_parts(job, C, g.group, w.size * dy.shape[1] + columns.size * COPY)
 
 
 def _transpose_in_place(g: Geometry, w: Array, after: After, dy: Array, dx: Array) -> None:
@@ -156,7 +155,7 @@ def _transpose_in_place(g: Geometry, w: Array, after: After, dy: Array, dx: Arra
         multiply_transposed(g, w, dy, dx, c)
         after.write(dx[c], dx[c], c)
 
-    run_products(job, len(dx), g.group, w.size * dy.shape[1])
+    run_parts(job, len(dx), g.group, w.size * dy.shape[1])
 
 
 def _gradient(g: Geometry, columns: Array, dy: Array, dw: Array) -> None:
@@ -168,7 +167,7 @@ def _gradient(g: Geometry, columns: Array, dy: Array, dw: Array) -> None:
         factor = columns.reshape(g.group, -1, L)[group].swapaxes(1, 2)
         dw[o] += (dy[o].reshape(-1, each, L) @ factor).reshape(dw[o].shape)
 
-    run_products(job, O, g.group, dw.size * L)
+    run_parts(job, O, g.group, dw.size * L)
 
 
 def _in_place(g: Geometry, images: slice) -> bool:

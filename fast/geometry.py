@@ -21,7 +21,7 @@ from typing import Literal
 
 import numpy as np
 
-from fast import parallel, product_threads
+from fast import parallel
 from fast.fusing import After
 from netlib.blob import Array, blocks
 
@@ -35,9 +35,7 @@ SAMPLE = 256  # sums
 # of the absolute values of numbers with a normal distribution and standard deviation 1
 QUARTILE = 0.3186
 # multiplications; a virtual processor wakes a thread more slowly than a smaller product
-MIN_PARTS_COST = 20_000_000
-# multiplications of a product; threads of BLAS wait in a loop, and begin it earlier
-MIN_PRODUCT_COST = 6_000_000
+MIN_PARTS_COST = 10_000_000
 
 
 @dataclass(frozen=True)
@@ -241,25 +239,11 @@ def _usual(values: Array) -> float:
     )
 
 
-def run_products(job: Callable[[slice], None], channels: int, group: int, cost: float) -> None:
-    """Call ``job`` for a product of all channels with ``cost`` multiplications, which BLAS divides
-    between its threads, or as ``run_parts`` for parts of them.
-    """
-    divides = cost >= MIN_PRODUCT_COST and group == 1 and not parallel.is_inside()
-    if divides and product_threads.begin(parallel.threads()):
-        try:
-            job(slice(0, channels))
-        finally:
-            product_threads.end()
-    else:
-        run_parts(job, channels, group, cost)
-
-
 def run_parts(job: Callable[[slice], None], channels: int, group: int, cost: float) -> None:
-    """Call ``job`` for parts of the channels of work that takes as long as ``cost``
-    multiplications, one for each thread.
+    """Call ``job`` for parts of the channels of a product with ``cost`` multiplications, one
+    for each thread.
 
-    Work inside a slice of the batch is one part, because other threads have other slices. A
+    A product inside a slice of the batch is one part, because other threads have other slices. A
     part has whole groups if there are several.
     """
     unit = MIN_PART if group == 1 else channels // group

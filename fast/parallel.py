@@ -21,7 +21,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from fast import product_threads
 from netlib.engine import available_cpus
 from netlib.system import memory
 
@@ -132,11 +131,7 @@ def run(jobs: Sequence[Callable[[], None]], *, here: bool = False) -> None:
     if not helpers:
         work()
     else:
-        product_threads.begin_jobs()
-        try:
-            _work_together(pool, helpers, work, failed)
-        finally:
-            product_threads.end_jobs()
+        _work_together(pool, helpers, work, failed)
     if failed:
         raise failed[0]
 

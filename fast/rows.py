@@ -22,17 +22,7 @@ from typing import Any
 import numpy as np
 
 from fast.fusing import After
-from fast.geometry import (
-    MAX_EXCESS,
-    Algorithm,
-    Geometry,
-    Sizes,
-    Sum,
-    inside,
-    run_blocks,
-    run_parts,
-    run_products,
-)
+from fast.geometry import MAX_EXCESS, Algorithm, Geometry, Sizes, Sum, inside, run_blocks, run_parts
 from fast.parallel import scratch
 from netlib.blob import Array, blocks
 
@@ -104,7 +94,7 @@ def _correlate(weights: Array, X: Array, after: After, y: Array) -> None:
         np.matmul(weights[o], X, out=out[:, o])
         after.write(by_row[:, o], y[:, o], o, axis=1)
 
-    run_products(job, O, 1, weights.size * n * R * Wo)
+    run_parts(job, O, 1, weights.size * n * R * Wo)
 
 
 def _gradient(X: Array, dy: Array, total: Array) -> None:
@@ -119,7 +109,7 @@ def _gradient(X: Array, dy: Array, total: Array) -> None:
         np.matmul(X, gradient.reshape(R, O, -1)[:, o].swapaxes(1, 2), out=products[:, :, o])
         total[:, o] += products[:, :, o].sum(axis=0)
 
-    run_products(job, O, 1, total.size * n * R * Wo)
+    run_parts(job, O, 1, total.size * n * R * Wo)
 
 
 def stacked(g: Geometry, x: Array, rows: slice, outputs: tuple[int, ...]) -> Array:
