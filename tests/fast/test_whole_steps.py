@@ -5,12 +5,14 @@ of the last pass at any moment, whatever a caller has written since.
 from __future__ import annotations
 
 from collections.abc import Callable
+from random import Random
 
 import numpy as np
 import pytest
 
 import netlib
 from fast.whole_steps import FusedStep, whole_steps
+from netlib.blob import Blob
 from netlib.errors import NetlibError
 from netlib.proto import prototxt
 from tests.support.nets import inputs
@@ -181,3 +183,94 @@ def test_a_step_has_the_layers_that_it_computes() -> None:
     steps = whole_steps(net.connections, set())
     kinds = [[at.layer.name for at in step.connections] for step in steps]
     assert ["conv1", "bn1", "scale1", "relu1"] in kinds and ["norm", "relu3"] in kinds
+
+
+# ---------------------------------------------------------------------------------- random programs
+
+KINDS = {
+    "Convolution": "convolution_param { num_output: 4 kernel_size: %d pad: %d }",
+    "BatchNorm": "",
+    "Scale": "scale_param { bias_term: true }",
+    "ReLU": "",
+}
+
+
+def random_net(rng: Random) -> str:
+    """Layers that may be fused, in place or not, some with two readers."""
+    names, lines = ["x"], [inputs(x=(rng.choice([1, 1, 3]), 4, 5, 6))]
+    for number in range(rng.randint(3, 9)):
+        kind = rng.choice([*KINDS, "Convolution", "Eltwise"])
+        bottom = names[-1] if rng.random() < 0.8 else rng.choice(names)
+        in_place = bottom != "x" and kind not in ("Convolution", "Eltwise") and rng.random() < 0.4
+        top = bottom if in_place else f"b{number}"
+        other = f'bottom: "{rng.choice(names)}"' if kind == "Eltwise" else ""
+        size = rng.choice([1, 3])
+        options = KINDS.get(kind, "")
+        options = options % (size, size // 2) if "%" in options else options
+        lines.append(
+            f'layer {{ name: "l{number}" type: "{kind}" bottom: "{bottom}" {other} top: "{top}" {options} }}'
+        )
+        names.append(top)
+    return "\n".join(lines)
+
+
+def blobs_of(net: Net) -> list[Blob]:
+    """The blobs and parameters of a net, in an order that is the same for both engines."""
+    of_layers = [blob for name, blob in net.blobs.items() if "_split_" not in name]
+    return of_layers + [blob for params in net.params.values() for blob in params]
+
+
+def operate(net: Net, rng: Random, held: list[np.ndarray]) -> None:
+    """Do something that a script may do with a net."""
+    what = rng.randrange(8)
+    blobs = blobs_of(net)
+    blob, factor = blobs[rng.randrange(len(blobs))], rng.choice([0.5, 2, -1])
+    if what < 3:
+        run(net, rng.randrange(100))
+    elif what == 3:
+        held.append(blob.data)
+    elif what == 4 and held:
+        held[rng.randrange(len(held))][...] *= factor
+    elif what == 5:
+        blob.data[...] *= factor
+    elif what == 6:
+        held.clear()
+    else:
+        net.copy_from(random_weights(net, rng.randrange(100)))
+
+
+def random_weights(net: Net, seed: int) -> Net:
+    other = Net(net.param, netlib.TEST, engine="plain", seed=1)
+    rng = np.random.default_rng(seed)
+    for param in other.learnable:
+        param.blob.data[...] = rng.uniform(0.5, 1.5, param.blob.shape)
+    return other
+
+
+def check(seed: int) -> None:
+    model = prototxt.parse(random_net(Random(seed)))
+    try:
+        nets = [Net(model, netlib.TEST, engine=engine, seed=1) for engine in ("plain", "fast")]
+    except NetlibError:  # the layers do not fit
+        return
+    for net in nets:
+        rng, held = Random(seed + 1), []
+        net.copy_from(random_weights(net, seed)) if net.learnable else None
+        run(net)
+        for _ in range(rng.randint(0, 6)):
+            operate(net, rng, held)
+    plain, fast = nets
+    names = [name for name in plain.blobs if "_split_" not in name]
+    Random(seed).shuffle(names)
+    for name in names:
+        expected, found = plain.blobs[name].data, fast.blobs[name].data
+        size = max(np.abs(expected).max(), 1)
+        np.testing.assert_allclose(
+            found, expected, rtol=0, atol=2e-5 * size, err_msg=f"seed {seed}, blob {name}"
+        )
+
+
+@pytest.mark.parametrize("block", range(4))
+def test_random_programs_find_the_values_of_the_plain_engine(block: int) -> None:
+    for seed in range(100 * block, 100 * block + 100):
+        check(seed)
