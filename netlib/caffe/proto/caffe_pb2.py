@@ -3,7 +3,7 @@
 There is no caffe.proto and no generated code: the file descriptor is built on import from the
 dataclasses that read and write the files of this project (netlib/proto/messages.py,
 netlib/proto/upgrade.py, and the options of the layer types), so names, numbers, types and defaults
-are declared once. This module adds the names of the enums, the messages of SSD's scripts (ssd.py),
+are declared once. This module adds the names of the enums, the classes of SSD's detectors (ssd.py),
 and what scripts of other forks write (forks.py).
 """
 
@@ -52,7 +52,6 @@ _ENUMS = {
     },
     "V1LayerParameter": {"type": "LayerType", "blob_share_mode": "DimCheckMode"},
     "BlobProto": {"raw_data_type": "Type"},
-    "AnnotatedDatum": {"type": "AnnotationType"},
     "ResizeParameter": {
         "resize_mode": "Resize_mode",
         "pad_mode": "Pad_mode",
@@ -102,7 +101,6 @@ _MESSAGES = [
     messages.LayerParameter,
     upgrade.V1LayerParameter,
     ssd.LabelMap,
-    ssd.AnnotatedDatum,
 ]
 
 
