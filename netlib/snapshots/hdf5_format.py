@@ -138,7 +138,7 @@ def _layers(group: h5py.Group, prefix: str = "") -> Iterator[tuple[str, dict[str
         yield from _layers(item, f"{prefix}{name}/") if inner else ()
 
 
-def read_state(path: str | Path) -> SolverState:
+def read_state(path: str | Path | Content) -> SolverState:
     """Read a solver state. Raises WeightsError if the file is not one."""
     with hdf5.opened(path, "a solver state", WeightsError) as file:
         if "history" not in file or "iter" not in file:

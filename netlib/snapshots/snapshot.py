@@ -15,9 +15,9 @@ import json
 import os
 import re
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from netlib import files
 from netlib.errors import WeightsError, reason_of
@@ -27,6 +27,7 @@ from netlib.snapshots import binary_format, hdf5_format
 from netlib.snapshots.solver_state import SolverState, Weights
 from netlib.system import memory
 
+T = TypeVar("T")
 STATE_NAME = re.compile(r"(?P<prefix>.*_iter_)(?P<iter>\d+)\.solverstate(\.h5)?")
 
 
@@ -128,12 +129,7 @@ def read_weights(path: str | Path | Content) -> Weights:
 
     Raises WeightsError if the file does not hold weights.
     """
-    if begins_as_hdf5(path, "weights"):
-        return hdf5_format.read_weights(path)
-    data = (
-        path.data if isinstance(path, Content) else files.read_bytes(path, "weights", WeightsError)
-    )
-    return binary_format.read_weights(data, str(path))
+    return _read(path, "weights", hdf5_format.read_weights, binary_format.read_weights)
 
 
 def net_name(path: str | Path) -> str:
@@ -141,18 +137,25 @@ def net_name(path: str | Path) -> str:
 
     Raises WeightsError.
     """
-    if begins_as_hdf5(path, "weights"):
-        return hdf5_format.net_name(path)
-    return binary_format.net_name(files.read_bytes(path, "weights", WeightsError), str(path))
+    return _read(path, "weights", hdf5_format.net_name, binary_format.net_name)
 
 
 def read_state(path: str | Path) -> SolverState:
     """Read and check a solver state. Raises WeightsError if the file is not one or is damaged."""
-    if begins_as_hdf5(path, "a solver state"):
-        return hdf5_format.read_state(path)
-    return binary_format.read_state(
-        files.read_bytes(path, "a solver state", WeightsError), str(path)
-    )
+    return _read(path, "a solver state", hdf5_format.read_state, binary_format.read_state)
+
+
+def _read(
+    path: str | Path | Content,
+    what: str,
+    as_hdf5: Callable[[str | Path | Content], T],
+    as_binary: Callable[[bytes, str], T],
+) -> T:
+    """Read a file by the function for its format, which its content decides."""
+    if begins_as_hdf5(path, what):
+        return as_hdf5(path)
+    data = path.data if isinstance(path, Content) else files.read_bytes(path, what, WeightsError)
+    return as_binary(data, str(path))
 
 
 def begins_as_hdf5(path: str | Path | Content, what: str) -> bool:
