@@ -127,6 +127,11 @@ class Message:
         """The values of all fields called ``name``, in the order of the file."""
         return [f.value for f in self.fields if f.name == name and not isinstance(f.value, Unknown)]
 
+    def text(self, name: str) -> str:
+        """The last scalar called ``name``; empty if there is none."""
+        scalars = [value for value in self.values(name) if isinstance(value, Scalar)]
+        return scalars[-1].text if scalars else ""
+
     def unknown(self) -> list[Field]:
         """The fields that the message does not define, from a binary file."""
         return [f for f in self.fields if isinstance(f.value, Unknown)]

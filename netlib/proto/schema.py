@@ -307,17 +307,21 @@ def value_of(item: Field, kind: Any) -> Any:
         )
     result = scalar_value(value, kind)
     if result is None:
-        where = value.position
-        names = list(enum_of(kind))
-        if names:
+        if names := list(enum_of(kind)):
             advice = did_you_mean(value.text, names) or f"; known values: {', '.join(names)}"
-            if value.kind == "string":
-                raise PrototxtError(
-                    where, f"{item.name!r} expects a name without quotes, found {value}{advice}"
-                )
-            raise PrototxtError(where, f"unknown value {value} of {item.name!r}{advice}")
-        raise PrototxtError(where, f"{item.name!r} expects {expected(kind)}, found {value}")
+            raise wrong_name(value, item.name, advice)
+        raise PrototxtError(
+            value.position, f"{item.name!r} expects {expected(kind)}, found {value}"
+        )
     return result
+
+
+def wrong_name(value: Scalar, field: str, advice: str) -> PrototxtError:
+    """The error for a value that is not a name of the field's enum."""
+    found = f"unknown value {value} of {field!r}{advice}"
+    if value.kind == "string":
+        found = f"{field!r} expects a name without quotes, found {value}{advice}"
+    return PrototxtError(value.position, found)
 
 
 def expected(kind: Any) -> str:
