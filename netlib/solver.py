@@ -74,7 +74,7 @@ class Solver(Training):
         self.requested = None
         if seed is None:  # that of the file, else one from set_random_seed, else a random one
             seed = self.param.random_seed if self.param.random_seed >= 0 else next_seed()
-        self.seed = self.ranks.of_root(secrets.randbits(31) if seed is None else seed)
+        self.seed = self.ranks.everyone(secrets.randbits(31) if seed is None else seed)[0]
         self.engine = engines.get(engine)
         self.python_layers = python_layers
         self.iter = 0

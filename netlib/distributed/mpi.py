@@ -65,15 +65,14 @@ class MPIRanks(Ranks):
 
     # ------------------------------------------------------------------------------------ agreement
 
-    def of_root(self, number: int) -> int:
-        """Exchange all numbers and return that of rank 0."""
+    def everyone(self, value: Any) -> list[Any]:
+        """Exchange all values."""
         self._exchange()
-        return int(self._exchange_values(number)[0])
+        return self._exchange_values(value)
 
     def introduce(self, facts: Mapping[str, Any]) -> None:
         """Compare the facts of all ranks."""
-        self._exchange()
-        everyone = self._exchange_values(dict(facts))
+        everyone = self.everyone(dict(facts))
         for rank, other in enumerate(everyone):
             for name, value in everyone[0].items():
                 if other.get(name) != value:
@@ -111,12 +110,6 @@ class MPIRanks(Ranks):
     def asked(self, own: Request | None) -> Request | None:
         """The request that the last exchange agreed on."""
         return self._asked
-
-    def gather(self, value: Mapping[str, Any]) -> list[dict[str, Any]]:
-        """Exchange all values; rank 0 keeps those of the others."""
-        self._exchange()
-        everyone = self._exchange_values(dict(value))
-        return everyone[1:] if self.rank == 0 else []
 
     def at_root(
         self, work: Callable[[], object], request: Callable[[], Request | None] = lambda: None

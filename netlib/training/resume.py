@@ -140,9 +140,9 @@ class Snapshots:
                 )
         weights_path, state_path = self.paths(solver.iter)
         ranks = solver.ranks
-        others = (
-            ranks.gather(snapshot.as_plain(solver.net.layer_states())) if ranks.count > 1 else []
-        )
+        others: list[dict[str, Any]] = []
+        if ranks.count > 1:
+            others = ranks.everyone(snapshot.as_plain(solver.net.layer_states()))[1:]
 
         def write() -> None:
             kind = "HDF5" if solver.param.snapshot_format == "HDF5" else "binary proto"
