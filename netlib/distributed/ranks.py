@@ -170,7 +170,9 @@ class Ranks:
 
 
 ALONE = Ranks()
-latest = ALONE  # the last of several ranks in this process, for layers that read caffe.solver_rank
+# The last ranks of several that this process has made, for caffe.solver_rank and solver_count. They
+# have no argument, as Caffe's own are values of the process, and layers of type Python call them.
+latest = ALONE
 
 
 def facts_of(param: SolverParameter, net: Net, iteration: int) -> dict[str, Any]:

@@ -31,6 +31,8 @@ KINDS = {
 }
 
 
+# Lists of ``noted``, a value of the process: the files that a net reads are opened below layers,
+# which have no argument for it.
 _notebooks: list[list[str | Path]] = []
 
 
