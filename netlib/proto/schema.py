@@ -25,7 +25,6 @@ from __future__ import annotations
 import dataclasses
 import functools
 import inspect
-import math
 import os
 import types
 import typing
@@ -389,21 +388,13 @@ def _integer(value: Scalar) -> int | None:
 
 
 def _float(value: Scalar) -> float | None:
-    if value.kind == "word":
-        return {
-            "inf": math.inf,
-            "infinity": math.inf,
-            "-inf": -math.inf,
-            "-infinity": -math.inf,
-            "nan": math.nan,
-            "-nan": math.nan,
-        }.get(value.text.lower())
     integer = _integer(value)
     if integer is not None:
         return float(integer)
+    text = value.text.lower()
     try:
-        return float(value.text.lower().removesuffix("f"))
-    except ValueError:
+        return float(text if value.kind == "word" else text.removesuffix("f"))
+    except ValueError:  # of words, Python knows inf, infinity and nan, as protobuf does
         return None
 
 

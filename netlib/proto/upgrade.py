@@ -197,7 +197,6 @@ def _check_type(layer: Message) -> None:
 
 def _layer(old: Message, type_name: str) -> Message:
     """Convert a V1 layer of this type."""
-    old = _with_transform(old, TRANSFORMED.get(type_name))
     fields: list[Field] = []
     specs: dict[int, list[Field]] = {}  # by the number of the parameter
     seen = dict.fromkeys(PER_PARAMETER, 0)
@@ -216,27 +215,23 @@ def _layer(old: Message, type_name: str) -> Message:
             spec = specs.setdefault(seen[item.name], [])
             spec.append(Field(PER_PARAMETER[item.name], item.value, item.position))
             seen[item.name] += 1
+        elif item.name == TRANSFORMED.get(type_name):
+            fields += _without_transform(item)
         else:
             fields.append(item)
     fields += [Field("param", Message(spec, old.position), old.position) for spec in specs.values()]
     return Message(fields, old.position)
 
 
-def _with_transform(old: Message, block: str | None) -> Message:
-    """Move scale, mean, crop and mirror from data_param to transform_param."""
-    if block is None:
-        return old
-    moved: list[Field] = []
-    fields: list[Field] = []
-    for item in old.fields:
-        if item.name == block and isinstance(item.value, Message):
-            moved += [f for f in item.value.fields if f.name in MOVED]
-            stay = [f for f in item.value.fields if f.name not in MOVED]
-            item = Field(item.name, Message(stay, item.value.position), item.position)
-        fields.append(item)
+def _without_transform(item: Field) -> list[Field]:
+    """A data_param without scale, mean, crop and mirror, and a transform_param with them."""
+    options, place = schema.message_of(item), item.position
+    moved = [field for field in options.fields if field.name in MOVED]
+    others = [field for field in options.fields if field.name not in MOVED]
+    fields = [Field(item.name, Message(others, options.position), place)]
     if moved:
-        fields.append(Field("transform_param", Message(moved, old.position), old.position))
-    return Message(fields, old.position)
+        fields.append(Field("transform_param", Message(moved, options.position), place))
+    return fields
 
 
 def _with_scales(net: Message) -> Iterator[Field]:
