@@ -76,39 +76,36 @@ def read(message: Message, cls: type[T], what: str | None = None) -> T:
 
     Raises PrototxtError with the position of the mistake.
     """
-    hints, fields = dict(hints_of(cls)), {written_name(f.name): f for f in dataclasses.fields(cls)}  # type: ignore[arg-type]
-    takes_blocks = hints.pop("blocks", None) is not None
+    known = fields_of(cls)  # type: ignore[arg-type]
+    takes_blocks = "blocks" in hints_of(cls)  # type: ignore[arg-type]
     found: dict[str, list[Field]] = {}
     blocks: dict[str, list[Message]] = {}
     for item in message.fields:
         if isinstance(item.value, Unknown):
             continue
-        if item.name in hints:
+        if item.name in known:
             found.setdefault(item.name, []).append(item)
         elif forks.has_no_effect(cls.__name__, item):
             continue
         elif takes_blocks and item.name.endswith("_param") and isinstance(item.value, Message):
             blocks.setdefault(item.name, []).append(item.value)
         else:
-            raise unknown_field(item, hints, cls.__name__)
+            raise unknown_field(item, known, cls.__name__)
     values: dict[str, Any] = {
-        name: _field_value(items, hints[name]) for name, items in found.items()
+        known[name].attribute: _field_value(items, known[name]) for name, items in found.items()
     }
-    for name, spec in fields.items():
-        if hints.get(name) is float and name not in values and isinstance(spec.default, float):
-            values[name] = round_to_32_bits(spec.default)
-        required = (
-            spec.default is dataclasses.MISSING and spec.default_factory is dataclasses.MISSING
-        )
-        if required and name not in values:
+    for name, info in known.items():
+        if name in found:
+            continue
+        if info.default is dataclasses.MISSING:
             raise PrototxtError(
                 message.position, f"missing required field {name!r} in {what or cls.__name__}"
             )
+        if info.kind is float and isinstance(info.default, float):
+            values[info.attribute] = round_to_32_bits(info.default)
     if takes_blocks:
         values["blocks"] = {name: _merged(parts) for name, parts in blocks.items()}
-    result = cls(**{fields[name].name: value for name, value in values.items()})
-    object.__setattr__(result, "_tree", message)
-    return result
+    return placed(cls(**values), message)
 
 
 def unknown_field(item: Field, known: typing.Iterable[str], message: str) -> PrototxtError:
@@ -125,28 +122,22 @@ def with_values(message: T, **values: Any) -> T:
 
     Raises PrototxtError.
     """
-    cls: Any = type(message)
-    hints, defaults = (
-        hints_of(cls),
-        {field.name: field.default for field in dataclasses.fields(cls)},
-    )
+    known = fields_of(type(message))  # type: ignore[arg-type]
     found: dict[str, Any] = {}
     for name, value in values.items():
-        place = position_of(message, name)
-        if written_name(name) not in hints:
-            raise PrototxtError(place, f"unknown field {name!r}{did_you_mean(name, hints)}")
-        kind, repeated = kind_of(hints[written_name(name)])
-        if value is None and defaults[name] is None:
+        place, info = position_of(message, name), known.get(written_name(name))
+        if info is None:
+            raise PrototxtError(place, f"unknown field {name!r}{did_you_mean(name, known)}")
+        if value is None and info.default is None:
             found[name] = None
             continue
-        several = repeated and isinstance(value, (list, tuple))
-        items = tuple(_python_value(one, kind) for one in (value if several else [value]))
-        if repeated != several or None in items:
-            what = "a message" if is_message(kind) else expected(kind)
-            raise PrototxtError(
-                place, f"{name!r} expects {'a list, each ' * repeated}{what}, found {value!r}"
-            )
-        found[name] = items if repeated else items[0]
+        several = info.repeated and isinstance(value, (list, tuple))
+        items = tuple(_python_value(one, info.kind) for one in (value if several else [value]))
+        if info.repeated != several or None in items:
+            what = "a message" if is_message(info.kind) else expected(info.kind)
+            each = "a list, each " if info.repeated else ""
+            raise PrototxtError(place, f"{name!r} expects {each}{what}, found {value!r}")
+        found[name] = items if several else items[0]
     return changed(message, **found)
 
 
@@ -156,16 +147,12 @@ def _python_value(value: Any, kind: Any) -> Any:
         return value if isinstance(value, kind) else None
     if isinstance(value, np.generic):
         value = value.item()
-    if kind is str and isinstance(value, os.PathLike):
+    if isinstance(value, os.PathLike):
         value = os.fspath(value)
-    is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if kind in (float, Double):
-        return (round_to_32_bits(value) if kind is float else float(value)) if is_number else None
-    if kind in INTEGERS:
-        return value if is_number and isinstance(value, int) and value in INTEGERS[kind] else None
-    if names := enum_of(kind):
-        return value if isinstance(value, str) and value in names else None
-    return value if isinstance(value, kind) else None
+    if not isinstance(value, (int, float, str)) or isinstance(value, bool) != (kind is bool):
+        return None
+    written = _tree_value(value, Double if kind is float else kind, Place(""))
+    return scalar_value(written, kind) if isinstance(written, Scalar) else None
 
 
 def changed(message: T, **changes: Any) -> T:
@@ -210,14 +197,46 @@ def position_of(message: object, name: str | None = None, index: int = 0) -> Pla
 
 @functools.cache
 def hints_of(cls: type) -> dict[str, Any]:
-    """The fields of a message, by their names in files, with their types."""
+    """The attributes of a message with their types."""
     hints: dict[str, Any] = {}
     for base in filter(dataclasses.is_dataclass, reversed(cls.__mro__)):
         own = types.SimpleNamespace(__annotations__=inspect.get_annotations(base))
         # of its module, which need not be in sys.modules (files/own_modules.py)
         names = base.__init__.__globals__
         hints |= typing.get_type_hints(own, names, include_extras=True)
-    return {written_name(name): hint for name, hint in hints.items()}
+    return hints
+
+
+@dataclasses.dataclass(frozen=True)
+class FieldInfo:
+    """A field as its message declares it, with the kind of one value (``kind_of``).
+
+    attribute  its name in Python
+    number     0 in messages of text files only
+    """
+
+    attribute: str
+    number: int
+    kind: Any
+    repeated: bool
+    packed: bool
+    default: Any
+
+
+@functools.cache
+def fields_of(cls: type) -> dict[str, FieldInfo]:
+    """The fields of a message by their names in files; of a layer, without its blocks."""
+    return {
+        written_name(field.name): FieldInfo(
+            field.name,
+            field.metadata.get("number", 0),
+            *kind_of(hints_of(cls)[field.name]),
+            field.metadata.get("packed", False),
+            field.default,
+        )
+        for field in dataclasses.fields(cls)
+        if field.name != "blocks"
+    }
 
 
 def written_name(name: str) -> str:
@@ -257,11 +276,11 @@ def is_message(kind: Any) -> bool:
     return kind is Message or (isinstance(kind, type) and dataclasses.is_dataclass(kind))
 
 
-def _field_value(items: Sequence[Field], hint: Any) -> Any:
-    kind, repeated = kind_of(hint)
+def _field_value(items: Sequence[Field], info: FieldInfo) -> Any:
+    kind = info.kind
     if kind in ARRAYS:
         return array_of(items, kind)
-    if repeated:
+    if info.repeated:
         return tuple(value_of(item, kind) for item in items)
     first, *others = items
     if others and not is_message(kind):
@@ -405,19 +424,18 @@ def to_tree(message: Any) -> Message:
     """Convert a typed message to a tree with the fields that its file gives or that differ from
     their defaults, and the unknown fields of a binary file.
     """
-    hints, place = hints_of(message.__class__), position_of(message)
+    place, tree = position_of(message), tree_of(message)
     fields: list[Field] = []
-    for spec in dataclasses.fields(message):
-        name, value = written_name(spec.name), getattr(message, spec.name)
-        if spec.name == "blocks":
-            fields += [Field(block, tree, tree.position) for block, tree in value.items()]
-        elif value is not None and (
-            spec.default is None or value != spec.default or is_given(message, name)
+    for name, info in fields_of(message.__class__).items():
+        value, kind = getattr(message, info.attribute), info.kind
+        if value is not None and (
+            info.default is None or value != info.default or is_given(message, name)
         ):
-            kind, repeated = kind_of(hints[name])
-            values = [Numbers(value, place)] if kind in ARRAYS else value if repeated else [value]
+            whole = [Numbers(value, place)] if kind in ARRAYS else [value]
+            values = value if info.repeated and kind not in ARRAYS else whole
             fields += [Field(name, _tree_value(one, kind, place), place) for one in values]
-    tree = tree_of(message)
+    for block, options in getattr(message, "blocks", {}).items():
+        fields.append(Field(block, options, options.position))
     return Message(fields + (tree.unknown() if tree else []), place)
 
 
@@ -426,11 +444,11 @@ def _tree_value(value: Any, kind: Any, place: Place) -> Scalar | Numbers | Messa
         return value
     if is_message(kind):
         return to_tree(value)
-    if kind is bytes:
-        return Scalar("string", value.decode("utf-8", "surrogateescape"), place)
-    if kind is str:
-        return Scalar("string", value, place)
-    if kind is bool or enum_of(kind):
-        return Scalar("word", str(value).lower() if kind is bool else value, place)
+    if isinstance(value, bytes):
+        value = value.decode("utf-8", "surrogateescape")
+    if isinstance(value, str):
+        return Scalar("word" if enum_of(kind) else "string", value, place)
+    if isinstance(value, bool):
+        return Scalar("word", str(value).lower(), place)
     text = str(np.float32(value)) if kind is float else repr(value)
     return Scalar("number" if np.isfinite(value) else "word", text, place)

@@ -96,22 +96,20 @@ class FieldInfo:
 @functools.cache
 def fields_of(cls: type) -> tuple[FieldInfo, ...]:
     """The fields of a message; for a layer, including the options of all layer types."""
-    hints, known = schema.hints_of(cls), []
+    known = [
+        # the only messages kept as trees are nets
+        FieldInfo(
+            info.number,
+            name,
+            AnyNetParameter if info.kind is Message else info.kind,
+            info.repeated,
+            info.packed,
+        )
+        for name, info in schema.fields_of(cls).items()
+    ]
     for field in dataclasses.fields(cls):
-        if field.name == "blocks":
-            known += [
-                FieldInfo(n, name, None, False, False)
-                for name, n in field.metadata["numbers"].items()
-                if name in option_blocks()
-            ]
-        else:
-            name = schema.written_name(field.name)
-            kind, repeated = schema.kind_of(hints[name])
-            # the only messages kept as trees are nets
-            kind = AnyNetParameter if kind is Message else kind
-            known.append(
-                FieldInfo(field.metadata["number"], name, kind, repeated, field.metadata["packed"])
-            )
+        numbers = field.metadata.get("numbers", {})
+        known += [FieldInfo(number, block, None, False, False) for block, number in numbers.items()]
     return tuple(known)
 
 

@@ -132,7 +132,7 @@ def _describe(described: dict[str, Any], name: str, cls: type) -> None:
     caffe.proto, except Phase.
     """
     message = described[name]
-    defaults = {schema.written_name(f.name): f.default for f in dataclasses.fields(cls)}
+    defaults = {name: info.default for name, info in schema.fields_of(cls).items()}
     for known in wire.fields_of(cls):
         field = message.field.add(name=known.name, number=known.number)
         field.label = field.LABEL_REPEATED if known.repeated else field.LABEL_OPTIONAL
