@@ -60,7 +60,7 @@ def fill(array: NDArray[Any], filler: Filler, rng: np.random.Generator) -> None:
         _draw(array, lambda count: rng.normal(0.0, deviation, count))
     elif filler.type == "positive_unitball":
         _draw(array, rng.random)
-        array /= array.reshape(len(array), -1).sum(axis=1).reshape((-1,) + (1,) * (array.ndim - 1))
+        array /= array.sum(axis=tuple(range(1, array.ndim)), keepdims=True)
     else:
         array[...] = _bilinear(array.shape)
 

@@ -172,16 +172,12 @@ class Net(core.Net):
         """Repeat (N, C, 1, 1) over the height and width of the input, as pycaffe's
         assignment does.
         """
-        super()._set_inputs(
-            {
-                name: np.broadcast_to(array, (*array.shape[:2], *self.blobs[name].shape[2:]))
-                if array.shape[2:] == (1, 1)
-                and name in self.inputs
-                and len(self.blobs[name].shape) == 4
-                else array
-                for name, array in arrays.items()
-            }
-        )
+        spread = dict(arrays)
+        for name, array in arrays.items():
+            size = self.blobs[name].shape[2:] if name in self.inputs else ()
+            if array.shape[2:] == (1, 1) and len(size) == 2:
+                spread[name] = np.broadcast_to(array, (*array.shape[:2], *size))
+        super()._set_inputs(spread)
 
     def forward_all(self, blobs: Iterable[str] | None = None, **inputs: Any) -> dict[str, Array]:
         """Run any number of items, batch by batch; returns outputs and ``blobs`` for all of them.
@@ -222,15 +218,12 @@ class Net(core.Net):
             return
         size = next(iter(self.blobs.values())).shape[0]
         for begin in range(0, len(next(iter(arrays.values()))), size):
-            batch = {
-                name: np.asarray(array[begin : begin + size]) for name, array in arrays.items()
-            }
-            yield {
-                name: np.concatenate(
-                    [part, np.zeros((size - len(part), *part.shape[1:]), part.dtype)]
-                )
-                for name, part in batch.items()
-            }
+            batch = {}
+            for name, array in arrays.items():
+                part = np.asarray(array[begin : begin + size])
+                rest = np.zeros((size - len(part), *part.shape[1:]), part.dtype)
+                batch[name] = np.concatenate([part, rest])
+            yield batch
 
     def set_input_arrays(self, data: ArrayLike, labels: ArrayLike) -> None:
         """Set the images and labels of the MemoryData layer, which must be the first.

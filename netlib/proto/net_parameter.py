@@ -145,12 +145,9 @@ def insert_splits(layers: Sequence[LayerParameter]) -> list[LayerParameter]:
 def _split(layer: LayerParameter, j: int, count: int) -> LayerParameter:
     """The Split of a top: ``count`` copies, the first with the top's loss weight, if it has one."""
     name = layer.top[j]
-    weight = sum(layer.loss_weight[j : j + 1])
-    split = LayerParameter(
-        name=f"{name}_{layer.name}_{j}_split",
-        type="Split",
-        bottom=(name,),
-        top=tuple(f"{name}_{layer.name}_{j}_split_{k}" for k in range(count)),
-        loss_weight=(weight,) + (0.0,) * (count - 1) if weight else (),
-    )
+    own = f"{name}_{layer.name}_{j}_split"
+    copies = tuple(f"{own}_{k}" for k in range(count))
+    weight = layer.loss_weight[j : j + 1]
+    weights = (*weight, *[0.0] * (count - 1)) if any(weight) else ()
+    split = LayerParameter(name=own, type="Split", bottom=(name,), top=copies, loss_weight=weights)
     return schema.placed(split, Message([], schema.position_of(layer)))

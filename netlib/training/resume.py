@@ -334,12 +334,11 @@ def _check_histories(solver: Training, path: str | Path, state: SolverState) -> 
 def _changes(solver: Training, state: SolverState) -> Iterator[str]:
     """Describe the changes since the state was written that affect the course of the training."""
     states, nets = state.extra.get("layers", []), [solver.net, *solver.test_nets]
-    if any(
-        now.get("files") != then.get(name, {}).get("files")
-        for net, then in zip(nets, states)
-        for name, now in snapshot.as_plain(net.layer_states()).items()
-    ):
-        yield "the data files; reading starts at the first row"
+    for net, then in zip(nets, states):
+        layers = snapshot.as_plain(net.layer_states())
+        if any(own.get("files") != then.get(name, {}).get("files") for name, own in layers.items()):
+            yield "the data files; reading starts at the first row"
+            break
     for i, net in enumerate(nets):
         there = states[i] if i < len(states) else {}
         if new := [layer.name for layer in net.layers if layer.name not in there]:
