@@ -187,8 +187,7 @@ class Net(core.Net):
         names = list(blobs or [])
         found: dict[str, list[Array]] = {name: [] for name in [*self.outputs, *names]}
         for batch in self._batch(inputs):
-            for name, array in self.forward(names, **batch).items():
-                found[name].extend(np.atleast_1d(array).copy())
+            _extend(found, self.forward(names, **batch))
         return _cut(found, inputs)
 
     def forward_backward_all(
@@ -206,10 +205,8 @@ class Net(core.Net):
         backwards = self._batch({name: arrays[name] for name in self.outputs if name in arrays})
         nothing: dict[str, Any] = {}
         for ahead, back in zip_longest(forwards, backwards, fillvalue=nothing):
-            for name, array in self.forward(names, **ahead).items():
-                data[name].extend(np.atleast_1d(array).copy())
-            for name, array in self.backward(slopes, **back).items():
-                diff[name].extend(np.atleast_1d(array).copy())
+            _extend(data, self.forward(names, **ahead))
+            _extend(diff, self.backward(slopes, **back))
         return _cut(data, arrays), _cut(diff, arrays)
 
     def _batch(self, arrays: Mapping[str, Array]) -> Iterator[dict[str, Any]]:
@@ -250,6 +247,12 @@ class Net(core.Net):
     def load_hdf5(self, filename: str | Path) -> None:
         """Copy weights by layer name."""
         self.copy_from(filename)
+
+
+def _extend(found: Mapping[str, list[Array]], batch: Mapping[str, Array]) -> None:
+    """Append copies of the items of a batch."""
+    for name, array in batch.items():
+        found[name].extend(np.atleast_1d(array).copy())
 
 
 def _cut(found: Mapping[str, list[Array]], given: Mapping[str, Array]) -> dict[str, Array]:

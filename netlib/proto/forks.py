@@ -133,9 +133,7 @@ def _same(value: Scalar, harmless: str) -> bool:
     if harmless.startswith('"'):
         return value.kind == "string" and value.text == harmless.strip('"')
     if harmless in ("true", "false"):
-        return value.text in (
-            {"true", "True", "t", "1"} if harmless == "true" else {"false", "False", "f", "0"}
-        )
+        return value.truth() is (harmless == "true")
     try:
         return float(value.text.removesuffix("f")) == float(harmless)
     except ValueError:

@@ -58,6 +58,28 @@ class Scalar:
     def __str__(self) -> str:
         return _quote(self.text) if self.kind == "string" else self.text
 
+    def integer(self) -> int | None:
+        """The value as a decimal, hexadecimal or octal number of 64 bits; None if it is not one."""
+        text = self.text.lower()
+        digits = text.removeprefix("-")
+        base = 10
+        if digits.startswith("0") and len(digits) > 1:
+            base = 16 if digits.startswith("0x") else 8
+        try:
+            number = int(text, base)
+        except ValueError:
+            return None
+        return number if -(2**63) <= number < 2**64 else None
+
+    def truth(self) -> bool | None:
+        """The value as true or false, or 1 or 0; None if it is neither."""
+        if self.text in ("true", "t", "True"):
+            return True
+        if self.text in ("false", "f", "False"):
+            return False
+        number = self.integer()
+        return bool(number) if number in (0, 1) else None
+
 
 class Bytes(Scalar):
     """A string of a binary file that need not be text, such as an image; decoded on access."""

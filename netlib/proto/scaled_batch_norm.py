@@ -22,7 +22,6 @@ _FILLERS = {
     "bias_filler": "bias_filler",
 }  # -> those of Scale
 _STATISTICS = 3  # parameters of BatchNorm
-_TRUE = ("true", "True", "t", "1")
 
 
 def separated(layer: Message, taken: Iterable[str]) -> list[Message]:
@@ -43,7 +42,7 @@ def separated(layer: Message, taken: Iterable[str]) -> list[Message]:
 
 def _asks_for_scale(item: Field) -> bool:
     return isinstance(item.value, Message) or (
-        isinstance(item.value, Scalar) and item.value.text in _TRUE
+        isinstance(item.value, Scalar) and item.value.truth() is True
     )
 
 

@@ -368,22 +368,20 @@ def scalar_value(value: Scalar, kind: Any) -> Any:
     if value.kind == "string":
         return None
     if kind is bool:
-        words = {"true": True, "t": True, "True": True, "false": False, "f": False, "False": False}
-        number = _integer(value)
-        return words.get(value.text, bool(number) if number in (0, 1) else None)
+        return value.truth()
     if names := enum_of(kind):
         if value.kind == "word":
             if kind == Engine and value.text in forks.ENGINES:
                 return "DEFAULT"
             return value.text if value.text in names else None
-        number = _integer(value)
+        number = value.integer()
         return next((name for name, n in names.items() if n == number), None)
     if kind is Double:
         return _float(value)
     if kind is float:
         double = _float(value)
         return None if double is None else round_to_32_bits(double)
-    number = _integer(value)
+    number = value.integer()
     return number if number is not None and number in INTEGERS[kind] else None
 
 
@@ -393,21 +391,8 @@ def round_to_32_bits(number: float) -> float:
         return float(np.float32(number))
 
 
-def _integer(value: Scalar) -> int | None:
-    text = value.text.lower()
-    digits = text.removeprefix("-")
-    base = (
-        16 if digits.startswith("0x") else 8 if len(digits) > 1 and digits.startswith("0") else 10
-    )
-    try:
-        number = int(text, base)
-    except ValueError:
-        return None
-    return number if -(2**63) <= number < 2**64 else None
-
-
 def _float(value: Scalar) -> float | None:
-    integer = _integer(value)
+    integer = value.integer()
     if integer is not None:
         return float(integer)
     text = value.text.lower()
