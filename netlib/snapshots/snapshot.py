@@ -78,38 +78,29 @@ def prefix_in_use(prefix: Path) -> Iterator[None]:
     """
     folder = Path(f"{prefix}_").parent
     path = folder / f".{prefix.name}.netlib.lock"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        lock = locks.Lock(path)
-    except (OSError, ValueError) as error:
-        # the file of another user, or a link
-        what = f"{path.name}: " if os.path.lexists(path) else ""
-        raise WeightsError(
-            f"{folder}: cannot write snapshots there: {what}{reason_of(error)}"
-        ) from error
-    if not lock.taken:
-        raise WeightsError(
-            f"{prefix}: another training is writing its snapshots there (process {lock.holder}); wait "
-            "for it, or choose another snapshot_prefix"
-        )
-    try:
-        probe(prefix)
-        snapshots = re.escape(prefix.name) + r"_iter_\d+\.(caffemodel|solverstate)(\.h5)?"
+    snapshots = re.escape(prefix.name) + r"_iter_\d+\.(caffemodel|solverstate)(\.h5)?"
+    longest = folder / f"{prefix.name}_iter_{10**9}.solverstate.h5"
+    with contextlib.ExitStack() as stack:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            holder = stack.enter_context(locks.held(path))
+            if not holder:
+                with atomic.temporary(longest) as fresh:
+                    fresh.write_bytes(b"\0" * 4096)
+        except (OSError, ValueError) as error:
+            # the lock is the file of another user, or a link
+            is_lock = os.path.lexists(path) and getattr(error, "filename", "") == str(path)
+            what = f"{path.name}: " if is_lock else ""
+            raise WeightsError(
+                f"{folder}: cannot write snapshots there: {what}{reason_of(error)}"
+            ) from error
+        if holder:
+            raise WeightsError(
+                f"{prefix}: another training is writing its snapshots there (process {holder}); wait "
+                "for it, or choose another snapshot_prefix"
+            )
         atomic.clear_leftovers(folder, re.compile(snapshots))
         yield
-    finally:
-        lock.release()
-
-
-def probe(prefix: Path) -> None:
-    """Raise WeightsError if snapshots cannot be written at ``prefix``."""
-    folder, longest = Path(f"{prefix}_").parent, f"{Path(prefix).name}_iter_{10**9}.solverstate.h5"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with atomic.temporary(folder / longest) as fresh:
-            fresh.write_bytes(b"\0" * 4096)
-    except (OSError, ValueError) as error:
-        raise WeightsError(f"{folder}: cannot write snapshots there: {reason_of(error)}") from error
 
 
 # ------------------------------------------------------------------------------------------ reading
