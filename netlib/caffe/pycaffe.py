@@ -308,6 +308,8 @@ class SolverParameter:
     ``solver.param.base_lr = 0.01``.
     """
 
+    _solver: Solver
+
     def __init__(self, solver: Solver) -> None:
         object.__setattr__(self, "_solver", solver)
 
@@ -315,7 +317,7 @@ class SolverParameter:
         return getattr(object.__getattribute__(self, "_solver")._param, name)
 
     def __setattr__(self, name: str, value: Any) -> None:
-        solver = object.__getattribute__(self, "_solver")
+        solver = self._solver
         if not hasattr(solver._param, name):
             raise AttributeError(f"a solver has no option {name!r}")
         if name in READ_ONCE:
@@ -326,7 +328,7 @@ class SolverParameter:
         solver.smoothed = deque(solver.smoothed, solver._param.average_loss)
 
     def __repr__(self) -> str:
-        return repr(object.__getattribute__(self, "_solver")._param)
+        return repr(self._solver._param)
 
 
 class Solver(CoreSolver):

@@ -34,7 +34,7 @@ from typing import Annotated, Any, Literal, TypeVar, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from netlib.errors import PrototxtError, did_you_mean
+from netlib.errors import PrototxtError, did_you_mean, meant_or_known
 from netlib.proto import forks
 from netlib.proto.prototxt import Bytes, Field, Message, Numbers, Place, Position, Scalar, Unknown
 
@@ -110,10 +110,9 @@ def read(message: Message, cls: type[T], what: str | None = None) -> T:
 
 def unknown_field(item: Field, known: typing.Iterable[str], message: str) -> PrototxtError:
     """The error for an unknown field of the named message."""
-    known = list(known)
     if effect := forks.effect_of(message, item.name):
         return PrototxtError(item.position, f"unknown option {item.name!r} {effect}")
-    advice = did_you_mean(item.name, known) or f"; known fields: {', '.join(known)}"
+    advice = meant_or_known(item.name, known, "known fields:")
     return PrototxtError(item.position, f"unknown field {item.name!r}{advice}")
 
 
@@ -325,8 +324,8 @@ def value_of(item: Field, kind: Any) -> Any:
         )
     result = scalar_value(value, kind)
     if result is None:
-        if names := list(enum_of(kind)):
-            advice = did_you_mean(value.text, names) or f"; known values: {', '.join(names)}"
+        if names := enum_of(kind):
+            advice = meant_or_known(value.text, names, "known values:")
             raise wrong_name(value, item.name, advice)
         raise PrototxtError(
             value.position, f"{item.name!r} expects {expected(kind)}, found {value}"

@@ -178,14 +178,10 @@ def complete_snapshot(state_path: str | Path) -> Path | None:
     """
     path = Path(state_path)
     wanted = STATE_NAME.fullmatch(path.name)
-    others = [
-        found
-        for found in map(STATE_NAME.fullmatch, names_in(path.parent))
-        if found and found[0] != path.name
-    ]
-    for found in sorted(others, key=lambda found: -int(found["iter"])):
-        if wanted and found["prefix"] == wanted["prefix"]:
-            other = path.with_name(found[0])
+    found = [name for name in map(STATE_NAME.fullmatch, names_in(path.parent)) if name]
+    for name in sorted(found, key=lambda name: -int(name["iter"])):
+        if wanted and name["prefix"] == wanted["prefix"] and name[0] != path.name:
+            other = path.with_name(name[0])
             with contextlib.suppress(WeightsError):
                 weights_of(other, read_state(other))
                 return other
