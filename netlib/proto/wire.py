@@ -57,7 +57,7 @@ class Offset(Place):
 
 
 @dataclass(frozen=True)
-class FieldInfo:
+class WireField:
     """Number, name and type of a field of a message.
 
     stated      kind of one value; None for an options block of a layer, whose dataclass is
@@ -68,8 +68,9 @@ class FieldInfo:
     number: int
     name: str
     stated: Any
-    repeated: bool
-    packed: bool
+    repeated: bool = False
+    packed: bool = False
+    default: Any = None
     is_of_fork: bool = False
 
     @functools.cached_property
@@ -94,23 +95,17 @@ class FieldInfo:
 
 
 @functools.cache
-def fields_of(cls: type) -> tuple[FieldInfo, ...]:
-    """The fields of a message; for a layer, including the options of all layer types."""
-    known = [
+def fields_of(cls: type) -> dict[str, WireField]:
+    """The fields of a message by name; for a layer, including the options of all layer types."""
+    known: dict[str, WireField] = {}
+    for name, info in schema.fields_of(cls).items():
         # the only messages kept as trees are nets
-        FieldInfo(
-            info.number,
-            name,
-            AnyNetParameter if info.kind is Message else info.kind,
-            info.repeated,
-            info.packed,
-        )
-        for name, info in schema.fields_of(cls).items()
-    ]
+        kind = AnyNetParameter if info.kind is Message else info.kind
+        known[name] = WireField(info.number, name, kind, info.repeated, info.packed, info.default)
     for field in dataclasses.fields(cls):
-        numbers = field.metadata.get("numbers", {})
-        known += [FieldInfo(number, block, None, False, False) for block, number in numbers.items()]
-    return tuple(known)
+        for block, number in field.metadata.get("numbers", {}).items():
+            known[block] = WireField(number, block, None)
+    return known
 
 
 # ------------------------------------------------------------------------------------------ reading
@@ -198,7 +193,7 @@ class _Decoder:
             at = stop
         return found.decode("utf-8", "surrogateescape")
 
-    def is_unknown_value(self, spec: FieldInfo, wire_type: int, start: int) -> bool:
+    def is_unknown_value(self, spec: WireField, wire_type: int, start: int) -> bool:
         """Whether a field is an enum with a number that has no name."""
         names = schema.enum_of(spec.kind) if wire_type == VARINT else {}
         return bool(names) and self.varint(start, len(self.data))[0] not in names.values()
@@ -256,7 +251,7 @@ class _Decoder:
         ).ravel()
 
     def values(
-        self, spec: FieldInfo, wire_type: int, place: Offset, start: int, stop: int
+        self, spec: WireField, wire_type: int, place: Offset, start: int, stop: int
     ) -> Iterator[Scalar | Numbers | Message]:
         """Yield the value of the field, or all numbers of a packed field."""
         if wire_type != LENGTH:
@@ -284,7 +279,7 @@ class _Decoder:
                 start = self.end_of(spec.wire_type, spec.number, begin, stop, begin)
                 yield self.number(spec, begin, start)
 
-    def number(self, spec: FieldInfo, start: int, stop: int) -> Scalar:
+    def number(self, spec: WireField, start: int, stop: int) -> Scalar:
         """Decode one number."""
         place = Offset(self.source, start)
         if spec.wire_type == VARINT:
@@ -307,23 +302,18 @@ class _Decoder:
 
 
 @functools.lru_cache(256)
-def _by_number(cls: type, layer_type: str) -> dict[int, FieldInfo]:
+def _by_number(cls: type, layer_type: str) -> dict[int, WireField]:
     """The fields of a message. Of a layer: without blocks if its type is unknown, and that of its
     type also under the numbers of forks.
     """
-    known = {info.number: info for info in fields_of(cls)}
+    known = {info.number: info for info in fields_of(cls).values()}
     if layer_type not in ("", "Python") and layer_type not in layer_types():
         return {number: info for number, info in known.items() if info.name not in BLOCKS}
     name, numbers = FORK_NUMBERS.get(layer_type, ("", ()))
     for number in numbers:
-        info = _by_name(LayerParameter)[name]
+        info = fields_of(LayerParameter)[name]
         known[number] = dataclasses.replace(info, number=number, is_of_fork=True)
     return known
-
-
-@functools.cache
-def _by_name(cls: type) -> dict[str, FieldInfo]:
-    return {known.name: known for known in fields_of(cls)}
 
 
 # ------------------------------------------------------------------------------------------ writing
@@ -339,7 +329,7 @@ def encode(message: Message, cls: type) -> bytes:
 
 
 def _parts(message: Message, cls: type) -> list[Piece]:
-    known = _by_name(cls)
+    known = fields_of(cls)
     found: dict[str, list[Field]] = {}
     for field in message.fields:
         if isinstance(field.value, Unknown):
@@ -369,7 +359,7 @@ def _parts(message: Message, cls: type) -> list[Piece]:
     ]
 
 
-def _with_key(spec: FieldInfo, field: Field) -> list[Piece]:
+def _with_key(spec: WireField, field: Field) -> list[Piece]:
     """Encode one value of a field that is not packed."""
     if schema.is_message(spec.kind):
         return _with_length(
@@ -389,7 +379,7 @@ def _key(number: int, wire_type: int) -> bytes:
     return _varint(number << 3 | wire_type)
 
 
-def _one(spec: FieldInfo, field: Field) -> bytes:
+def _one(spec: WireField, field: Field) -> bytes:
     """Encode one value without its key."""
     value = schema.value_of(field, spec.kind)
     if spec.kind is str:

@@ -114,7 +114,9 @@ def file_descriptor() -> Any:
         if _name_of(cls) not in known:
             known[_name_of(cls)] = cls
             classes += [
-                field.kind for field in wire.fields_of(cls) if schema.is_message(field.kind)
+                field.kind
+                for field in wire.fields_of(cls).values()
+                if schema.is_message(field.kind)
             ]
     described = {name: file.message_type.add(name=name) for name in known}
     for name, cls in known.items():
@@ -132,8 +134,7 @@ def _describe(described: dict[str, Any], name: str, cls: type) -> None:
     caffe.proto, except Phase.
     """
     message = described[name]
-    defaults = {name: info.default for name, info in schema.fields_of(cls).items()}
-    for known in wire.fields_of(cls):
+    for known in wire.fields_of(cls).values():
         field = message.field.add(name=known.name, number=known.number)
         field.label = field.LABEL_REPEATED if known.repeated else field.LABEL_OPTIONAL
         if known.packed:
@@ -149,7 +150,7 @@ def _describe(described: dict[str, Any], name: str, cls: type) -> None:
             )
         else:
             field.type = getattr(field, f"TYPE_{_TYPES[known.kind]}")
-        default = _DEFAULTS.get((message.name, known.name), defaults.get(known.name))
+        default = _DEFAULTS.get((message.name, known.name), known.default)
         is_scalar = not known.repeated and not schema.is_message(known.kind)
         if is_scalar and default not in (None, dataclasses.MISSING, "", b""):
             field.default_value = (
