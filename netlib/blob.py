@@ -61,8 +61,8 @@ class Blob:
     ) -> None:
         self.dtype, self._zeros, self.version = np.dtype(dtype), zeros, 0
         self._memory = Memory(self._checked(tuple(int(n) for n in shape)))
-        self._owner: Blob | None = None  # the blob whose memory holds the data, if not this one
-        self._diff_owner: Blob | None = None
+        # "data", "diff" -> the blob whose memory holds it, if not this one
+        self._owners: dict[str, Blob] = {}
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -87,25 +87,21 @@ class Blob:
     @property
     def owns_memory(self) -> bool:
         """Whether ``data`` is this blob's own memory, not shared from another blob."""
-        return self._owner is None
+        return "data" not in self._owners
 
     @property
     def data(self) -> Array:
         """The values: at each access another array of this memory, whose own shape and flags
         may be changed.
         """
-        if self.on_access is not None:
-            self.on_access(self, "data")
-        if self._owner is not None:
-            return self._shared(self._owner.data)
-        return self._array("data").view()
+        return self._values("data")
 
     @property
     def is_held(self) -> bool:
         """Whether an array of this memory is in use outside of the blob, which the number of
         references to it shows, or the memory is that of another blob.
         """
-        if self._owner is not None or not COUNTS_REFERENCES:
+        if not self.owns_memory or not COUNTS_REFERENCES:
             return True
         return "data" in self._memory.arrays and self._references() not in UNHELD
 
@@ -118,28 +114,39 @@ class Blob:
     @property
     def diff(self) -> Array:
         """Gradient of the loss with respect to the values; an array as for ``data``."""
-        if self.on_access is not None:
-            self.on_access(self, "diff")
-        if self._diff_owner is not None:
-            return self._shared(self._diff_owner.diff)
-        return self._array("diff").view()
+        return self._values("diff")
 
     @property
     def unwatched_data(self) -> Array:
         """The values, without a call of ``on_access``."""
-        if self._owner is not None:
-            return self._shared(self._owner.unwatched_data)
-        return self._array("data").view()
+        return self._in_this_shape(self.root._array("data"))
 
     @property
     def root(self) -> Blob:
         """The blob whose memory holds the data: this one, or the one that it shares."""
         root = self
-        while root._owner is not None:
-            root = root._owner
+        while "data" in root._owners:
+            root = root._owners["data"]
         return root
 
-    def _shared(self, array: Array) -> Array:
+    def _values(self, half: str) -> Array:
+        """An array of this name, of the owner's memory if it has one."""
+        if self.on_access is not None:
+            self.on_access(self, half)
+        owner = self._owners.get(half)
+        if owner is None:
+            return self._array(half).view()
+        return self._in_this_shape(owner._values(half))
+
+    def _array(self, half: str) -> Array:
+        """The own array of this name, of zeros if it is new."""
+        memory = self._memory
+        array = memory.arrays.get(half)
+        if array is None:
+            array = memory.arrays.setdefault(half, self._zeros(memory.shape, self.dtype))
+        return array
+
+    def _in_this_shape(self, array: Array) -> Array:
         """An array of another blob in this shape.
 
         Raises NetlibError if that blob has another count now.
@@ -150,14 +157,6 @@ class Blob:
                 "call net.reshape() or run forward"
             )
         return array.reshape(self.shape)
-
-    def _array(self, half: str) -> Array:
-        """The own array of this name, of zeros if it is new."""
-        memory = self._memory
-        array = memory.arrays.get(half)
-        if array is None:
-            array = memory.arrays.setdefault(half, self._zeros(memory.shape, self.dtype))
-        return array
 
     def reshape(self, *shape: Any) -> None:
         """Change the shape: ``reshape(2, 3)`` or ``reshape((2, 3))``.
@@ -195,33 +194,33 @@ class Blob:
 
         The counts must be equal.
         """
-        self.share_data(owner)
-        while owner._diff_owner is not None:
-            owner = owner._diff_owner
-        if owner is not self:
-            self._diff_owner = owner
-            self._memory.arrays.pop("diff", None)
+        self._share("data", owner)
+        self._share("diff", owner)
 
     def share_data(self, owner: Blob) -> None:
         """Share the data of ``owner``, viewed in this blob's shape. The diff stays separate."""
-        while owner._owner is not None:
-            owner = owner._owner
-        if owner is not self and owner is not self._owner:
-            if self.on_access is not None:
-                self.on_access(self, "memory")
-            self.version += 1
-            self._owner = owner
-            self._memory.arrays.pop("data", None)
+        self._share("data", owner)
+
+    def _share(self, half: str, owner: Blob) -> None:
+        while half in owner._owners:
+            owner = owner._owners[half]
+        if owner is not self and owner is not self._owners.get(half):
+            if half == "data":
+                if self.on_access is not None:
+                    self.on_access(self, "memory")
+                self.version += 1
+            self._owners[half] = owner
+            self._memory.arrays.pop(half, None)
 
     def unshare_data(self) -> None:
         """Keep the data in memory of this blob, with the same values; unless those of the owner
         have been discarded.
         """
-        if self._owner is not None and self._owner.count == self.count:
+        if "data" in self._owners and self._owners["data"].count == self.count:
             own = self._zeros(self.shape, self.dtype)
             own[...] = self.data
             self._memory.arrays["data"] = own
-            self._owner = None
+            del self._owners["data"]
 
     def keep(self, **arrays: Array) -> None:
         """Use arrays as own memory, ``keep(data=..., diff=...)``, as if they had been written

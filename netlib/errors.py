@@ -77,6 +77,14 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     return ""
 
 
+def meant_or_known(name: str, known: Iterable[str], what: str) -> str:
+    """Return advice on an unknown name: the one that may be meant, else all that are known, as
+    ``"; known types: x, y"``.
+    """
+    known = list(known)
+    return did_you_mean(name, known) or f"; {what} {', '.join(known)}"
+
+
 # Reasons why a name leads to no readable file; every other error of a system call
 # concerns the system.
 _OF_THE_FILE = (

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from netlib.blob import blocks
-from netlib.errors import PrototxtError, did_you_mean
+from netlib.errors import PrototxtError, meant_or_known
 from netlib.proto import schema
 from netlib.proto.messages import Filler
 
@@ -32,7 +32,7 @@ def check(shape: tuple[int, ...], filler: Filler) -> None:
     of this shape.
     """
     if filler.type not in TYPES:
-        advice = did_you_mean(filler.type, TYPES) or f"; known types: {', '.join(TYPES)}"
+        advice = meant_or_known(filler.type, TYPES, "known types:")
         raise PrototxtError(
             schema.position_of(filler, "type"), f"unknown filler type {filler.type!r}{advice}"
         )
@@ -60,7 +60,7 @@ def fill(array: NDArray[Any], filler: Filler, rng: np.random.Generator) -> None:
         _draw(array, lambda count: rng.normal(0.0, deviation, count))
     elif filler.type == "positive_unitball":
         _draw(array, rng.random)
-        array /= array.reshape(len(array), -1).sum(axis=1).reshape((-1,) + (1,) * (array.ndim - 1))
+        array /= array.sum(axis=tuple(range(1, array.ndim)), keepdims=True)
     else:
         array[...] = _bilinear(array.shape)
 

@@ -221,17 +221,16 @@ class Net(Graph):
 
     def _part(self, first: str | None, last: str | None) -> tuple[int, int | None]:
         """Range of layer indices from ``first`` to ``last``."""
-        if first is last is None:
-            return 0, None
+        begin = 0 if first is None else self._number_of(first)
+        return begin, None if last is None else self._number_of(last) + 1
+
+    def _number_of(self, layer: str) -> int:
         names = list(self.layer_dict)
-        for name in (first, last):
-            if name is not None and name not in self.layer_dict:
-                raise NetlibError(
-                    f"net {self.name!r} has no layer {name!r}{did_you_mean(name, names)}"
-                )
-        return 0 if first is None else names.index(first), None if last is None else names.index(
-            last
-        ) + 1
+        if layer not in names:
+            raise NetlibError(
+                f"net {self.name!r} has no layer {layer!r}{did_you_mean(layer, names)}"
+            )
+        return names.index(layer)
 
     def _set_inputs(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Write the input blobs; reshape the net once if any shape is new."""

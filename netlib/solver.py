@@ -22,21 +22,21 @@ from typing import Any
 import numpy as np
 
 from netlib import engine as engines
-from netlib.distributed.ranks import ALONE, Ranks, Request, facts_of, mean_outputs
+from netlib.distributed.ranks import ALONE, Ranks, facts_of, mean_outputs
 from netlib.errors import DataError, DivergenceError, WeightsError
 from netlib.files.paths import find
 from netlib.net import Net, next_seed
 from netlib.proto import schema
 from netlib.proto.messages import NetParameter, NetState, SolverParameter
 from netlib.training import report, solver_parameter
-from netlib.training.resume import Snapshots, restore_state, undone_without_data
+from netlib.training.resume import Snapshots, Training, restore_state, undone_without_data
 from netlib.updates import Update, learning_rate, steps_taken
 
 log = logging.getLogger("netlib")
 Function = Callable[[], object]
 
 
-class Solver:
+class Solver(Training):
     """Trains a net.
 
     param         SolverParameter
@@ -71,10 +71,10 @@ class Solver:
         ranks: Ranks = ALONE,
     ) -> None:
         self.param, self.source, self.ranks = solver_parameter.checked(param), source, ranks
-        self.requested: Request | None = None
+        self.requested = None
         if seed is None:  # that of the file, else one from set_random_seed, else a random one
             seed = self.param.random_seed if self.param.random_seed >= 0 else next_seed()
-        self.seed = self.ranks.of_root(secrets.randbits(31) if seed is None else seed)
+        self.seed = self.ranks.everyone(secrets.randbits(31) if seed is None else seed)[0]
         self.engine = engines.get(engine)
         self.python_layers = python_layers
         self.iter = 0
@@ -82,7 +82,7 @@ class Solver:
         self.net = self._make_net(name, net, param.train_state, phase="TRAIN", number=0)
         self.update = Update(self.param, self.net.learnable, self.engine.run)
         self.history = self.update.history
-        self.smoothed: deque[float] = deque(maxlen=param.average_loss)
+        self.smoothed = deque(maxlen=param.average_loss)
         self.test_nets = self._make_test_nets()
         for names in param.weights:
             for path in names.split(","):

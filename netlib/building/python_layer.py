@@ -50,6 +50,8 @@ PYTHON_2_SYNTAX = re.compile(
 )
 CONVERT = "docs/caffe.md, Scripts for Python 2"
 
+# A value of the process: a command that forbids layers of type Python forbids them in all nets that
+# are built while it runs, also where a library or a solver file builds them and passes no argument.
 _are_allowed = True
 
 

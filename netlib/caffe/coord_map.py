@@ -78,13 +78,9 @@ def conv_params(fn: Function) -> tuple[int, Array, Array, Array]:
         raise UndefinedMapException(
             f"a {fn.type_name} layer without kernel_size has no coordinate map"
         )
-    kernel, dilation = (
-        np.array(params["kernel_size"], ndmin=1),
-        np.array(params.get("dilation", 1), ndmin=1),
-    )
-    stride, pad = (
-        np.array(params.get("stride", 1), ndmin=1),
-        np.array(params.get("pad", 0), ndmin=1),
+    defaults = {"kernel_size": 1, "dilation": 1, "stride": 1, "pad": 0}
+    kernel, dilation, stride, pad = (
+        np.array(params.get(name, default), ndmin=1) for name, default in defaults.items()
     )
     return params.get("axis", 1), stride, (kernel - 1) * dilation + 1, pad
 

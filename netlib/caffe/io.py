@@ -355,23 +355,21 @@ def oversample(images: Sequence[Array] | Array, crop_dims: Size) -> NDArray[np.f
 
     All images must have the same size. Raises ShapeError.
     """
-    if not len(images):
-        raise ShapeError("oversample takes at least one image, found none")
+    shapes = list(dict.fromkeys(np.shape(image) for image in images))
+    if len(shapes) != 1:
+        found = " and ".join(map(str, shapes)) or "none"
+        raise ShapeError(
+            f"oversample takes at least one image, all of the same shape, found {found}"
+        )
+    [shape] = shapes
     height, width = (int(n) for n in crop_dims)
-    shape = np.shape(images[0])
     if len(shape) != 3 or not (0 < height <= shape[0] and 0 < width <= shape[1]):
         raise ShapeError(
             f"oversample cannot crop ({height}, {width}) from an image of shape {shape}"
         )
     bottom, right = shape[0] - height, shape[1] - width
     corners = [(0, 0), (0, right), (bottom, 0), (bottom, right), (bottom // 2, right // 2)]
-    crops = np.empty((len(images), 2, len(corners), height, width, shape[2]), np.float32)
-    for n, image in enumerate(images):
-        if np.shape(image) != shape:
-            raise ShapeError(
-                f"oversample takes images of the same shape, found {shape} and {np.shape(image)}"
-            )
-        for i, (y, x) in enumerate(corners):
-            crops[n, 0, i] = image[y : y + height, x : x + width]
-        crops[n, 1] = crops[n, 0, :, :, ::-1]
-    return crops.reshape(-1, height, width, shape[2])
+    stack = np.asarray(images, np.float32)
+    crops = np.stack([stack[:, y : y + height, x : x + width] for y, x in corners], axis=1)
+    both = np.stack([crops, crops[..., ::-1, :]], axis=1)
+    return both.reshape(-1, height, width, shape[2])

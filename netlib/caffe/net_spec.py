@@ -22,7 +22,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from netlib.caffe import proto
-from netlib.errors import NetlibError, did_you_mean
+from netlib.errors import NetlibError, did_you_mean, meant_or_known
 from netlib.proto.options import block_name, layer_types
 
 
@@ -176,7 +176,7 @@ def assign_proto(proto: Any, name: str, val: Any) -> None:
     """
     fields = proto.DESCRIPTOR.fields_by_name
     if name not in fields:
-        advice = did_you_mean(name, fields) or f"; it has {', '.join(fields)}"
+        advice = meant_or_known(name, fields, "it has")
         raise UnknownNameError(f"{proto.DESCRIPTOR.name} has no field {name!r}{advice}")
     message = fields[name].message_type
     target = getattr(proto, name)
@@ -318,10 +318,7 @@ class _Constants:
             name: value.number for enum in enums for name, value in enum.values_by_name.items()
         }
         if param_name not in values:
-            advice = (
-                did_you_mean(param_name, values)
-                or f"; it has {', '.join(values) or 'no constants'}"
-            )
+            advice = meant_or_known(param_name, values or ["no constants"], "it has")
             raise UnknownNameError(f"params.{self._name} has no {param_name!r}{advice}")
         return values[param_name]
 

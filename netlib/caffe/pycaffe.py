@@ -172,16 +172,12 @@ class Net(core.Net):
         """Repeat (N, C, 1, 1) over the height and width of the input, as pycaffe's
         assignment does.
         """
-        super()._set_inputs(
-            {
-                name: np.broadcast_to(array, (*array.shape[:2], *self.blobs[name].shape[2:]))
-                if array.shape[2:] == (1, 1)
-                and name in self.inputs
-                and len(self.blobs[name].shape) == 4
-                else array
-                for name, array in arrays.items()
-            }
-        )
+        spread = dict(arrays)
+        for name, array in arrays.items():
+            size = self.blobs[name].shape[2:] if name in self.inputs else ()
+            if array.shape[2:] == (1, 1) and len(size) == 2:
+                spread[name] = np.broadcast_to(array, (*array.shape[:2], *size))
+        super()._set_inputs(spread)
 
     def forward_all(self, blobs: Iterable[str] | None = None, **inputs: Any) -> dict[str, Array]:
         """Run any number of items, batch by batch; returns outputs and ``blobs`` for all of them.
@@ -191,8 +187,7 @@ class Net(core.Net):
         names = list(blobs or [])
         found: dict[str, list[Array]] = {name: [] for name in [*self.outputs, *names]}
         for batch in self._batch(inputs):
-            for name, array in self.forward(names, **batch).items():
-                found[name].extend(np.atleast_1d(array).copy())
+            _extend(found, self.forward(names, **batch))
         return _cut(found, inputs)
 
     def forward_backward_all(
@@ -210,10 +205,8 @@ class Net(core.Net):
         backwards = self._batch({name: arrays[name] for name in self.outputs if name in arrays})
         nothing: dict[str, Any] = {}
         for ahead, back in zip_longest(forwards, backwards, fillvalue=nothing):
-            for name, array in self.forward(names, **ahead).items():
-                data[name].extend(np.atleast_1d(array).copy())
-            for name, array in self.backward(slopes, **back).items():
-                diff[name].extend(np.atleast_1d(array).copy())
+            _extend(data, self.forward(names, **ahead))
+            _extend(diff, self.backward(slopes, **back))
         return _cut(data, arrays), _cut(diff, arrays)
 
     def _batch(self, arrays: Mapping[str, Array]) -> Iterator[dict[str, Any]]:
@@ -222,15 +215,12 @@ class Net(core.Net):
             return
         size = next(iter(self.blobs.values())).shape[0]
         for begin in range(0, len(next(iter(arrays.values()))), size):
-            batch = {
-                name: np.asarray(array[begin : begin + size]) for name, array in arrays.items()
-            }
-            yield {
-                name: np.concatenate(
-                    [part, np.zeros((size - len(part), *part.shape[1:]), part.dtype)]
-                )
-                for name, part in batch.items()
-            }
+            batch = {}
+            for name, array in arrays.items():
+                part = np.asarray(array[begin : begin + size])
+                rest = np.zeros((size - len(part), *part.shape[1:]), part.dtype)
+                batch[name] = np.concatenate([part, rest])
+            yield batch
 
     def set_input_arrays(self, data: ArrayLike, labels: ArrayLike) -> None:
         """Set the images and labels of the MemoryData layer, which must be the first.
@@ -257,6 +247,12 @@ class Net(core.Net):
     def load_hdf5(self, filename: str | Path) -> None:
         """Copy weights by layer name."""
         self.copy_from(filename)
+
+
+def _extend(found: Mapping[str, list[Array]], batch: Mapping[str, Array]) -> None:
+    """Append copies of the items of a batch."""
+    for name, array in batch.items():
+        found[name].extend(np.atleast_1d(array).copy())
 
 
 def _cut(found: Mapping[str, list[Array]], given: Mapping[str, Array]) -> dict[str, Array]:
@@ -312,6 +308,8 @@ class SolverParameter:
     ``solver.param.base_lr = 0.01``.
     """
 
+    _solver: Solver
+
     def __init__(self, solver: Solver) -> None:
         object.__setattr__(self, "_solver", solver)
 
@@ -319,7 +317,7 @@ class SolverParameter:
         return getattr(object.__getattribute__(self, "_solver")._param, name)
 
     def __setattr__(self, name: str, value: Any) -> None:
-        solver = object.__getattribute__(self, "_solver")
+        solver = self._solver
         if not hasattr(solver._param, name):
             raise AttributeError(f"a solver has no option {name!r}")
         if name in READ_ONCE:
@@ -330,7 +328,7 @@ class SolverParameter:
         solver.smoothed = deque(solver.smoothed, solver._param.average_loss)
 
     def __repr__(self) -> str:
-        return repr(object.__getattribute__(self, "_solver")._param)
+        return repr(self._solver._param)
 
 
 class Solver(CoreSolver):

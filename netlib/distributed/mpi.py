@@ -8,10 +8,10 @@ which sums them from first rank to last and divides by N; in the second it sends
 Each rank sends and receives 2 (N - 1) / N times the bytes of the arrays, which is optimal
 (Thakur, Rabenseifner and Gropp 2005, Sec. 4).
 
-**Agreement**: after each step every rank sends four numbers (loss, request, failure flag, checksum)
-to all. A signal that reaches the ranks in different steps therefore stops all of them after the
-same step, and an error of one rank is raised on all. If a rank ends in another way, ``-m mpi4py``
-and the launcher end the others.
+**Agreement**: after each step every rank sends its loss, request, failure and checksum to all. A
+signal that reaches the ranks in different steps therefore stops all of them after the same step,
+and an error of one rank is raised on all. If a rank ends in another way, ``-m mpi4py`` and the
+launcher end the others.
 """
 
 from __future__ import annotations
@@ -31,12 +31,9 @@ from netlib.errors import DataError, DivergenceError, NetlibError, WeightsError,
 from netlib.net import Net
 from netlib.system import memory
 
-REQUESTS: tuple[Request | None, ...] = (None, "snapshot", "stop")
-STOP = REQUESTS.index("stop")
 ERRORS: dict[str, type[NetlibError]] = {
     cls.__name__: cls for cls in (NetlibError, DataError, DivergenceError, WeightsError)
 }
-LOSS, ASKED, FAILED, CHECKSUM = range(4)  # columns of the table
 COMPARED_EVERY = 100  # iterations between comparisons of the parameters
 # polls without a pause, then the pause between polls, as ranks may share cores
 SPIN, NAP_S = 2000, 1e-4
@@ -65,15 +62,13 @@ class MPIRanks(Ranks):
 
     # ------------------------------------------------------------------------------------ agreement
 
-    def of_root(self, number: int) -> int:
-        """Exchange all numbers and return that of rank 0."""
-        self._exchange()
-        return int(self._exchange_values(number)[0])
+    def everyone(self, value: Any) -> list[Any]:
+        """Exchange all values."""
+        return self._exchange(value)
 
     def introduce(self, facts: Mapping[str, Any]) -> None:
         """Compare the facts of all ranks."""
-        self._exchange()
-        everyone = self._exchange_values(dict(facts))
+        everyone = self.everyone(dict(facts))
         for rank, other in enumerate(everyone):
             for name, value in everyone[0].items():
                 if other.get(name) != value:
@@ -89,34 +84,29 @@ class MPIRanks(Ranks):
         net: Net | None = None,
         iteration: int | None = None,
     ) -> float:
-        """Exchange the four numbers once, then average."""
+        """Exchange once, then average."""
         trained = (
             [param for param in net.learnable if param.spec.lr_mult]
             if net and iteration is not None
             else []
         )
         is_compared = iteration is not None and iteration % COMPARED_EVERY == 0
-        table = self._exchange(loss, request, ranks.checksum(trained) if is_compared else 0)
-        self._asked = "stop" if STOP in table[:, ASKED] else REQUESTS[int(table[0, ASKED])]
-        different = np.flatnonzero(table[:, CHECKSUM] != table[0, CHECKSUM])
-        if len(different):
+        own = (loss, request, ranks.checksum(trained) if is_compared else 0)
+        losses, requests, checksums = zip(*self._exchange(own))
+        self._asked = "stop" if "stop" in requests else requests[0]
+        different = [rank for rank, other in enumerate(checksums) if other != checksums[0]]
+        if different:
             raise self._record(
                 f"the parameters of rank {different[0]} differ from those of rank 0: faulty memory, a different "
                 "processor, or a callback that changed them; the last snapshot is untouched"
             )
         self.average([param.blob.diff for param in trained])
         self.average(ranks.moving(net) if net else [])
-        return float(table[:, LOSS].mean())
+        return float(np.mean(losses))
 
     def asked(self, own: Request | None) -> Request | None:
         """The request that the last exchange agreed on."""
         return self._asked
-
-    def gather(self, value: Mapping[str, Any]) -> list[dict[str, Any]]:
-        """Exchange all values; rank 0 keeps those of the others."""
-        self._exchange()
-        everyone = self._exchange_values(dict(value))
-        return everyone[1:] if self.rank == 0 else []
 
     def at_root(
         self, work: Callable[[], object], request: Callable[[], Request | None] = lambda: None
@@ -125,7 +115,7 @@ class MPIRanks(Ranks):
         with self.together():
             if self.rank == 0:
                 work()
-            self._asked = REQUESTS[int(self._exchange(request=request())[0, ASKED])]
+            self._asked = self._exchange(request())[0]
 
     @contextlib.contextmanager
     def together(self) -> Iterator[None]:
@@ -155,39 +145,25 @@ class MPIRanks(Ranks):
         self._agreed = kind(message)
         return self._agreed
 
-    def _exchange(
-        self,
-        loss: float = 0.0,
-        request: Request | None = None,
-        checksum: int = 0,
-        failed: Exception | None = None,
-    ) -> Array:
-        """Exchange the four numbers of all ranks; returns (N, 4).
+    def _exchange(self, value: Any = None, failed: Exception | None = None) -> list[Any]:
+        """Exchange values of all ranks; returns them in order.
 
         If a rank failed, raises its error on every rank.
         """
-        own = np.array([loss, REQUESTS.index(request), failed is not None, checksum])
-        table = np.zeros((self.count, len(own)))
-        self._wait(self._comm.Iallgather(own, table))
-        if table[:, FAILED].any():
-            first = int(table[:, FAILED].argmax())
-            text = (
-                str(failed)
-                if isinstance(failed, NetlibError)
-                else f"{type(failed).__name__}: {reason_of(failed)}"
-            )
-            everyone = self._exchange_values([type(failed).__name__, text])
-            kind, text = everyone[first]
-            where = "" if all(other == everyone[0] for other in everyone) else f"rank {first}: "
-            raise self._record(where + text, ERRORS.get(kind, NetlibError))
-        return table
-
-    def _exchange_values(self, own: Any) -> list[Any]:
-        """Exchange values of all ranks, which have just exchanged numbers, so that none
-        waits for long.
-        """
-        everyone: list[Any] = self._comm.allgather(own)
-        return everyone
+        failure = None
+        if failed is not None:
+            kind = type(failed).__name__
+            is_ours = isinstance(failed, NetlibError)
+            failure = kind, str(failed) if is_ours else f"{kind}: {reason_of(failed)}"
+        self._wait(self._comm.Ibarrier())  # after which none waits for long
+        everyone = self._comm.allgather((value, failure))
+        failures = [failure for _, failure in everyone]
+        for rank, failure in enumerate(failures):
+            if failure is not None:
+                kind, text = failure
+                where = "" if all(other == failure for other in failures) else f"rank {rank}: "
+                raise self._record(where + text, ERRORS.get(kind, NetlibError))
+        return [value for value, _ in everyone]
 
     # ---------------------------------------------------------------------------------------- means
 

@@ -114,9 +114,9 @@ class Ranks:
     shard: Shard = EVERY_ROW
     layer_hook: LayerHook | None = None
 
-    def of_root(self, number: int) -> int:
-        """Return the number of rank 0."""
-        return number
+    def everyone(self, value: Any) -> list[Any]:
+        """Return the JSON values of all ranks in order."""
+        return [value]
 
     def introduce(self, facts: Mapping[str, Any]) -> None:
         """Raise NetlibError on every rank unless the facts about the training are
@@ -148,12 +148,6 @@ class Ranks:
         """
         return own
 
-    def gather(self, value: Mapping[str, Any]) -> list[dict[str, Any]]:
-        """Return, at rank 0, the JSON values of the other ranks in order; elsewhere
-        an empty list.
-        """
-        return []
-
     def at_root(
         self, work: Callable[[], object], request: Callable[[], Request | None] = lambda: None
     ) -> None:
@@ -176,7 +170,9 @@ class Ranks:
 
 
 ALONE = Ranks()
-latest = ALONE  # the last of several ranks in this process, for layers that read caffe.solver_rank
+# The last ranks of several that this process has made, for caffe.solver_rank and solver_count. They
+# have no argument, as Caffe's own are values of the process, and layers of type Python call them.
+latest = ALONE
 
 
 def facts_of(param: SolverParameter, net: Net, iteration: int) -> dict[str, Any]:
@@ -203,13 +199,15 @@ def checksum(params: Sequence[Param]) -> int:
 
 
 def mean_outputs(net: Net, ranks: Ranks) -> Mapping[str, Array]:
-    """Outputs of the net; at rank 0, their means over the ranks."""
+    """Outputs of the net: their means over the ranks."""
     own = {name: net.blobs[name].data for name in net.outputs}
-    others = ranks.gather({name: y.tolist() for name, y in own.items()}) if ranks.count > 1 else []
+    if ranks.count == 1:
+        return own
+    everyone = ranks.everyone({name: y.tolist() for name, y in own.items()})
     means: dict[str, Array] = {}
     for name, y in own.items():
-        everyone = [y, *(np.asarray(other[name]) for other in others)]
+        arrays = [np.asarray(outputs[name]) for outputs in everyone]
         # false after layers that drop rows, such as Filter
-        alike = all(other.shape == y.shape for other in everyone)
-        means[name] = np.mean(everyone, axis=0) if others and alike else y
+        alike = all(array.shape == y.shape for array in arrays)
+        means[name] = np.mean(arrays, axis=0) if alike else y
     return means

@@ -11,7 +11,6 @@ from netlib.files.reading import (
     noted,
     opened,
     read_bytes,
-    read_pieces,
     read_text,
 )
 
@@ -24,6 +23,5 @@ __all__ = [
     "noted",
     "opened",
     "read_bytes",
-    "read_pieces",
     "read_text",
 ]

@@ -30,6 +30,7 @@ from netlib.blob import Array
 from netlib.errors import DataError, NetlibError, reason_of, system_error_of
 from netlib.files import Content, Source, atomic
 from netlib.files.paths import exists, find, real
+from netlib.system import memory
 
 # bytes: data sets with smaller rows, up to this size, are kept in memory
 SMALL_ROW, IN_MEMORY = 4096, 1 << 26
@@ -52,7 +53,7 @@ def opened(
     def refused(why: str) -> NetlibError:
         return kind(f"{path}: cannot read {what}: {why}")
 
-    _check_seal(path, what, kind)
+    path = _checked(path, what, kind)
     try:
         file = h5py.File(
             io.BytesIO(path.data) if isinstance(path, Content) else path, "r", locking=False
@@ -85,22 +86,23 @@ def sealed(image: bytes) -> bytes:
     return image + b"\nnetlib:crc32=%08x\n" % zlib.crc32(image)
 
 
-def _check_seal(path: str | Path | Content, what: str, kind: type[NetlibError]) -> None:
-    """Compare the checksum at the end of a file, if it has one. Raises ``kind`` if it differs."""
-    if isinstance(path, Content):
-        seal = SEAL.fullmatch(path.data[-SEAL_BYTES:])
-    else:
+def _checked(
+    path: str | Path | Content, what: str, kind: type[NetlibError]
+) -> str | Path | Content:
+    """The content of a file that ends with a checksum, or the path of one without.
+
+    Raises ``kind`` if the checksum differs.
+    """
+    if not isinstance(path, Content):
         with files.opened(path, what, kind) as stream:
             stream.seek(max(0, stream.seek(0, os.SEEK_END) - SEAL_BYTES))
-            seal = SEAL.fullmatch(stream.read())
-    if seal is None:
-        return
-    crc, end = 0, b""
-    for piece in [path.data] if isinstance(path, Content) else files.read_pieces(path, what, kind):
-        data = end + piece
-        crc, end = zlib.crc32(data[:-SEAL_BYTES], crc), data[-SEAL_BYTES:]
-    if int(seal[1], 16) != crc:
+            if not SEAL.fullmatch(stream.read()):
+                return path
+        path = Content(Path(path), files.read_bytes(path, what, kind, memory.physical()))
+    seal = SEAL.fullmatch(path.data[-SEAL_BYTES:])
+    if seal and int(seal[1], 16) != zlib.crc32(memoryview(path.data)[:-SEAL_BYTES]):
         raise kind(f"{path}: cannot read {what}: damaged: checksum mismatch")
+    return path
 
 
 def _check_objects(file: h5py.File, refused: Callable[[str], NetlibError]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
@@ -29,42 +30,35 @@ def take(descriptor: int) -> bool:
     return True
 
 
-class Lock:
-    """A lock file that exists until ``release`` or until this process ends; ``taken`` is True
-    while it is held.
+@contextlib.contextmanager
+def held(path: Path) -> Iterator[str]:
+    """Context manager: hold a lock file, which is removed afterwards.
 
-    ``holder`` is the number of the process that holds it instead. Raises OSError, also if the
-    file is a link.
+    Yields an empty text, or the number of the process that holds it instead. Raises OSError, also
+    if the file is a link.
     """
-
-    def __init__(self, path: Path) -> None:
-        self.path, self.holder = path, ""
-        while True:
-            self._descriptor = os.open(
-                path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666
-            )
-            self.taken = take(self._descriptor)
-            if not self.taken or self._is_in_place():
-                break
-            os.close(self._descriptor)  # removed by its former holder after it was opened here
-        if self.taken:
-            os.ftruncate(self._descriptor, 0)
-            os.write(self._descriptor, f"{os.getpid()}\n".encode())
-        else:
-            self.holder = os.read(self._descriptor, 100).decode(errors="replace").strip()
-            os.close(self._descriptor)
-
-    def _is_in_place(self) -> bool:
-        """Whether the path still refers to the open file."""
-        try:
-            return os.path.samestat(self.path.lstat(), os.fstat(self._descriptor))
-        except OSError:
-            return False
-
-    def release(self) -> None:
-        """Remove the file and release the lock."""
-        if self.taken:
-            self.taken = False
+    descriptor, holder = _opened(path)
+    try:
+        yield holder
+    finally:
+        if not holder:
             with contextlib.suppress(OSError):
-                self.path.unlink()
-            os.close(self._descriptor)
+                path.unlink()
+        os.close(descriptor)
+
+
+def _opened(path: Path) -> tuple[int, str]:
+    """The descriptor of a lock file, and its holder if it is another process."""
+    while True:
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
+        if not take(descriptor):
+            holder = os.read(descriptor, 100).decode(errors="replace").strip()
+            return descriptor, holder or "unknown"
+        is_in_place = False
+        with contextlib.suppress(OSError):
+            is_in_place = os.path.samestat(path.lstat(), os.fstat(descriptor))
+        if is_in_place:
+            os.ftruncate(descriptor, 0)
+            os.write(descriptor, f"{os.getpid()}\n".encode())
+            return descriptor, ""
+        os.close(descriptor)  # removed by its former holder after it was opened here

@@ -11,7 +11,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
-from netlib.errors import DataError, reason_of
+from netlib.errors import DataError
+from netlib.files import reading
 
 # parent of netlib/ and layers/: a clone, or site-packages
 BASE = Path(__file__).resolve().parents[2]
@@ -82,11 +83,8 @@ def names_in(folder: Path) -> set[str]:
 
 def list_folder(folder: Path) -> set[str]:
     """Names of all entries of a folder. Raises DataError if it cannot be read."""
-    try:
-        with os.scandir(folder) as entries:
-            return {entry.name for entry in entries}
-    except (OSError, ValueError) as error:
-        raise DataError(f"{folder}: cannot read the folder: {reason_of(error)}") from error
+    with reading.refused(folder, "the folder"), os.scandir(folder) as entries:
+        return {entry.name for entry in entries}
 
 
 def load_module(name: str, path: Path) -> ModuleType:

@@ -21,7 +21,6 @@ from netlib.errors import DataError, NetlibError, reason_of
 # limit of a file that is read at once; the limit of a protocol buffers message
 MAX_BYTES = (1 << 31) - 1
 MAX_TEXT_BYTES = 1 << 28
-PIECE = 1 << 24
 
 KINDS = {
     stat.S_IFIFO: "it is a pipe",
@@ -32,6 +31,8 @@ KINDS = {
 }
 
 
+# Lists of ``noted``, a value of the process: the files that a net reads are opened below layers,
+# which have no argument for it.
 _notebooks: list[list[str | Path]] = []
 
 
@@ -46,13 +47,20 @@ def noted() -> Iterator[list[str | Path]]:
         _notebooks[:] = [other for other in _notebooks if other is not names]
 
 
+@contextlib.contextmanager
+def refused(path: str | Path, what: str, kind: type[NetlibError] = DataError) -> Iterator[None]:
+    """Context manager: raise ``kind`` for a file, ``what`` in the message, that cannot be read."""
+    try:
+        yield
+    except (OSError, ValueError, MemoryError) as error:  # ValueError: a name that no file can have
+        raise kind(f"{path}: cannot read {what}: {reason_of(error)}") from error
+
+
 def opened(path: str | Path, what: str, kind: type[NetlibError] = DataError) -> FileIO:
     """Open a file for reading; ``what`` describes it in errors. Raises ``kind``."""
-    try:
+    with refused(path, what, kind):
         _check(Path(path).stat(), path, what, kind)
         stream = FileIO(path, "rb")
-    except (OSError, ValueError) as error:  # ValueError: a name that no file can have
-        raise kind(f"{path}: cannot read {what}: {reason_of(error)}") from error
     for names in _notebooks:
         names.append(path)
     return stream
@@ -69,31 +77,14 @@ def read_bytes(
 
     Raises ``kind``, also if it is larger than ``limit``.
     """
-    with opened(path, what, kind) as raw, BufferedReader(raw) as stream:
-        try:
-            # files in /proc have size 0 and may be endless
-            size = os.fstat(stream.fileno()).st_size
-            if first is None and size > limit:
-                raise kind(
-                    f"{path}: {size} bytes, which is too large for {what}; at most {int(limit)} are read"
-                )
-            return stream.read(size if first is None else min(size, first))
-        except (OSError, MemoryError) as error:
-            raise kind(f"{path}: cannot read {what}: {reason_of(error)}") from error
-
-
-def read_pieces(
-    path: str | Path, what: str, kind: type[NetlibError] = DataError
-) -> Iterator[bytes]:
-    """Like ``read_bytes`` of a file of any size, in pieces of some megabytes."""
-    with opened(path, what, kind) as stream:
-        try:
-            left = os.fstat(stream.fileno()).st_size
-            while left and (piece := stream.read(min(left, PIECE))):
-                yield piece
-                left -= len(piece)
-        except OSError as error:
-            raise kind(f"{path}: cannot read {what}: {reason_of(error)}") from error
+    with opened(path, what, kind) as raw, BufferedReader(raw) as stream, refused(path, what, kind):
+        # files in /proc have size 0 and may be endless
+        size = os.fstat(stream.fileno()).st_size
+        if first is None and size > limit:
+            raise kind(
+                f"{path}: {size} bytes, which is too large for {what}; at most {int(limit)} are read"
+            )
+        return stream.read(size if first is None else min(size, first))
 
 
 def read_text(
@@ -152,10 +143,8 @@ class Source:
 
     def check(self) -> None:
         """Raise DataError if the file was changed."""
-        try:
+        with refused(self.path, self._what):  # removed on a network file system
             now = _identity(self._stream.fileno())
-        except OSError as error:  # removed on a network file system
-            raise DataError(f"{self.path}: cannot read {self._what}: {reason_of(error)}") from error
         if now != self._identity:
             was = f"cut to {now[2]} of {self.size} bytes" if now[2] < self.size else "changed"
             raise DataError(f"{self.path}: was {was} while in use; restore the file and run again")
@@ -174,11 +163,9 @@ class Source:
     def read_into(self, target: memoryview, offset: int) -> None:
         """Fill ``target`` with the bytes from ``offset`` on. Raises DataError."""
         done = 0
-        try:
+        with refused(self.path, self._what):
             while done < len(target) and (count := self._read_some(target[done:], offset + done)):
                 done += count
-        except OSError as error:
-            raise DataError(f"{self.path}: cannot read {self._what}: {reason_of(error)}") from error
         if done < len(target):
             self.check()
             raise DataError(

@@ -113,52 +113,41 @@ def insert_splits(layers: Sequence[LayerParameter]) -> list[LayerParameter]:
     As in Caffe, its backward sums the diffs. Names are Caffe's. A loss weight on such a top counts
     as another reader.
     """
+    bottoms = [list(layer.bottom) for layer in layers]
     last: dict[str, tuple[int, int]] = {}  # blob name -> (layer, top index) that wrote it last
-    source: dict[tuple[int, int], tuple[int, int]] = {}  # (layer, bottom index) -> its writer
-    readers: dict[tuple[int, int], int] = {}
+    # (layer, top index) -> its readers: (layer, bottom index), or None for the loss
+    readers: dict[tuple[int, int], list[tuple[int, int] | None]] = {}
     for i, layer in enumerate(layers):
         for j, name in enumerate(layer.bottom):
             if name in last:  # the net reports unknown bottoms, with better advice
-                source[i, j] = last[name]
-                readers[last[name]] = readers.get(last[name], 0) + 1
+                readers[last[name]].append((i, j))
         for j, name in enumerate(layer.top):
             last[name] = (i, j)
-            if j < len(layer.loss_weight) and layer.loss_weight[j]:
-                readers[i, j] = readers.get((i, j), 0) + 1
+            readers[i, j] = [None] if any(layer.loss_weight[j : j + 1]) else []
     result: list[LayerParameter] = []
-    taken: dict[tuple[int, int], int] = {}
     for i, layer in enumerate(layers):
-        bottoms = list(layer.bottom)
-        for j, name in enumerate(layer.bottom):
-            writer = source.get((i, j))
-            if writer is not None and readers[writer] > 1:
-                k = taken.get(writer, 0)
-                taken[writer] = k + 1
-                bottoms[j] = _split_top(layers[writer[0]].name, name, writer[1], k)
-        weights = list(layer.loss_weight)
-        splits: list[LayerParameter] = []
-        for j, name in enumerate(layer.top):
-            count = readers.get((i, j), 0)
-            if count < 2:
+        weights, splits = list(layer.loss_weight), list[LayerParameter]()
+        for j in range(len(layer.top)):
+            if len(readers[i, j]) < 2:
                 continue
-            weight = weights[j] if j < len(weights) else 0.0
-            if weight:  # the first copy carries the loss
-                weights[j] = 0.0
-                taken[i, j] = taken.get((i, j), 0) + 1
-            split = LayerParameter(
-                name=f"{name}_{layer.name}_{j}_split",
-                type="Split",
-                bottom=(name,),
-                top=tuple(_split_top(layer.name, name, j, k) for k in range(count)),
-                loss_weight=(weight,) + (0.0,) * (count - 1) if weight else (),
-            )
-            splits.append(schema.placed(split, Message([], schema.position_of(layer))))
-        result += [
-            schema.changed(layer, bottom=tuple(bottoms), loss_weight=tuple(weights)),
-            *splits,
-        ]
+            split = _split(layer, j, len(readers[i, j]))
+            for reader, copy in zip(readers[i, j], split.top):
+                if reader is None:  # the first copy carries the loss
+                    weights[j] = 0.0
+                else:
+                    bottoms[reader[0]][reader[1]] = copy
+            splits.append(split)
+        changes = {"bottom": tuple(bottoms[i]), "loss_weight": tuple(weights)}
+        result += [schema.changed(layer, **changes), *splits]
     return result
 
 
-def _split_top(layer: str, blob: str, top: int, k: int) -> str:
-    return f"{blob}_{layer}_{top}_split_{k}"
+def _split(layer: LayerParameter, j: int, count: int) -> LayerParameter:
+    """The Split of a top: ``count`` copies, the first with the top's loss weight, if it has one."""
+    name = layer.top[j]
+    own = f"{name}_{layer.name}_{j}_split"
+    copies = tuple(f"{own}_{k}" for k in range(count))
+    weight = layer.loss_weight[j : j + 1]
+    weights = (*weight, *[0.0] * (count - 1)) if any(weight) else ()
+    split = LayerParameter(name=own, type="Split", bottom=(name,), top=copies, loss_weight=weights)
+    return schema.placed(split, Message([], schema.position_of(layer)))

@@ -58,6 +58,28 @@ class Scalar:
     def __str__(self) -> str:
         return _quote(self.text) if self.kind == "string" else self.text
 
+    def integer(self) -> int | None:
+        """The value as a decimal, hexadecimal or octal number of 64 bits; None if it is not one."""
+        text = self.text.lower()
+        digits = text.removeprefix("-")
+        base = 10
+        if digits.startswith("0") and len(digits) > 1:
+            base = 16 if digits.startswith("0x") else 8
+        try:
+            number = int(text, base)
+        except ValueError:
+            return None
+        return number if -(2**63) <= number < 2**64 else None
+
+    def truth(self) -> bool | None:
+        """The value as true or false, or 1 or 0; None if it is neither."""
+        if self.text in ("true", "t", "True"):
+            return True
+        if self.text in ("false", "f", "False"):
+            return False
+        number = self.integer()
+        return bool(number) if number in (0, 1) else None
+
 
 class Bytes(Scalar):
     """A string of a binary file that need not be text, such as an image; decoded on access."""
@@ -126,6 +148,11 @@ class Message:
     def values(self, name: str) -> list[Scalar | Numbers | Message]:
         """The values of all fields called ``name``, in the order of the file."""
         return [f.value for f in self.fields if f.name == name and not isinstance(f.value, Unknown)]
+
+    def text(self, name: str) -> str:
+        """The last scalar called ``name``; empty if there is none."""
+        scalars = [value for value in self.values(name) if isinstance(value, Scalar)]
+        return scalars[-1].text if scalars else ""
 
     def unknown(self) -> list[Field]:
         """The fields that the message does not define, from a binary file."""

@@ -22,13 +22,12 @@ _FILLERS = {
     "bias_filler": "bias_filler",
 }  # -> those of Scale
 _STATISTICS = 3  # parameters of BatchNorm
-_TRUE = ("true", "True", "t", "1")
 
 
 def separated(layer: Message, taken: Iterable[str]) -> list[Message]:
     """The layer, or in its place a BatchNorm and a Scale, whose name is not one of ``taken``."""
     block = next((item for item in layer.fields if item.name == "batch_norm_param"), None)
-    if _text(layer, "type") != "BatchNorm" or block is None or not isinstance(block.value, Message):
+    if layer.text("type") != "BatchNorm" or block is None or not isinstance(block.value, Message):
         return [layer]
     options = [item for item in block.value.fields if item.name in OPTIONS]
     if not any(_asks_for_scale(item) for item in options):
@@ -43,7 +42,7 @@ def separated(layer: Message, taken: Iterable[str]) -> list[Message]:
 
 def _asks_for_scale(item: Field) -> bool:
     return isinstance(item.value, Message) or (
-        isinstance(item.value, Scalar) and item.value.text in _TRUE
+        isinstance(item.value, Scalar) and item.value.truth() is True
     )
 
 
@@ -53,26 +52,18 @@ def _scale(layer: Message, options: list[Field], rates: list[Field], taken: set[
     rates  the ``param`` of the layer: of mean, variance, factor, scale and bias, or in older
            versions of scale and bias first
     """
-    place, name = layer.position, f"{_text(layer, 'name')}_scale"
+    place, name = layer.position, f"{layer.text('name')}_scale"
     while name in taken:
         name += "_"
-    (top,) = layer.values("top")[:1] or [Scalar("string", "", place)]
     fillers = [
         Field(_FILLERS[item.name], item.value, place) for item in options if item.name in _FILLERS
     ]
     own = rates[_STATISTICS:] if len(rates) in (_STATISTICS, _STATISTICS + 2) else rates[:2]
-    words = {"name": name, "type": "Scale"}
+    top = layer.text("top")
+    words = {"name": name, "type": "Scale", "bottom": top, "top": top}
     fields = [Field(key, Scalar("string", word, place), place) for key, word in words.items()]
-    fields += [Field(key, top, place) for key in ("bottom", "top")]
     fields += own
     fields += [item for item in layer.fields if item.name in ("include", "exclude", "phase")]
     bias = prototxt.parse("bias_term: true").fields
     fields.append(Field("scale_param", Message([*bias, *fillers], place), place))
     return Message(fields, place)
-
-
-def _text(layer: Message, name: str) -> str:
-    """The last value of a string of the layer; empty if it has none."""
-    return next(
-        (value.text for value in reversed(layer.values(name)) if isinstance(value, Scalar)), ""
-    )

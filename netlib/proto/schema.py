@@ -25,7 +25,6 @@ from __future__ import annotations
 import dataclasses
 import functools
 import inspect
-import math
 import os
 import types
 import typing
@@ -35,7 +34,7 @@ from typing import Annotated, Any, Literal, TypeVar, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from netlib.errors import PrototxtError, did_you_mean
+from netlib.errors import PrototxtError, did_you_mean, meant_or_known
 from netlib.proto import forks
 from netlib.proto.prototxt import Bytes, Field, Message, Numbers, Place, Position, Scalar, Unknown
 
@@ -77,47 +76,43 @@ def read(message: Message, cls: type[T], what: str | None = None) -> T:
 
     Raises PrototxtError with the position of the mistake.
     """
-    hints, fields = dict(hints_of(cls)), {written_name(f.name): f for f in dataclasses.fields(cls)}  # type: ignore[arg-type]
-    takes_blocks = hints.pop("blocks", None) is not None
+    known = fields_of(cls)  # type: ignore[arg-type]
+    takes_blocks = "blocks" in hints_of(cls)  # type: ignore[arg-type]
     found: dict[str, list[Field]] = {}
     blocks: dict[str, list[Message]] = {}
     for item in message.fields:
         if isinstance(item.value, Unknown):
             continue
-        if item.name in hints:
+        if item.name in known:
             found.setdefault(item.name, []).append(item)
         elif forks.has_no_effect(cls.__name__, item):
             continue
         elif takes_blocks and item.name.endswith("_param") and isinstance(item.value, Message):
             blocks.setdefault(item.name, []).append(item.value)
         else:
-            raise unknown_field(item, hints, cls.__name__)
+            raise unknown_field(item, known, cls.__name__)
     values: dict[str, Any] = {
-        name: _field_value(items, hints[name]) for name, items in found.items()
+        known[name].attribute: _field_value(items, known[name]) for name, items in found.items()
     }
-    for name, spec in fields.items():
-        if hints.get(name) is float and name not in values and isinstance(spec.default, float):
-            values[name] = round_to_32_bits(spec.default)
-        required = (
-            spec.default is dataclasses.MISSING and spec.default_factory is dataclasses.MISSING
-        )
-        if required and name not in values:
+    for name, info in known.items():
+        if name in found:
+            continue
+        if info.default is dataclasses.MISSING:
             raise PrototxtError(
                 message.position, f"missing required field {name!r} in {what or cls.__name__}"
             )
+        if info.kind is float and isinstance(info.default, float):
+            values[info.attribute] = round_to_32_bits(info.default)
     if takes_blocks:
         values["blocks"] = {name: _merged(parts) for name, parts in blocks.items()}
-    result = cls(**{fields[name].name: value for name, value in values.items()})
-    object.__setattr__(result, "_tree", message)
-    return result
+    return placed(cls(**values), message)
 
 
 def unknown_field(item: Field, known: typing.Iterable[str], message: str) -> PrototxtError:
     """The error for an unknown field of the named message."""
-    known = list(known)
     if effect := forks.effect_of(message, item.name):
         return PrototxtError(item.position, f"unknown option {item.name!r} {effect}")
-    advice = did_you_mean(item.name, known) or f"; known fields: {', '.join(known)}"
+    advice = meant_or_known(item.name, known, "known fields:")
     return PrototxtError(item.position, f"unknown field {item.name!r}{advice}")
 
 
@@ -126,28 +121,22 @@ def with_values(message: T, **values: Any) -> T:
 
     Raises PrototxtError.
     """
-    cls: Any = type(message)
-    hints, defaults = (
-        hints_of(cls),
-        {field.name: field.default for field in dataclasses.fields(cls)},
-    )
+    known = fields_of(type(message))  # type: ignore[arg-type]
     found: dict[str, Any] = {}
     for name, value in values.items():
-        place = position_of(message, name)
-        if written_name(name) not in hints:
-            raise PrototxtError(place, f"unknown field {name!r}{did_you_mean(name, hints)}")
-        kind, repeated = kind_of(hints[written_name(name)])
-        if value is None and defaults[name] is None:
+        place, info = position_of(message, name), known.get(written_name(name))
+        if info is None:
+            raise PrototxtError(place, f"unknown field {name!r}{did_you_mean(name, known)}")
+        if value is None and info.default is None:
             found[name] = None
             continue
-        several = repeated and isinstance(value, (list, tuple))
-        items = tuple(_python_value(one, kind) for one in (value if several else [value]))
-        if repeated != several or None in items:
-            what = "a message" if is_message(kind) else expected(kind)
-            raise PrototxtError(
-                place, f"{name!r} expects {'a list, each ' * repeated}{what}, found {value!r}"
-            )
-        found[name] = items if repeated else items[0]
+        several = info.repeated and isinstance(value, (list, tuple))
+        items = tuple(_python_value(one, info.kind) for one in (value if several else [value]))
+        if info.repeated != several or None in items:
+            what = "a message" if is_message(info.kind) else expected(info.kind)
+            each = "a list, each " if info.repeated else ""
+            raise PrototxtError(place, f"{name!r} expects {each}{what}, found {value!r}")
+        found[name] = items if several else items[0]
     return changed(message, **found)
 
 
@@ -157,16 +146,12 @@ def _python_value(value: Any, kind: Any) -> Any:
         return value if isinstance(value, kind) else None
     if isinstance(value, np.generic):
         value = value.item()
-    if kind is str and isinstance(value, os.PathLike):
+    if isinstance(value, os.PathLike):
         value = os.fspath(value)
-    is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if kind in (float, Double):
-        return (round_to_32_bits(value) if kind is float else float(value)) if is_number else None
-    if kind in INTEGERS:
-        return value if is_number and isinstance(value, int) and value in INTEGERS[kind] else None
-    if names := enum_of(kind):
-        return value if isinstance(value, str) and value in names else None
-    return value if isinstance(value, kind) else None
+    if not isinstance(value, (int, float, str)) or isinstance(value, bool) != (kind is bool):
+        return None
+    written = _tree_value(value, Double if kind is float else kind, Place(""))
+    return scalar_value(written, kind) if isinstance(written, Scalar) else None
 
 
 def changed(message: T, **changes: Any) -> T:
@@ -211,14 +196,46 @@ def position_of(message: object, name: str | None = None, index: int = 0) -> Pla
 
 @functools.cache
 def hints_of(cls: type) -> dict[str, Any]:
-    """The fields of a message, by their names in files, with their types."""
+    """The attributes of a message with their types."""
     hints: dict[str, Any] = {}
     for base in filter(dataclasses.is_dataclass, reversed(cls.__mro__)):
         own = types.SimpleNamespace(__annotations__=inspect.get_annotations(base))
         # of its module, which need not be in sys.modules (files/own_modules.py)
         names = base.__init__.__globals__
         hints |= typing.get_type_hints(own, names, include_extras=True)
-    return {written_name(name): hint for name, hint in hints.items()}
+    return hints
+
+
+@dataclasses.dataclass(frozen=True)
+class FieldInfo:
+    """A field as its message declares it, with the kind of one value (``kind_of``).
+
+    attribute  its name in Python
+    number     0 in messages of text files only
+    """
+
+    attribute: str
+    number: int
+    kind: Any
+    repeated: bool
+    packed: bool
+    default: Any
+
+
+@functools.cache
+def fields_of(cls: type) -> dict[str, FieldInfo]:
+    """The fields of a message by their names in files; of a layer, without its blocks."""
+    return {
+        written_name(field.name): FieldInfo(
+            field.name,
+            field.metadata.get("number", 0),
+            *kind_of(hints_of(cls)[field.name]),
+            field.metadata.get("packed", False),
+            field.default,
+        )
+        for field in dataclasses.fields(cls)
+        if field.name != "blocks"
+    }
 
 
 def written_name(name: str) -> str:
@@ -258,11 +275,11 @@ def is_message(kind: Any) -> bool:
     return kind is Message or (isinstance(kind, type) and dataclasses.is_dataclass(kind))
 
 
-def _field_value(items: Sequence[Field], hint: Any) -> Any:
-    kind, repeated = kind_of(hint)
+def _field_value(items: Sequence[Field], info: FieldInfo) -> Any:
+    kind = info.kind
     if kind in ARRAYS:
         return array_of(items, kind)
-    if repeated:
+    if info.repeated:
         return tuple(value_of(item, kind) for item in items)
     first, *others = items
     if others and not is_message(kind):
@@ -307,17 +324,21 @@ def value_of(item: Field, kind: Any) -> Any:
         )
     result = scalar_value(value, kind)
     if result is None:
-        where = value.position
-        names = list(enum_of(kind))
-        if names:
-            advice = did_you_mean(value.text, names) or f"; known values: {', '.join(names)}"
-            if value.kind == "string":
-                raise PrototxtError(
-                    where, f"{item.name!r} expects a name without quotes, found {value}{advice}"
-                )
-            raise PrototxtError(where, f"unknown value {value} of {item.name!r}{advice}")
-        raise PrototxtError(where, f"{item.name!r} expects {expected(kind)}, found {value}")
+        if names := enum_of(kind):
+            advice = meant_or_known(value.text, names, "known values:")
+            raise wrong_name(value, item.name, advice)
+        raise PrototxtError(
+            value.position, f"{item.name!r} expects {expected(kind)}, found {value}"
+        )
     return result
+
+
+def wrong_name(value: Scalar, field: str, advice: str) -> PrototxtError:
+    """The error for a value that is not a name of the field's enum."""
+    found = f"unknown value {value} of {field!r}{advice}"
+    if value.kind == "string":
+        found = f"{field!r} expects a name without quotes, found {value}{advice}"
+    return PrototxtError(value.position, found)
 
 
 def expected(kind: Any) -> str:
@@ -346,22 +367,20 @@ def scalar_value(value: Scalar, kind: Any) -> Any:
     if value.kind == "string":
         return None
     if kind is bool:
-        words = {"true": True, "t": True, "True": True, "false": False, "f": False, "False": False}
-        number = _integer(value)
-        return words.get(value.text, bool(number) if number in (0, 1) else None)
+        return value.truth()
     if names := enum_of(kind):
         if value.kind == "word":
             if kind == Engine and value.text in forks.ENGINES:
                 return "DEFAULT"
             return value.text if value.text in names else None
-        number = _integer(value)
+        number = value.integer()
         return next((name for name, n in names.items() if n == number), None)
     if kind is Double:
         return _float(value)
     if kind is float:
         double = _float(value)
         return None if double is None else round_to_32_bits(double)
-    number = _integer(value)
+    number = value.integer()
     return number if number is not None and number in INTEGERS[kind] else None
 
 
@@ -371,35 +390,14 @@ def round_to_32_bits(number: float) -> float:
         return float(np.float32(number))
 
 
-def _integer(value: Scalar) -> int | None:
-    text = value.text.lower()
-    digits = text.removeprefix("-")
-    base = (
-        16 if digits.startswith("0x") else 8 if len(digits) > 1 and digits.startswith("0") else 10
-    )
-    try:
-        number = int(text, base)
-    except ValueError:
-        return None
-    return number if -(2**63) <= number < 2**64 else None
-
-
 def _float(value: Scalar) -> float | None:
-    if value.kind == "word":
-        return {
-            "inf": math.inf,
-            "infinity": math.inf,
-            "-inf": -math.inf,
-            "-infinity": -math.inf,
-            "nan": math.nan,
-            "-nan": math.nan,
-        }.get(value.text.lower())
-    integer = _integer(value)
+    integer = value.integer()
     if integer is not None:
         return float(integer)
+    text = value.text.lower()
     try:
-        return float(value.text.lower().removesuffix("f"))
-    except ValueError:
+        return float(text if value.kind == "word" else text.removesuffix("f"))
+    except ValueError:  # of words, Python knows inf, infinity and nan, as protobuf does
         return None
 
 
@@ -410,19 +408,18 @@ def to_tree(message: Any) -> Message:
     """Convert a typed message to a tree with the fields that its file gives or that differ from
     their defaults, and the unknown fields of a binary file.
     """
-    hints, place = hints_of(message.__class__), position_of(message)
+    place, tree = position_of(message), tree_of(message)
     fields: list[Field] = []
-    for spec in dataclasses.fields(message):
-        name, value = written_name(spec.name), getattr(message, spec.name)
-        if spec.name == "blocks":
-            fields += [Field(block, tree, tree.position) for block, tree in value.items()]
-        elif value is not None and (
-            spec.default is None or value != spec.default or is_given(message, name)
+    for name, info in fields_of(message.__class__).items():
+        value, kind = getattr(message, info.attribute), info.kind
+        if value is not None and (
+            info.default is None or value != info.default or is_given(message, name)
         ):
-            kind, repeated = kind_of(hints[name])
-            values = [Numbers(value, place)] if kind in ARRAYS else value if repeated else [value]
+            whole = [Numbers(value, place)] if kind in ARRAYS else [value]
+            values = value if info.repeated and kind not in ARRAYS else whole
             fields += [Field(name, _tree_value(one, kind, place), place) for one in values]
-    tree = tree_of(message)
+    for block, options in getattr(message, "blocks", {}).items():
+        fields.append(Field(block, options, options.position))
     return Message(fields + (tree.unknown() if tree else []), place)
 
 
@@ -431,11 +428,11 @@ def _tree_value(value: Any, kind: Any, place: Place) -> Scalar | Numbers | Messa
         return value
     if is_message(kind):
         return to_tree(value)
-    if kind is bytes:
-        return Scalar("string", value.decode("utf-8", "surrogateescape"), place)
-    if kind is str:
-        return Scalar("string", value, place)
-    if kind is bool or enum_of(kind):
-        return Scalar("word", str(value).lower() if kind is bool else value, place)
+    if isinstance(value, bytes):
+        value = value.decode("utf-8", "surrogateescape")
+    if isinstance(value, str):
+        return Scalar("word" if enum_of(kind) else "string", value, place)
+    if isinstance(value, bool):
+        return Scalar("word", str(value).lower(), place)
     text = str(np.float32(value)) if kind is float else repr(value)
     return Scalar("number" if np.isfinite(value) else "word", text, place)

@@ -9,7 +9,7 @@ Caffe drops are dropped here too, with the same note.
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
@@ -148,18 +148,17 @@ def upgraded(net: Message) -> Message:
             "this net has both 'layer' and 'layers' (Caffe's V1 format); expected one of them",
         )
     if not old:
-        return Message(
-            [_with_fixed_statistics(item) for item in _with_scales(net.fields)], net.position
-        )
-    layers = [schema.message_of(item) for item in old]
-    for layer in layers:
+        return Message(list(_with_scales(net)), net.position)
+    fields = [item for item in net.fields if item.name != "layers"]
+    for item in old:
+        layer = schema.message_of(item)
         refuse_v0(layer)
         _check_type(layer)
-        schema.read(layer, V1LayerParameter, "layers")  # reports every mistake at its position
-    rest = [item for item in net.fields if item.name != "layers"]
-    return Message(
-        [*rest, *(Field("layer", _layer(layer), layer.position) for layer in layers)], net.position
-    )
+        typed = schema.read(
+            layer, V1LayerParameter, "layers"
+        )  # reports mistakes at their positions
+        fields.append(Field("layer", _layer(layer, typed.type), layer.position))
+    return Message(fields, net.position)
 
 
 def refuse_v0(layer: Message) -> None:
@@ -190,25 +189,16 @@ def _check_type(layer: Message) -> None:
             v1_advice(value.text, V1_TYPES, layer_types())
             or f"; known values: {', '.join(V1_TYPES)}"
         )
-        if value.kind == "string":
-            raise PrototxtError(
-                value.position, f"'type' expects a name without quotes, found {value}{advice}"
-            )
-        raise PrototxtError(value.position, f"unknown value {value} of 'type'{advice}")
+        raise schema.wrong_name(value, "type", advice)
 
 
 # ------------------------------------------------------------------------------------- V1 → current
 
 
-def _layer(old: Message) -> Message:
-    """Convert a V1 layer."""
-    type_name = [
-        "NONE",
-        *(schema.scalar_value(v, V1Type) for v in old.values("type") if isinstance(v, Scalar)),
-    ][-1]
-    old = _with_transform(old, TRANSFORMED.get(type_name))
+def _layer(old: Message, type_name: str) -> Message:
+    """Convert a V1 layer of this type."""
     fields: list[Field] = []
-    specs: list[list[Field]] = []  # one per parameter
+    specs: dict[int, list[Field]] = {}  # by the number of the parameter
     seen = dict.fromkeys(PER_PARAMETER, 0)
     for item in old.fields:
         if isinstance(item.value, Unknown):
@@ -222,70 +212,53 @@ def _layer(old: Message) -> Message:
                 Field("type", Scalar("string", V1_TYPES[type_name], item.position), item.position)
             )
         elif item.name in PER_PARAMETER:
-            index = seen[item.name]
+            spec = specs.setdefault(seen[item.name], [])
+            spec.append(Field(PER_PARAMETER[item.name], item.value, item.position))
             seen[item.name] += 1
-            while len(specs) <= index:
-                specs.append([])
-            specs[index].append(Field(PER_PARAMETER[item.name], item.value, item.position))
+        elif item.name == TRANSFORMED.get(type_name):
+            fields += _without_transform(item)
         else:
             fields.append(item)
-    fields += [Field("param", Message(spec, old.position), old.position) for spec in specs]
+    fields += [Field("param", Message(spec, old.position), old.position) for spec in specs.values()]
     return Message(fields, old.position)
 
 
-def _with_transform(old: Message, block: str | None) -> Message:
-    """Move scale, mean, crop and mirror from data_param to transform_param."""
-    if block is None:
-        return old
-    moved: list[Field] = []
-    fields: list[Field] = []
-    for item in old.fields:
-        if item.name == block and isinstance(item.value, Message):
-            moved += [f for f in item.value.fields if f.name in MOVED]
-            stay = [f for f in item.value.fields if f.name not in MOVED]
-            item = Field(item.name, Message(stay, item.value.position), item.position)
-        fields.append(item)
+def _without_transform(item: Field) -> list[Field]:
+    """A data_param without scale, mean, crop and mirror, and a transform_param with them."""
+    options, place = schema.message_of(item), item.position
+    moved = [field for field in options.fields if field.name in MOVED]
+    others = [field for field in options.fields if field.name not in MOVED]
+    fields = [Field(item.name, Message(others, options.position), place)]
     if moved:
-        fields.append(Field("transform_param", Message(moved, old.position), old.position))
-    return Message(fields, old.position)
+        fields.append(Field("transform_param", Message(moved, options.position), place))
+    return fields
 
 
-def _with_scales(fields: Sequence[Field]) -> Iterator[Field]:
+def _with_scales(net: Message) -> Iterator[Field]:
     """The fields of a net, with a Scale after each BatchNorm that has a scale of its own
     (scaled_batch_norm.py).
     """
-    names = [
-        name.text
-        for item in fields
-        if item.name == "layer" and isinstance(item.value, Message)
-        for name in item.value.values("name")
-        if isinstance(name, Scalar)
-    ]
-    for item in fields:
+    names = [v.text("name") for v in net.values("layer") if isinstance(v, Message)]
+    for item in net.fields:
         if item.name == "layer" and isinstance(item.value, Message):
-            yield from (
-                Field("layer", one, item.position)
-                for one in scaled_batch_norm.separated(item.value, names)
-            )
+            for layer in scaled_batch_norm.separated(item.value, names):
+                yield Field("layer", _with_fixed_statistics(layer), item.position)
         else:
             yield item
 
 
-def _with_fixed_statistics(item: Field) -> Field:
+def _with_fixed_statistics(layer: Message) -> Message:
     """Freeze the three parameters that older nets declare for BatchNorm: they are
     statistics, not weights.
     """
-    layer = item.value
-    if item.name != "layer" or not isinstance(layer, Message) or len(layer.values("param")) != 3:
-        return item
-    if [v.text for v in layer.values("type") if isinstance(v, Scalar)][-1:] != ["BatchNorm"]:
-        return item
+    if layer.text("type") != "BatchNorm" or len(layer.values("param")) != 3:
+        return layer
     zero = Scalar("number", "0", layer.position)
     frozen = [Field(name, zero, layer.position) for name in ("lr_mult", "decay_mult")]
     fields = []
-    for one in layer.fields:
-        if one.name == "param" and isinstance(one.value, Message):
-            others = [f for f in one.value.fields if f.name not in ("lr_mult", "decay_mult")]
-            one = Field("param", Message([*others, *frozen], one.value.position), one.position)
-        fields.append(one)
-    return Field("layer", Message(fields, layer.position), item.position)
+    for item in layer.fields:
+        if item.name == "param" and isinstance(item.value, Message):
+            others = [f for f in item.value.fields if f.name not in ("lr_mult", "decay_mult")]
+            item = Field("param", Message([*others, *frozen], item.value.position), item.position)
+        fields.append(item)
+    return Message(fields, layer.position)

@@ -57,18 +57,21 @@ class Offset(Place):
 
 
 @dataclass(frozen=True)
-class FieldInfo:
+class WireField:
     """Number, name and type of a field of a message.
 
-    stated  kind of one value; None for an options block of a layer, whose dataclass is imported
-            when it is needed
+    stated      kind of one value; None for an options block of a layer, whose dataclass is
+                imported when it is needed
+    is_of_fork  whether the number is that of a fork, not the declared one
     """
 
     number: int
     name: str
     stated: Any
-    repeated: bool
-    packed: bool
+    repeated: bool = False
+    packed: bool = False
+    default: Any = None
+    is_of_fork: bool = False
 
     @functools.cached_property
     def kind(self) -> Any:
@@ -92,25 +95,17 @@ class FieldInfo:
 
 
 @functools.cache
-def fields_of(cls: type) -> tuple[FieldInfo, ...]:
-    """The fields of a message; for a layer, including the options of all layer types."""
-    hints, known = schema.hints_of(cls), []
+def fields_of(cls: type) -> dict[str, WireField]:
+    """The fields of a message by name; for a layer, including the options of all layer types."""
+    known: dict[str, WireField] = {}
+    for name, info in schema.fields_of(cls).items():
+        # the only messages kept as trees are nets
+        kind = AnyNetParameter if info.kind is Message else info.kind
+        known[name] = WireField(info.number, name, kind, info.repeated, info.packed, info.default)
     for field in dataclasses.fields(cls):
-        if field.name == "blocks":
-            known += [
-                FieldInfo(n, name, None, False, False)
-                for name, n in field.metadata["numbers"].items()
-                if name in option_blocks()
-            ]
-        else:
-            name = schema.written_name(field.name)
-            kind, repeated = schema.kind_of(hints[name])
-            # the only messages kept as trees are nets
-            kind = AnyNetParameter if kind is Message else kind
-            known.append(
-                FieldInfo(field.metadata["number"], name, kind, repeated, field.metadata["packed"])
-            )
-    return tuple(known)
+        for block, number in field.metadata.get("numbers", {}).items():
+            known[block] = WireField(number, block, None)
+    return known
 
 
 # ------------------------------------------------------------------------------------------ reading
@@ -151,46 +146,37 @@ class _Decoder:
 
     def message(self, cls: type, begin: int, end: int) -> Message:
         """Decode the fields of ``cls`` between two offsets."""
-        known = (
-            _by_number_in_layer(self.type_of(begin, end))
-            if cls is LayerParameter
-            else _by_number(cls)
-        )
+        layer_type = self.type_of(begin, end) if cls is LayerParameter else ""
+        known = _by_number(cls, layer_type)
         fields: list[Field] = []
         # index of each field that is not repeated: later values replace it
         single: dict[str, int] = {}
         at = begin
         while at < end:
             self.one_more(at)
+            place = Offset(self.source, at)
             key, start = self.varint(at, end)
             number, wire_type = key >> 3, key & 7
             stop = self.end_of(wire_type, number, start, end, at)
             spec = known.get(number)
-            if spec is not None and spec.kind in ARRAYS and wire_type == spec.wire_type:
-                stop, array = self.row(ARRAYS[spec.kind], at, start, end)
-                fields.append(
-                    Field(
-                        spec.name, Numbers(array, Offset(self.source, at)), Offset(self.source, at)
-                    )
-                )
-            elif (
+            if (
                 spec is None
                 or not spec.accepts(wire_type)
                 or self.is_unknown_value(spec, wire_type, start)
             ):
                 if self.strict:
                     raise self.fail(at, f"field {number} of wire type {wire_type} is unknown here")
-                fields.append(
-                    Field("", Unknown(bytes(self.data[at:stop])), Offset(self.source, at))
-                )
+                fields.append(Field("", Unknown(bytes(self.data[at:stop])), place))
+            elif spec.kind in ARRAYS and wire_type != LENGTH:
+                stop, array = self.row(ARRAYS[spec.kind], at, start, end)
+                fields.append(Field(spec.name, Numbers(array, place), place))
             else:
-                for field in self.values(spec, wire_type, at, start, stop):
-                    place = len(fields)
-                    if spec.number != _by_name(cls)[spec.name].number:
-                        field = dataclasses.replace(field, number=spec.number)
+                for value in self.values(spec, wire_type, place, start, stop):
+                    index = len(fields)
                     if not spec.repeated and not schema.is_message(spec.kind):
-                        place = single.setdefault(spec.name, place)
-                    fields[place : place + 1] = [field]
+                        index = single.setdefault(spec.name, index)
+                    field = Field(spec.name, value, place, number if spec.is_of_fork else None)
+                    fields[index : index + 1] = [field]
             at = stop
         return Message(fields, Offset(self.source, begin))
 
@@ -207,7 +193,7 @@ class _Decoder:
             at = stop
         return found.decode("utf-8", "surrogateescape")
 
-    def is_unknown_value(self, spec: FieldInfo, wire_type: int, start: int) -> bool:
+    def is_unknown_value(self, spec: WireField, wire_type: int, start: int) -> bool:
         """Whether a field is an enum with a number that has no name."""
         names = schema.enum_of(spec.kind) if wire_type == VARINT else {}
         return bool(names) and self.varint(start, len(self.data))[0] not in names.values()
@@ -265,39 +251,35 @@ class _Decoder:
         ).ravel()
 
     def values(
-        self, spec: FieldInfo, wire_type: int, at: int, start: int, stop: int
-    ) -> Iterator[Field]:
-        """Yield the field, or one per number of a packed field."""
-        place = Offset(self.source, at)
-        if wire_type == LENGTH:
-            start = self.varint(start, stop)[1]
-            if spec.kind in ARRAYS:
-                dtype = ARRAYS[spec.kind]
-                if (stop - start) % dtype.itemsize:
-                    raise self.fail(
-                        at,
-                        f"malformed: {stop - start} bytes of {spec.name!r} are no {dtype.name} array",
-                    )
-                array = np.frombuffer(self.data, dtype, (stop - start) // dtype.itemsize, start)
-                yield Field(spec.name, Numbers(array, place), place)
-            elif schema.is_message(spec.kind):
-                yield Field(spec.name, self.message(spec.kind, start, stop), place)
-            elif spec.wire_type == LENGTH:
-                content = Bytes(bytes(self.data[start:stop]), place)
-                text = content if spec.kind is bytes else Scalar("string", content.text, place)
-                yield Field(spec.name, text, place)
-            else:
-                while start < stop:
-                    self.one_more(at)
-                    begin, start = (
-                        start,
-                        self.end_of(spec.wire_type, spec.number, start, stop, start),
-                    )
-                    yield Field(spec.name, self.number(spec, begin, start), place)
+        self, spec: WireField, wire_type: int, place: Offset, start: int, stop: int
+    ) -> Iterator[Scalar | Numbers | Message]:
+        """Yield the value of the field, or all numbers of a packed field."""
+        if wire_type != LENGTH:
+            yield self.number(spec, start, stop)
+            return
+        start = self.varint(start, stop)[1]
+        if spec.kind in ARRAYS:
+            dtype = ARRAYS[spec.kind]
+            if (stop - start) % dtype.itemsize:
+                raise self.fail(
+                    place.byte,
+                    f"malformed: {stop - start} bytes of {spec.name!r} are no {dtype.name} array",
+                )
+            count = (stop - start) // dtype.itemsize
+            yield Numbers(np.frombuffer(self.data, dtype, count, start), place)
+        elif schema.is_message(spec.kind):
+            yield self.message(spec.kind, start, stop)
+        elif spec.wire_type == LENGTH:
+            content = Bytes(bytes(self.data[start:stop]), place)
+            yield content if spec.kind is bytes else Scalar("string", content.text, place)
         else:
-            yield Field(spec.name, self.number(spec, start, stop), place)
+            while start < stop:
+                self.one_more(place.byte)
+                begin = start
+                start = self.end_of(spec.wire_type, spec.number, begin, stop, begin)
+                yield self.number(spec, begin, start)
 
-    def number(self, spec: FieldInfo, start: int, stop: int) -> Scalar:
+    def number(self, spec: WireField, start: int, stop: int) -> Scalar:
         """Decode one number."""
         place = Offset(self.source, start)
         if spec.wire_type == VARINT:
@@ -319,47 +301,19 @@ class _Decoder:
         return Scalar("number" if np.isfinite(number) else "word", str(number), place)
 
 
-@functools.cache
-def _by_number(cls: type) -> dict[int, FieldInfo]:
-    return {known.number: known for known in fields_of(cls)}
-
-
-def _by_number_in_layer(layer_type: str) -> dict[int, FieldInfo]:
-    """The fields of a layer of this type."""
-    is_known = not layer_type or layer_type == "Python" or layer_type in layer_types()
-    return (
-        _with_blocks(layer_type if layer_type in FORK_NUMBERS else "")
-        if is_known
-        else _without_blocks()
-    )
-
-
-@functools.cache
-def _with_blocks(layer_type: str) -> dict[int, FieldInfo]:
-    """The fields of a layer with the blocks of all types, and that of its type also under the
-    numbers of forks.
+@functools.lru_cache(256)
+def _by_number(cls: type, layer_type: str) -> dict[int, WireField]:
+    """The fields of a message. Of a layer: without blocks if its type is unknown, and that of its
+    type also under the numbers of forks.
     """
+    known = {info.number: info for info in fields_of(cls).values()}
+    if layer_type not in ("", "Python") and layer_type not in layer_types():
+        return {number: info for number, info in known.items() if info.name not in BLOCKS}
     name, numbers = FORK_NUMBERS.get(layer_type, ("", ()))
-    others = {
-        number: dataclasses.replace(_by_name(LayerParameter)[name], number=number)
-        for number in numbers
-    }
-    return _by_number(LayerParameter) | others
-
-
-@functools.cache
-def _without_blocks() -> dict[int, FieldInfo]:
-    """The fields that layers of all types have."""
-    return {
-        number: info
-        for number, info in _by_number(LayerParameter).items()
-        if info.name not in BLOCKS
-    }
-
-
-@functools.cache
-def _by_name(cls: type) -> dict[str, FieldInfo]:
-    return {known.name: known for known in fields_of(cls)}
+    for number in numbers:
+        info = fields_of(LayerParameter)[name]
+        known[number] = dataclasses.replace(info, number=number, is_of_fork=True)
+    return known
 
 
 # ------------------------------------------------------------------------------------------ writing
@@ -375,7 +329,7 @@ def encode(message: Message, cls: type) -> bytes:
 
 
 def _parts(message: Message, cls: type) -> list[Piece]:
-    known = _by_name(cls)
+    known = fields_of(cls)
     found: dict[str, list[Field]] = {}
     for field in message.fields:
         if isinstance(field.value, Unknown):
@@ -405,7 +359,7 @@ def _parts(message: Message, cls: type) -> list[Piece]:
     ]
 
 
-def _with_key(spec: FieldInfo, field: Field) -> list[Piece]:
+def _with_key(spec: WireField, field: Field) -> list[Piece]:
     """Encode one value of a field that is not packed."""
     if schema.is_message(spec.kind):
         return _with_length(
@@ -425,7 +379,7 @@ def _key(number: int, wire_type: int) -> bytes:
     return _varint(number << 3 | wire_type)
 
 
-def _one(spec: FieldInfo, field: Field) -> bytes:
+def _one(spec: WireField, field: Field) -> bytes:
     """Encode one value without its key."""
     value = schema.value_of(field, spec.kind)
     if spec.kind is str:

@@ -18,7 +18,7 @@ from netlib.errors import NetlibError, WeightsError, reason_of
 from netlib.proto import binaryproto, messages, schema, wire
 from netlib.proto.messages import LayerParameter
 from netlib.proto.net_parameter import distinct
-from netlib.proto.prototxt import Field, Message, Scalar
+from netlib.proto.prototxt import Field, Message
 from netlib.proto.upgrade import AnyNetParameter, refuse_v0
 from netlib.snapshots.solver_state import SolverState, Weights
 
@@ -94,8 +94,7 @@ def read_weights(data: bytes, path: str) -> Weights:
 
 def net_name(data: bytes, path: str) -> str:
     """The name of the net of weights. Raises WeightsError if the data are not a net."""
-    names = wire.decode(data, AnyNetParameter, path).values("name")
-    return next((name.text for name in names if isinstance(name, Scalar)), "")
+    return wire.decode(data, AnyNetParameter, path).text("name")
 
 
 def read_state(data: bytes, path: str) -> SolverState:

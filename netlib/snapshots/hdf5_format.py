@@ -138,7 +138,7 @@ def _layers(group: h5py.Group, prefix: str = "") -> Iterator[tuple[str, dict[str
         yield from _layers(item, f"{prefix}{name}/") if inner else ()
 
 
-def read_state(path: str | Path) -> SolverState:
+def read_state(path: str | Path | Content) -> SolverState:
     """Read a solver state. Raises WeightsError if the file is not one."""
     with hdf5.opened(path, "a solver state", WeightsError) as file:
         if "history" not in file or "iter" not in file:
@@ -149,13 +149,10 @@ def read_state(path: str | Path) -> SolverState:
                 f"{path}: damaged: it holds {unknown[0]!r}; a solver state has {', '.join(STATE)}"
             )
         group = file["history"]
-        state = SolverState(
-            iter=_number(file, "iter"),
-            current_step=_number(file, "current_step") if "current_step" in file else 0,
-            learned_net=_learned_net(file),
-            history=[np.asarray(group[str(i)][()]) for i in range(len(group))],
-            extra=json.loads(file["netlib"][()]) if "netlib" in file else {},
-        )
+        history = [np.asarray(group[str(i)][()]) for i in range(len(group))]
+        step = _number(file, "current_step") if "current_step" in file else 0
+        extra = json.loads(file["netlib"][()]) if "netlib" in file else {}
+        state = SolverState(_number(file, "iter"), step, _learned_net(file), history, extra)
         state.check()
         return state
 

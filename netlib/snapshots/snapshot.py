@@ -15,9 +15,9 @@ import json
 import os
 import re
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from netlib import files
 from netlib.errors import WeightsError, reason_of
@@ -27,6 +27,7 @@ from netlib.snapshots import binary_format, hdf5_format
 from netlib.snapshots.solver_state import SolverState, Weights
 from netlib.system import memory
 
+T = TypeVar("T")
 STATE_NAME = re.compile(r"(?P<prefix>.*_iter_)(?P<iter>\d+)\.solverstate(\.h5)?")
 
 
@@ -77,38 +78,29 @@ def prefix_in_use(prefix: Path) -> Iterator[None]:
     """
     folder = Path(f"{prefix}_").parent
     path = folder / f".{prefix.name}.netlib.lock"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        lock = locks.Lock(path)
-    except (OSError, ValueError) as error:
-        # the file of another user, or a link
-        what = f"{path.name}: " if os.path.lexists(path) else ""
-        raise WeightsError(
-            f"{folder}: cannot write snapshots there: {what}{reason_of(error)}"
-        ) from error
-    if not lock.taken:
-        raise WeightsError(
-            f"{prefix}: another training is writing its snapshots there (process {lock.holder}); wait "
-            "for it, or choose another snapshot_prefix"
-        )
-    try:
-        probe(prefix)
-        snapshots = re.escape(prefix.name) + r"_iter_\d+\.(caffemodel|solverstate)(\.h5)?"
+    snapshots = re.escape(prefix.name) + r"_iter_\d+\.(caffemodel|solverstate)(\.h5)?"
+    longest = folder / f"{prefix.name}_iter_{10**9}.solverstate.h5"
+    with contextlib.ExitStack() as stack:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            holder = stack.enter_context(locks.held(path))
+            if not holder:
+                with atomic.temporary(longest) as fresh:
+                    fresh.write_bytes(b"\0" * 4096)
+        except (OSError, ValueError) as error:
+            # the lock is the file of another user, or a link
+            is_lock = os.path.lexists(path) and getattr(error, "filename", "") == str(path)
+            what = f"{path.name}: " if is_lock else ""
+            raise WeightsError(
+                f"{folder}: cannot write snapshots there: {what}{reason_of(error)}"
+            ) from error
+        if holder:
+            raise WeightsError(
+                f"{prefix}: another training is writing its snapshots there (process {holder}); wait "
+                "for it, or choose another snapshot_prefix"
+            )
         atomic.clear_leftovers(folder, re.compile(snapshots))
         yield
-    finally:
-        lock.release()
-
-
-def probe(prefix: Path) -> None:
-    """Raise WeightsError if snapshots cannot be written at ``prefix``."""
-    folder, longest = Path(f"{prefix}_").parent, f"{Path(prefix).name}_iter_{10**9}.solverstate.h5"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with atomic.temporary(folder / longest) as fresh:
-            fresh.write_bytes(b"\0" * 4096)
-    except (OSError, ValueError) as error:
-        raise WeightsError(f"{folder}: cannot write snapshots there: {reason_of(error)}") from error
 
 
 # ------------------------------------------------------------------------------------------ reading
@@ -128,12 +120,7 @@ def read_weights(path: str | Path | Content) -> Weights:
 
     Raises WeightsError if the file does not hold weights.
     """
-    if begins_as_hdf5(path, "weights"):
-        return hdf5_format.read_weights(path)
-    data = (
-        path.data if isinstance(path, Content) else files.read_bytes(path, "weights", WeightsError)
-    )
-    return binary_format.read_weights(data, str(path))
+    return _read(path, "weights", hdf5_format.read_weights, binary_format.read_weights)
 
 
 def net_name(path: str | Path) -> str:
@@ -141,18 +128,25 @@ def net_name(path: str | Path) -> str:
 
     Raises WeightsError.
     """
-    if begins_as_hdf5(path, "weights"):
-        return hdf5_format.net_name(path)
-    return binary_format.net_name(files.read_bytes(path, "weights", WeightsError), str(path))
+    return _read(path, "weights", hdf5_format.net_name, binary_format.net_name)
 
 
 def read_state(path: str | Path) -> SolverState:
     """Read and check a solver state. Raises WeightsError if the file is not one or is damaged."""
-    if begins_as_hdf5(path, "a solver state"):
-        return hdf5_format.read_state(path)
-    return binary_format.read_state(
-        files.read_bytes(path, "a solver state", WeightsError), str(path)
-    )
+    return _read(path, "a solver state", hdf5_format.read_state, binary_format.read_state)
+
+
+def _read(
+    path: str | Path | Content,
+    what: str,
+    as_hdf5: Callable[[str | Path | Content], T],
+    as_binary: Callable[[bytes, str], T],
+) -> T:
+    """Read a file by the function for its format, which its content decides."""
+    if begins_as_hdf5(path, what):
+        return as_hdf5(path)
+    data = path.data if isinstance(path, Content) else files.read_bytes(path, what, WeightsError)
+    return as_binary(data, str(path))
 
 
 def begins_as_hdf5(path: str | Path | Content, what: str) -> bool:
@@ -184,14 +178,10 @@ def complete_snapshot(state_path: str | Path) -> Path | None:
     """
     path = Path(state_path)
     wanted = STATE_NAME.fullmatch(path.name)
-    others = [
-        found
-        for found in map(STATE_NAME.fullmatch, names_in(path.parent))
-        if found and found[0] != path.name
-    ]
-    for found in sorted(others, key=lambda found: -int(found["iter"])):
-        if wanted and found["prefix"] == wanted["prefix"]:
-            other = path.with_name(found[0])
+    found = [name for name in map(STATE_NAME.fullmatch, names_in(path.parent)) if name]
+    for name in sorted(found, key=lambda name: -int(name["iter"])):
+        if wanted and name["prefix"] == wanted["prefix"] and name[0] != path.name:
+            other = path.with_name(name[0])
             with contextlib.suppress(WeightsError):
                 weights_of(other, read_state(other))
                 return other

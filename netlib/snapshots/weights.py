@@ -99,11 +99,10 @@ def fitting(
     own: dict[str, list[int]] = {}
     for p in net.learnable:
         own.setdefault(p.layer, []).append(p.index)
-    writes = [
-        w
-        for name, arrays in shared.items()
-        for w in _writes(name, net.layer_dict[name].blobs, own.get(name, []), arrays, what)
-    ]
+    writes: Writes = []
+    for name, arrays in shared.items():
+        blobs = net.layer_dict[name].blobs
+        writes += _writes(name, blobs, own.get(name, []), arrays, what)
     return writes, ignored, missing_layers
 
 
@@ -219,10 +218,11 @@ def share(net: Graph, other: Graph) -> None:
     pairs: list[tuple[Blob, Blob]] = []
     for name in (name for name in other.params if name in net.params):
         mine, theirs = net.params[name], other.params[name]
-        if [blob.shape for blob in mine] != [blob.shape for blob in theirs]:
+        shapes, others = ([blob.shape for blob in blobs] for blobs in (mine, theirs))
+        if shapes != others:
             raise LayerError(
-                f"layer {name!r} has parameters {[b.shape for b in mine]} in net {net.source}, "
-                f"{[b.shape for b in theirs]} in {other.source}"
+                f"layer {name!r} has parameters {shapes} in net {net.source}, {others} in "
+                f"{other.source}"
             )
         if mine.dtype != theirs.dtype:
             raise LayerError(

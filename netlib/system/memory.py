@@ -17,6 +17,8 @@ from numpy.typing import DTypeLike, NDArray
 
 from netlib.errors import LayerError
 
+UNITS = ("bytes", "kB", "MB", "GB", "TB", "PB", "EB")
+
 
 class OutOfMemoryError(LayerError, MemoryError):
     """A request for more memory than there is."""
@@ -63,6 +65,7 @@ def is_lacking(error: Exception) -> bool:
 def format_bytes(size: int) -> str:
     """Format as ``20 GB`` or ``8.6 TB``: two significant digits, or whole numbers from 10 on."""
     number, unit = float(size), 0
-    while round(number) >= 1000 and unit < 6:
+    while round(number) >= 1000 and unit < len(UNITS) - 1:
         number, unit = number / 1000, unit + 1
-    return f"{number:.{0 if number >= 9.95 or not unit else 1}f} {('bytes', 'kB', 'MB', 'GB', 'TB', 'PB', 'EB')[unit]}"
+    digits = 1 if unit and number < 9.95 else 0
+    return f"{number:.{digits}f} {UNITS[unit]}"

@@ -196,17 +196,12 @@ def debug_backward(net: Net) -> None:
 
 def debug_params(net: Net) -> None:
     """Log the norms and mean absolute values of all parameters and gradients before an update."""
-    arrays = [
-        (p.blob.data.astype(np.float64), p.blob.diff.astype(np.float64)) for p in net.learnable
-    ]
-    l1, l2 = (
-        [sum(float(measure(pair[i]).sum()) for pair in arrays) for i in range(2)]
-        for measure in (np.abs, np.square)
-    )
+    data = [p.blob.data.astype(np.float64) for p in net.learnable]
+    diffs = [p.blob.diff.astype(np.float64) for p in net.learnable]
     log.info(
         "    [Backward] All net params (data, diff): L1 norm = (%.6g, %.6g); L2 norm = (%.6g, %.6g)",
-        *l1,
-        *np.sqrt(l2),
+        *(sum(np.abs(array).sum() for array in arrays) for arrays in (data, diffs)),
+        *(np.sqrt(sum(np.square(array).sum() for array in arrays)) for arrays in (data, diffs)),
     )
     for p in net.learnable:
         log.info(

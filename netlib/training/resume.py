@@ -10,13 +10,15 @@ from __future__ import annotations
 
 import contextlib
 import logging
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from netlib.distributed.ranks import moving
+from netlib.blob import Array
+from netlib.distributed.ranks import Ranks, Request, moving
 from netlib.errors import DataError, DivergenceError, WeightsError, reason_of
 from netlib.net import Net
 from netlib.proto.messages import SolverParameter
@@ -24,9 +26,6 @@ from netlib.snapshots import hdf5_format, snapshot
 from netlib.snapshots import weights as weights_of
 from netlib.snapshots.solver_state import SolverState
 from netlib.updates import steps_taken
-
-if TYPE_CHECKING:
-    from netlib.solver import Solver
 
 log = logging.getLogger("netlib")
 
@@ -53,10 +52,26 @@ COURSE = (
 )
 
 
+class Training:
+    """The state of a training, which snapshots store and restore. A Solver (netlib/solver.py) is
+    one, and documents its attributes.
+    """
+
+    param: SolverParameter
+    source: str
+    ranks: Ranks
+    requested: Request | None
+    net: Net
+    test_nets: list[Net]
+    history: list[list[Array]]
+    iter: int
+    smoothed: deque[float]
+
+
 class Snapshots:
     """The snapshots of a solver."""
 
-    def __init__(self, solver: Solver) -> None:
+    def __init__(self, solver: Training) -> None:
         self._solver = solver
         self._prefixes: dict[str, Path] = {}  # snapshot_prefix -> its path at the first use
         self.last: Path | None = None  # the last solver state written or read
@@ -125,9 +140,9 @@ class Snapshots:
                 )
         weights_path, state_path = self.paths(solver.iter)
         ranks = solver.ranks
-        others = (
-            ranks.gather(snapshot.as_plain(solver.net.layer_states())) if ranks.count > 1 else []
-        )
+        others: list[dict[str, Any]] = []
+        if ranks.count > 1:
+            others = ranks.everyone(snapshot.as_plain(solver.net.layer_states()))[1:]
 
         def write() -> None:
             kind = "HDF5" if solver.param.snapshot_format == "HDF5" else "binary proto"
@@ -144,7 +159,7 @@ class Snapshots:
 
 
 def state_of(
-    solver: Solver, learned_net: Path, others: Sequence[Mapping[str, Any]] = ()
+    solver: Training, learned_net: Path, others: Sequence[Mapping[str, Any]] = ()
 ) -> SolverState:
     """Content of the solver state that goes with the weights ``learned_net``.
 
@@ -162,7 +177,7 @@ def state_of(
     )
 
 
-def extra_state(solver: Solver, others: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
+def extra_state(solver: Training, others: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
     """State beyond Caffe's format; ``others`` are the layer states of ranks 1 and up."""
     extra = {
         "solver": _course(solver),
@@ -174,7 +189,7 @@ def extra_state(solver: Solver, others: Sequence[Mapping[str, Any]] = ()) -> dic
     return snapshot.as_plain(extra | ({"ranks": list(others)} if others else {}))
 
 
-def _course(solver: Solver) -> dict[str, Any]:
+def _course(solver: Training) -> dict[str, Any]:
     """Values of the options in ``COURSE``, with the batch size and the number of ranks."""
     first = next((at.top[0].shape for at in solver.net.connections if at.top), ())
     batch = first[0] if first else 0
@@ -184,7 +199,7 @@ def _course(solver: Solver) -> dict[str, Any]:
     }
 
 
-def restore_state(solver: Solver, path: str | Path) -> None:
+def restore_state(solver: Training, path: str | Path) -> None:
     """Restore a solver state completely or not at all. Raises WeightsError."""
     try:
         state = snapshot.read_state(path)
@@ -231,7 +246,7 @@ def restore_state(solver: Solver, path: str | Path) -> None:
         log.info("Changed: %s", change)
 
 
-def _states_of_rank(solver: Solver, state: SolverState) -> list[dict[str, Any]]:
+def _states_of_rank(solver: Training, state: SolverState) -> list[dict[str, Any]]:
     """The states of the layers of all nets for this rank.
 
     If the number of ranks is unchanged, each rank gets its own. Otherwise data positions are kept,
@@ -280,7 +295,7 @@ def undone_without_data(nets: Sequence[Net]) -> Iterator[Callable[[], None]]:
         raise
 
 
-def _restore_layers(solver: Solver, path: str | Path, states: list[dict[str, Any]]) -> None:
+def _restore_layers(solver: Training, path: str | Path, states: list[dict[str, Any]]) -> None:
     """Restore the states of all layers, or of none. Raises WeightsError."""
     nets = [solver.net, *solver.test_nets]
     undo = undo_of(nets)
@@ -294,7 +309,7 @@ def _restore_layers(solver: Solver, path: str | Path, states: list[dict[str, Any
         ) from error
 
 
-def _check_histories(solver: Solver, path: str | Path, state: SolverState) -> None:
+def _check_histories(solver: Training, path: str | Path, state: SolverState) -> None:
     """Check the number, shapes and values of the histories. Raises WeightsError."""
     count = len(solver.history)
     expected = count * len(solver.history[0]) if solver.history else 0
@@ -316,15 +331,14 @@ def _check_histories(solver: Solver, path: str | Path, state: SolverState) -> No
             )
 
 
-def _changes(solver: Solver, state: SolverState) -> Iterator[str]:
+def _changes(solver: Training, state: SolverState) -> Iterator[str]:
     """Describe the changes since the state was written that affect the course of the training."""
     states, nets = state.extra.get("layers", []), [solver.net, *solver.test_nets]
-    if any(
-        now.get("files") != then.get(name, {}).get("files")
-        for net, then in zip(nets, states)
-        for name, now in snapshot.as_plain(net.layer_states()).items()
-    ):
-        yield "the data files; reading starts at the first row"
+    for net, then in zip(nets, states):
+        layers = snapshot.as_plain(net.layer_states())
+        if any(own.get("files") != then.get(name, {}).get("files") for name, own in layers.items()):
+            yield "the data files; reading starts at the first row"
+            break
     for i, net in enumerate(nets):
         there = states[i] if i < len(states) else {}
         if new := [layer.name for layer in net.layers if layer.name not in there]:

@@ -19,14 +19,7 @@ from netlib.updates import POLICIES, RULES
 
 log = logging.getLogger("netlib")
 
-OLD_TYPES = {
-    "SGD": "SGD",
-    "NESTEROV": "Nesterov",
-    "ADAGRAD": "AdaGrad",
-    "RMSPROP": "RMSProp",
-    "ADADELTA": "AdaDelta",
-    "ADAM": "Adam",
-}
+OLD_TYPES = {name.upper(): name for name in RULES}  # in the enum solver_type
 MAX_AVERAGE = 10**6  # limit of average_loss, whose losses are kept in memory
 
 

@@ -59,7 +59,6 @@ def sums(ranks):
 def agreement(ranks):
     """Every rank receives the decisions of the others."""
     N, rank = ranks.count, ranks.rank
-    assert ranks.of_root(2**62 + rank) == 2**62
     ranks.introduce({"data": [1, 2], "net": "x"})
     assert ranks.agree(float(rank), "snapshot" if rank == 1 else None) == (N - 1) / 2
     assert ranks.asked(None) is None  # only rank 0 is asked for a snapshot
@@ -70,8 +69,8 @@ def agreement(ranks):
     done = []
     ranks.at_root(lambda: done.append(rank), lambda: "snapshot" if rank == 0 else "stop")
     assert done == [0] * (rank == 0) and ranks.asked(None) == "snapshot"
-    others = ranks.gather({"rank": rank, "text": "ü" * rank})
-    assert others == ([{"rank": r, "text": "ü" * r} for r in range(1, N)] if rank == 0 else [])
+    everyone = ranks.everyone({"number": 2**62 + rank, "text": "ü" * rank})
+    assert everyone == [{"number": 2**62 + r, "text": "ü" * r} for r in range(N)]
 
 
 def errors(ranks):
@@ -84,7 +83,7 @@ def errors(ranks):
 
     of_one = failing, DataError("no rows")
     assert caught(DataError, *(of_one if ranks.rank == 2 else (mean,))) == "rank 2: no rows"
-    for exchange in ((ranks.of_root, 1), (ranks.introduce, {}), (ranks.gather, {})):
+    for exchange in ((ranks.everyone, 1), (ranks.introduce, {})):
         assert caught(DataError, *(of_one if ranks.rank == 2 else exchange)) == "rank 2: no rows"
     assert caught(NetlibError, failing, NetlibError("no file")) == "no file"  # on all ranks
     lacking = isinstance(ranks.fail(MemoryError()) if ranks.rank == 1 else None, NetlibError)

@@ -222,9 +222,8 @@ def test_a_training_that_does_not_begin_leaves_an_older_log_alone(work):
     """
     Path("old.log").write_text("old")
     Path("snapshots").mkdir()
-    first = locks.Lock(work / "snapshots" / ".net.netlib.lock")
-    assert "another training is writing" in mistake("--log", "old.log")
-    first.release()
+    with locks.held(work / "snapshots" / ".net.netlib.lock"):
+        assert "another training is writing" in mistake("--log", "old.log")
     Path("snapshots").rmdir()
     Path("snapshots").touch()
     assert (

@@ -3,7 +3,7 @@
 There is no caffe.proto and no generated code: the file descriptor is built on import from the
 dataclasses that read and write the files of this project (netlib/proto/messages.py,
 netlib/proto/upgrade.py, and the options of the layer types), so names, numbers, types and defaults
-are declared once. This module adds the names of the enums, the messages of SSD's scripts (ssd.py),
+are declared once. This module adds the names of the enums, the classes of SSD's detectors (ssd.py),
 and what scripts of other forks write (forks.py).
 """
 
@@ -52,7 +52,6 @@ _ENUMS = {
     },
     "V1LayerParameter": {"type": "LayerType", "blob_share_mode": "DimCheckMode"},
     "BlobProto": {"raw_data_type": "Type"},
-    "AnnotatedDatum": {"type": "AnnotationType"},
     "ResizeParameter": {
         "resize_mode": "Resize_mode",
         "pad_mode": "Pad_mode",
@@ -102,7 +101,6 @@ _MESSAGES = [
     messages.LayerParameter,
     upgrade.V1LayerParameter,
     ssd.LabelMap,
-    ssd.AnnotatedDatum,
 ]
 
 
@@ -116,7 +114,9 @@ def file_descriptor() -> Any:
         if _name_of(cls) not in known:
             known[_name_of(cls)] = cls
             classes += [
-                field.kind for field in wire.fields_of(cls) if schema.is_message(field.kind)
+                field.kind
+                for field in wire.fields_of(cls).values()
+                if schema.is_message(field.kind)
             ]
     described = {name: file.message_type.add(name=name) for name in known}
     for name, cls in known.items():
@@ -134,8 +134,7 @@ def _describe(described: dict[str, Any], name: str, cls: type) -> None:
     caffe.proto, except Phase.
     """
     message = described[name]
-    defaults = {schema.written_name(f.name): f.default for f in dataclasses.fields(cls)}
-    for known in wire.fields_of(cls):
+    for known in wire.fields_of(cls).values():
         field = message.field.add(name=known.name, number=known.number)
         field.label = field.LABEL_REPEATED if known.repeated else field.LABEL_OPTIONAL
         if known.packed:
@@ -151,7 +150,7 @@ def _describe(described: dict[str, Any], name: str, cls: type) -> None:
             )
         else:
             field.type = getattr(field, f"TYPE_{_TYPES[known.kind]}")
-        default = _DEFAULTS.get((message.name, known.name), defaults.get(known.name))
+        default = _DEFAULTS.get((message.name, known.name), known.default)
         is_scalar = not known.repeated and not schema.is_message(known.kind)
         if is_scalar and default not in (None, dataclasses.MISSING, "", b""):
             field.default_value = (

@@ -221,7 +221,10 @@ LabelSpecificMarginParameter: type MarginType 9, margin_base float 1, margin_max
   4, iteration int32 5, reset_margin bool 6, margin_on_test bool 7, auto_tune bool 8
 LabelSpecificAddParameter: bias float 1, transform_test bool 2, bias_base float 3, bias_gamma float 4, bias_power
   float 5, bias_min float 6, bias_max float 7, iteration uint32 8
-AnnotatedDatum: record_id uint32 4
+NormalizedBBox: xmin float 1, ymin float 2, xmax float 3, ymax float 4, label int32 5, difficult bool 6, score float 7,
+  size float 8
+AnnotationGroup: group_label int32 1, annotation Annotation* 2
+AnnotatedDatum: datum Datum 1, type AnnotationType 2, annotation_group AnnotationGroup* 3, record_id uint32 4
 TransformationParameter: crop_h uint32 11/211/8, crop_w uint32 12/212/9, resize_param ResizeParameter 8/208,
   noise_param NoiseParameter 9/209, distort_param DistortionParameter 13/213, expand_param ExpansionParameter 14/214,
   emit_constraint EmitConstraint 10/210, enable_classf_aug bool 15, min_scaling_factor float 16, max_scaling_factor
@@ -270,12 +273,13 @@ ReshapeParameter: pixelshuffler int32 4
 PriorBoxParameter: reduce_boxes bool 14
 ROIPoolingParameter: pooled_size uint32* 4
 ReLU6Parameter: engine Engine 2
-Annotation: lanes LaneInfo 3
+Annotation: instance_id int32 1, bbox NormalizedBBox 2, lanes LaneInfo 3
 LaneInfo: x float 1, y float 2, id int32 3
 """
 
 # Enum: values and their numbers
 ENUMS = """
+AnnotatedDatum.AnnotationType: BBOX 0
 MultiBoxLossParameter.LocLossType: L2 0, SMOOTH_L1 1
 MultiBoxLossParameter.ConfLossType: SOFTMAX 0, LOGISTIC 1
 MultiBoxLossParameter.MatchType: BIPARTITE 0, PER_PREDICTION 1

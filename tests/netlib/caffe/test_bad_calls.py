@@ -168,11 +168,11 @@ def transformer(name: str, *values: object, shape: tuple[int, ...] = (4, 3, 2, 3
         ),
         "oversample: two sizes": (
             lambda: io.oversample([np.zeros((4, 4, 1)), np.zeros((4, 5, 1))], (2, 2)),
-            "oversample takes images of the same shape, found (4, 4, 1) and (4, 5, 1)",
+            "oversample takes at least one image, all of the same shape, found (4, 4, 1) and (4, 5, 1)",
         ),
         "oversample: none": (
             lambda: io.oversample([], (2, 2)),
-            "oversample takes at least one image, found none",
+            "oversample takes at least one image, all of the same shape, found none",
         ),
         "option misspelt": (
             option("Convolution", kernal_size=3),

@@ -42,7 +42,7 @@ def layer() -> Any:
 def test_fields_are_those_of_the_dataclass(name: str) -> None:
     cls = DATACLASSES[name]
     fields = getattr(caffe_pb2, name).DESCRIPTOR.fields_by_name
-    declared = {known.name: known for known in wire.fields_of(cls)}
+    declared = wire.fields_of(cls)
     assert set(fields) >= set(declared)
     defaults = {schema.written_name(f.name): f.default for f in dataclasses.fields(cls)}
     made = getattr(caffe_pb2, name)()
@@ -134,7 +134,7 @@ def test_fields_of_forks_do_not_collide_with_declared_ones() -> None:
     classes = [*option_blocks().values(), messages.LayerParameter, messages.SolverParameter]
     known = {_name_of(cls): cls for cls in classes}
     for name, fields in forks._entries(forks.MESSAGES):
-        declared = {field.name for field in wire.fields_of(known[name])} if name in known else set()
+        declared = wire.fields_of(known[name]).keys() if name in known else set()
         assert not declared & {field for field, _, _ in fields}
         numbers = [
             field.number for field in getattr(caffe_pb2, name.split(".")[0]).DESCRIPTOR.fields

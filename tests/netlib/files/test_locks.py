@@ -18,28 +18,24 @@ pytestmark = pytest.mark.skipif(locks.fcntl is None, reason="this system has no 
 HOLDER = """
 import sys
 from pathlib import Path
-from netlib.files.locks import Lock
-lock = Lock(Path(sys.argv[1]))
-print(lock.taken, lock.holder, flush=True)
-sys.stdin.read()
+from netlib.files import locks
+with locks.held(Path(sys.argv[1])) as holder:
+    print(repr(holder), flush=True)
+    sys.stdin.read()
 """
 
 
 def test_one_at_a_time(tmp_path: Path) -> None:
-    """A second lock on the same path fails, also in one process, and names the holder; release
+    """A second lock on the same path fails, also in one process, and names the holder, who
     removes the file.
     """
     path = tmp_path / ".prefix.lock"
-    first = locks.Lock(path)
-    second = locks.Lock(path)
-    assert (first.taken, second.taken, second.holder) == (True, False, str(os.getpid()))
-    second.release()
-    assert path.exists()
-    first.release()
-    assert not path.exists()
-    third = locks.Lock(path)
-    assert third.taken
-    third.release()
+    for _ in range(2):
+        with locks.held(path) as first:
+            with locks.held(path) as second:
+                assert (first, second) == ("", str(os.getpid()))
+            assert path.exists()
+        assert not path.exists()
 
 
 def test_a_kill_releases(tmp_path: Path) -> None:
@@ -52,27 +48,26 @@ def test_a_kill_releases(tmp_path: Path) -> None:
         env=environment,
     ) as holder:
         assert holder.stdout is not None
-        assert holder.stdout.readline() == b"True \n"
-        assert locks.Lock(path).holder == str(holder.pid)
+        assert holder.stdout.readline() == b"''\n"
+        with locks.held(path) as other:
+            assert other == str(holder.pid)
         holder.send_signal(signal.SIGKILL)
         holder.communicate()
-    mine = locks.Lock(path)
-    assert mine.taken
-    mine.release()
+    with locks.held(path) as other:
+        assert other == ""
 
 
 def test_a_planted_link(tmp_path: Path) -> None:
     (tmp_path / "precious").write_text("mine")
     (tmp_path / ".lock").symlink_to(tmp_path / "precious")
-    with pytest.raises(OSError, match=r"Too many levels of symbolic links: '.*\.lock'$"):
-        locks.Lock(tmp_path / ".lock")
+    too_many = r"Too many levels of symbolic links: '.*\.lock'$"
+    with pytest.raises(OSError, match=too_many), locks.held(tmp_path / ".lock"):
+        pass
     assert (tmp_path / "precious").read_text() == "mine"
 
 
 def test_a_system_without_locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(locks, "fcntl", None)
-    both = [locks.Lock(tmp_path / ".lock") for _ in range(2)]
-    assert [lock.taken for lock in both] == [True, True]
-    for lock in both:
-        lock.release()
+    with locks.held(tmp_path / ".lock") as one, locks.held(tmp_path / ".lock") as other:
+        assert (one, other) == ("", "")
     assert not (tmp_path / ".lock").exists()

@@ -36,11 +36,6 @@ def test_bytes_and_text(tmp_path: Path) -> None:
             lambda at: files.read_text(at / "hole", "the list"),
             ".../hole: 10000000000 bytes, which is too large for the list; at most 268435456 are read",
         ),
-        "no pieces": (
-            lambda at: next(files.read_pieces(at / "none", "weights", WeightsError)),
-            WeightsError,
-            ".../none: cannot read weights: No such file or directory",
-        ),
         "no text": (
             lambda at: files.read_text(at / "bytes", "the log"),
             ".../bytes: cannot read the log: not a text file (byte 3 is not UTF-8)",
@@ -152,19 +147,6 @@ def test_a_file_without_an_end() -> None:
     assert (
         files.read_bytes(pagemap, "weights") == files.read_bytes(pagemap, "weights", first=8) == b""
     )
-    assert list(files.read_pieces(pagemap, "weights")) == []
-
-
-def test_a_file_in_pieces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """read_pieces stops at the size that the file had when it was opened."""
-    path = tmp_path / "a"
-    path.write_bytes(b"abcdefg")
-    monkeypatch.setattr(reading, "PIECE", 3)
-    pieces = files.read_pieces(path, "weights")
-    assert next(pieces) == b"abc"
-    with path.open("ab") as file:
-        file.write(b"hij")
-    assert list(pieces) == [b"def", b"g"]
 
 
 @pytest.mark.parametrize("positioned", [True, False], ids=["with preadv", "without"])

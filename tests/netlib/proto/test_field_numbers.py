@@ -44,7 +44,7 @@ def own_messages() -> set[type]:
     while left:
         if (cls := left.pop()) not in found:
             found.add(cls)
-            kinds = [schema.kind_of(hint)[0] for hint in schema.hints_of(cls).values()]
+            kinds = [info.kind for info in schema.fields_of(cls).values()]
             left += [kind for kind in kinds if schema.is_message(kind) and kind is not Message]
     return found
 
@@ -53,16 +53,11 @@ def own_fields() -> dict[str, Fields]:
     """Return the same table as caffe_fields, from the dataclasses."""
     found: dict[str, Fields] = {}
     for cls in own_messages():
-        hints = schema.hints_of(cls)
         fields = found.setdefault(CALLED.get(cls.__name__, cls.__name__), {})
+        for name, info in schema.fields_of(cls).items():
+            fields[name] = (info.number, dict(schema.enum_of(info.kind)))
         options: Any = dataclasses.fields(cls)  # type: ignore[arg-type]
         for field in options:
-            name = schema.written_name(field.name)
-            if "number" in field.metadata:
-                fields[name] = (
-                    field.metadata["number"],
-                    dict(schema.enum_of(schema.kind_of(hints[name])[0])),
-                )
             fields.update(
                 {block: (number, {}) for block, number in field.metadata.get("numbers", {}).items()}
             )

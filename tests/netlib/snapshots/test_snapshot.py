@@ -174,15 +174,12 @@ def test_two_trainings_into_one_prefix(tmp_path: Path) -> None:
 def test_the_probe_leaves_nothing_and_names_the_directory(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    snapshot.probe(tmp_path / "new" / "prefix")
-    assert everything_in(tmp_path / "new") == {}
-    with monkeypatch.context() as patch:
-        patch.setattr(Path, "write_bytes", full_disk)
-        with pytest.raises(
-            netlib.WeightsError,
-            match=r"new: cannot write snapshots there: No space left on device$",
-        ):
-            snapshot.probe(tmp_path / "new" / "prefix")
+    with snapshot.prefix_in_use(tmp_path / "new" / "prefix"):
+        assert list(everything_in(tmp_path / "new")) == [".prefix.netlib.lock"]
+    monkeypatch.setattr(Path, "write_bytes", full_disk)
+    full = r"new: cannot write snapshots there: No space left on device$"
+    with pytest.raises(netlib.WeightsError, match=full):
+        snapshot.prefix_in_use(tmp_path / "new" / "prefix").__enter__()
     assert everything_in(tmp_path / "new") == {}
 
 
