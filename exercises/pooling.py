@@ -20,10 +20,7 @@ for rows, across in self.window_slices(dy.shape):
 MISTAKES = (
     Mistake(
         "Caffe's pooling rounds the output size up, not down: the last window may extend past the edge.",
-        (
-            '-(-extent // self.stride[i]) if self.param.round_mode == "CEIL" else extent // self.stride[i]',
-            "extent // self.stride[i]",
-        ),
+        ("-(-extent // stride) if rounds_up else extent // stride", "extent // stride"),
     ),
     Mistake(
         "dx is assigned where it must be added to: windows overlap, and a pixel receives the gradient of each. Use"

@@ -68,7 +68,7 @@ MISTAKES = (
     ),
     Mistake(
         "The child's torque is about the child, not about its parent: add (X_c - X_j) x force_c.",
-        ("torque[:, j] + np.cross(X[:, j] - X[:, parent], force[:, j])", "torque[:, j]"),
+        ("torque[:, j] + np.cross(lever, force[:, j])", "torque[:, j]"),
     ),
     Mistake(
         "A DoF may drive several motions; its gradient is the sum over them: dtheta[:, dof] += ...",

@@ -180,7 +180,7 @@ def detection_output(graph: Graph, at: Place) -> list[str]:
     order, are the rows.
     """
     layer = at.layer
-    p, P, C = layer.param, layer.priors, layer.param.num_classes
+    p, P, C = layer.param, layer.prior_count, layer.param.num_classes
     labels = [label for label in range(C) if label != p.background_label_id]
     k = min(P, p.nms_param.top_k) if p.nms_param.top_k >= 0 else P
     if p.nms_param.eta < 1:
@@ -223,7 +223,7 @@ def _of_labels(graph: Graph, value: str, labels: list[int], classes: int) -> str
 
 def _boxes(graph: Graph, at: Place, labels: list[int], best: str, k: int) -> str:
     """Decode all locations and select those of the candidates: N K k boxes."""
-    p, P, C = at.layer.param, at.layer.priors, at.layer.param.num_classes
+    p, P, C = at.layer.param, at.layer.prior_count, at.layer.param.num_classes
     both = graph.reshaped(at.values[2], (2, P, 4))
     prior, variance = (graph.op("Gather", both, graph.constant(i, "index"), axis=0) for i in (0, 1))
     if p.share_location:
