@@ -267,7 +267,8 @@ def layer_exercise(
         runner = _Runner(type_name, cls.__name__, letters, example)
         cases.setdefault(example.option, []).extend(runner.cases(reference, shaped_by))
     first = _Runner(type_name, cls.__name__, letters, examples[0])
-    unwanted = (
+    not_down = Case(
+        examples[0].title,
         first.unwanted,
         lambda: first.unwanted(reference),
         "expected",
@@ -275,7 +276,7 @@ def layer_exercise(
         0,
         "backward",
     )
-    cases[NOT_DOWN] = [Case(examples[0].title, *unwanted)]
+    cases[NOT_DOWN] = [not_down]
     has_caffes = any(example.caffe and not example.option for example in examples)
     source = "Caffe" if has_caffes else "the reference"
     titles = {

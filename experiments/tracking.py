@@ -86,12 +86,12 @@ def follow(
     """
     tracked, true = [], []
     singles: dict[int, dict[int, Array]] = {}
-    seconds = 0.0
+    elapsed = 0.0
     for number in range(recording.count):
         frame, truth = recording.frame(number), recording.truth(number)
         begun = time.perf_counter()
         tracked.append(tracker.step(frame))
-        seconds += time.perf_counter() - begun
+        elapsed += time.perf_counter() - begun
         true.append(truth)
         if alone is not None and number % every == 0:
             singles[number] = alone(frame, truth)
@@ -105,7 +105,7 @@ def follow(
                 of_track = _error(one.tracked.xyz, one.true.xyz)
                 errors.append((of_track.mean(), single.mean()))
         both[id] = np.array(errors).reshape(-1, 2)
-    return Tracked(score(tracker.header(recording.name), tracked, true), both, seconds)
+    return Tracked(score(tracker.header(recording.name), tracked, true), both, elapsed)
 
 
 def alone_of(camera: Camera, fit: Literal["fast", "accurate"], engine: str | None) -> Alone:

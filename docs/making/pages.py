@@ -104,16 +104,16 @@ def _entry(title: str, kind: str, options: str) -> dict[str, Any]:
     padded, layer = np.pad(PICTURE, pad), SmallLayer(kind, options, PICTURE)
     if kind == "Convolution":
         w, b = KERNEL.ravel().tolist(), [0]
-        windows = _convolution_windows(options.replace(f" pad: {pad}", ""), padded)
+        inputs = _convolution_windows(options.replace(f" pad: {pad}", ""), padded)
     else:
         w, b = None, None
-        windows = _pooling_windows(options)
+        inputs = _pooling_windows(options)
     dy = np.random.default_rng(10).integers(-2, 3, layer.y.size)
     return {
         "title": title,
         "maximum": "MAX" in options,
         "pad": pad,
-        "windows": windows,
+        "windows": inputs,
         "x": padded.ravel().tolist(),
         "w": w,
         "b": b,
@@ -127,21 +127,21 @@ def _convolution_windows(options: str, padded: Array) -> Windows:
     gradient of an input is the number of its element.
     """
     numbered = np.arange(1, 10).reshape(3, 3)
-    windows = []
+    found = []
     for gradient in SmallLayer("Convolution", options, padded, numbered).gradients():
         inside = np.flatnonzero(gradient).tolist()
-        windows.append([(i, int(gradient[i]) - 1, 0.0) for i in inside])
-    return windows
+        found.append([(i, int(gradient[i]) - 1, 0.0) for i in inside])
+    return found
 
 
 def _pooling_windows(options: str) -> Windows:
     """The windows of a pooling. In mean pooling, the gradient of an input is its share."""
     is_maximum = "MAX" in options
-    windows = []
+    found = []
     for gradient in SmallLayer("Pooling", options.replace("MAX", "AVE"), PICTURE).gradients():
         inside = np.flatnonzero(gradient).tolist()
-        windows.append([(i, -1, 0.0 if is_maximum else float(gradient[i])) for i in inside])
-    return windows
+        found.append([(i, -1, 0.0 if is_maximum else float(gradient[i])) for i in inside])
+    return found
 
 
 class SmallLayer:

@@ -130,9 +130,9 @@ def bn(graph: Graph, at: Place) -> list[str]:
         raise layer.fail(
             "the statistics of a batch cannot be exported; expected bn_mode: INFERENCE", "bn_mode"
         )
-    scale, bias, *averages = (blob.data.reshape(-1) for blob in layer.blobs)
-    mean, variance = averages or (np.zeros_like(scale), np.ones_like(scale))
-    parts = {"scale": scale, "bias": bias, "mean": mean, "variance": variance}
+    gain, shift, *averages = (blob.data.reshape(-1) for blob in layer.blobs)
+    mean, variance = averages or (np.zeros_like(gain), np.ones_like(gain))
+    parts = {"scale": gain, "bias": shift, "mean": mean, "variance": variance}
     return _normalized(graph, at, parts, layer.eps if layer.averages else 0.0)
 
 

@@ -48,10 +48,12 @@ def normalization(param: LossParameter, default: str = "VALID") -> str:
     return default
 
 
-def divisor(normalization: str, counts: Array, items: int) -> int:
-    """The divisor of a loss and its gradient; ``counts`` is false for ignored labels."""
-    by = {"VALID": int(counts.sum()), "FULL": counts.size, "BATCH_SIZE": items, "NONE": 1}
-    return max(1, by[normalization])
+def divisor(by: str, counts: Array, items: int) -> int:
+    """The divisor of a loss and its gradient for a normalization; ``counts`` is false for
+    ignored labels.
+    """
+    divisors = {"VALID": int(counts.sum()), "FULL": counts.size, "BATCH_SIZE": items, "NONE": 1}
+    return max(1, divisors[by])
 
 
 def check_shapes(

@@ -97,7 +97,7 @@ def reach() -> Any:
     return figure
 
 
-def joints() -> Any:
+def hand_joints() -> Any:
     """The 31 joints of the hand in its initial pose, from the front and from the side,
     with their names.
     """
