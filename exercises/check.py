@@ -131,11 +131,8 @@ def in_network(exercise: Exercise, part: Part, iterations: int, path: Path | Non
     wrong = np.flatnonzero(~agree(found, expected, exercise.drift))
     if len(wrong):
         i = int(wrong[0])
-        return Step(
-            title,
-            False,
-            (f"The loss of iteration {i} is {found[i]:.6g}, expected {expected[i]:.6g}.", ADVICE),
-        )
+        line = f"The loss of iteration {i} is {found[i]:.6g}, expected {expected[i]:.6g}."
+        return Step(title, False, (line, ADVICE))
     return Step(f"{title} ({found[0]:.4f} → {found[-1]:.4f})", True)
 
 
@@ -166,20 +163,12 @@ def _described(error: BaseException, path: Path | None) -> str:
     frames = _frames(error, path) or (_frames(error.__cause__, path) if error.__cause__ else [])
     if isinstance(error, NotImplementedError) and frames:
         return f"{frames[-1].name} is not written yet: {path}:{frames[-1].lineno}."
-    text = reason_of(error).strip().split("\n")[0]
-    described = (
-        text
-        if isinstance(error, NetlibError)
-        else f"{type(error).__name__}: {text}".removesuffix(": ")
-    )
-    place = (
-        f"{path}:{frames[-1].lineno} ({frames[-1].line}): "
-        if frames
-        else f"{path}: "
-        if path
-        else ""
-    )
-    return place + described
+    described = reason_of(error).strip().split("\n")[0]
+    if not isinstance(error, NetlibError):
+        described = f"{type(error).__name__}: {described}".removesuffix(": ")
+    if frames:
+        return f"{path}:{frames[-1].lineno} ({frames[-1].line}): {described}"
+    return f"{path}: {described}" if path else described
 
 
 def _frames(error: BaseException, path: Path | None) -> list[traceback.FrameSummary]:
@@ -212,11 +201,8 @@ def loaded(exercise: Exercise, path: Path) -> Part:
         raise ExerciseError(f"{path}:{error.lineno or 1}: {error.msg}") from error
     except BaseException as error:  # including SystemExit and the reader's own exceptions
         raise ExerciseError(_described(error, path)) from error
-    missing = [
-        name
-        for name in dict.fromkeys(n.split(".")[0] for n in exercise.to_do)
-        if not hasattr(part, name)
-    ]
+    names = dict.fromkeys(name.split(".")[0] for name in exercise.to_do)
+    missing = [name for name in names if not hasattr(part, name)]
     if missing:
         raise ExerciseError(
             f"{path}: {', '.join(missing)} missing; keep the names of the stub that --start writes"

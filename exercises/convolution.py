@@ -57,17 +57,78 @@ MISTAKES = (
 )
 
 
-NO_BIAS, RECTANGLE, STRIDE = (
-    "bias_term: false",
-    "kernel_h: 2 kernel_w: 3",
-    "stride_h: 2 stride_w: 3",
-)
-PAD, DILATION, GROUP, ALL = (
-    "pad_h: 1 pad_w: 2",
-    "dilation: 2 dilation: 3",
-    "group: 2",
-    "a combination of options",
-)
+NO_BIAS = "bias_term: false"
+RECTANGLE = "kernel_h: 2 kernel_w: 3"
+STRIDE = "stride_h: 2 stride_w: 3"
+PAD = "pad_h: 1 pad_w: 2"
+DILATION = "dilation: 2 dilation: 3"
+GROUP = "group: 2"
+ALL = "a combination of options"
+
+TO_DO = {
+    "_outputs": "Return [Ho, Wo] for the shape of x: its spatial axes begin at self.axis + 1. self.pad, "
+    "self.stride and self.kernel have one value per spatial axis, and self._extent() is the span of "
+    "the dilated kernel.",
+    "forward": "For every x in bottom and y in top: write y.data, the sum over c, i, j of the docstring, plus b. "
+    "images(), by_group() and im2col() reduce it to matrix products; plain loops over n, o, h, w are also "
+    "correct, but slower. Begin without options, the check adds one after the other.",
+    "backward": "Add to self.weight.diff (dw) and self.bias.diff (db), summed over the images; write x.diff "
+    "where propagate_down is true. Sum the contributions of windows that share a pixel.",
+    "im2col": "Stack the pixels that each kernel element multiplies; window_slices() yields the slices of the "
+    "padded image. Leave it unchanged if your forward does not use it.",
+    "col2im": "The adjoint of im2col: add every element of the columns to its pixel and crop the padding. "
+    "Leave it unchanged if your backward does not use it.",
+}
+LETTERS = Letters(("x",), ("y",), ("w", "b"), {"x": "nchw", "y": "nohw", "w": "ocij", "b": "o"})
+EXAMPLES = [
+    Example("num_output: 2 kernel_size: 3", (numbers(2, 2, 4, 5),)),
+    Example("num_output: 6 kernel_size: 3", caffe="conv_k3"),
+    Example("num_output: 2 kernel_size: 3 bias_term: false", (numbers(2, 2, 4, 5),), NO_BIAS),
+    Example("num_output: 2 kernel_h: 2 kernel_w: 3", (numbers(2, 2, 4, 5, seed=1),), RECTANGLE),
+    Example(
+        "num_output: 2 kernel_h: 2 kernel_w: 3 stride_h: 2 stride_w: 3",
+        (numbers(2, 2, 6, 7, seed=2),),
+        STRIDE,
+    ),
+    Example(
+        "num_output: 2 kernel_h: 2 kernel_w: 3 pad_h: 1 pad_w: 2",
+        (numbers(2, 2, 4, 5, seed=3),),
+        PAD,
+    ),
+    Example(
+        "num_output: 2 kernel_h: 2 kernel_w: 3 dilation: 2 dilation: 3",
+        (numbers(2, 2, 5, 8, seed=4),),
+        DILATION,
+    ),
+    Example(
+        "num_output: 4 kernel_h: 2 kernel_w: 3 group: 2", (numbers(2, 4, 3, 4, seed=5),), GROUP
+    ),
+    Example(
+        "num_output: 2 kernel_h: 2 kernel_w: 3 stride_h: 2 stride_w: 1 pad_h: 0 pad_w: 2 dilation: 1 dilation: 2",
+        (numbers(2, 1, 4, 6, seed=6),),
+        ALL,
+    ),
+    Example("num_output: 6 kernel_size: 3 stride: 2 pad: 1", option=ALL, caffe="conv_k3_s2_p1"),
+    Example("num_output: 6 kernel_size: 3 pad: 1 group: 2", option=ALL, caffe="conv_group2"),
+    Example(
+        "num_output: 6 kernel_size: 3 dilation: 2 pad: 2 stride: 2",
+        option=ALL,
+        caffe="conv_dil2_p2_s2",
+    ),
+]
+HINTS = {
+    NO_BIAS: "There is no self.bias then: use it only if self.param.bias_term.",
+    RECTANGLE: "self.kernel is (kh, kw), and so are the last two axes of w: height and width may differ.",
+    STRIDE: "The window of output row h begins at row h stride, in forward and backward, and only whole windows "
+    "count: Ho = (H - kh) // stride + 1. self.stride, like self.pad and self.dilation, is (down, across).",
+    PAD: "The window of output row h begins at row h - pad, and outside the image x is 0: pad the image on both "
+    "sides, and cut the padding off dx (rows pad to pad + H).",
+    DILATION: "Element i of the kernel multiplies row h + i dilation, so the kernel spans dilation (kh - 1) + 1 "
+    "rows, the value of self._extent().",
+    GROUP: "Each group of outputs sums over its own C / group channels, and w has only that number. Groups are "
+    "contiguous: group 0 has the first channels and the first outputs.",
+    ALL: "Output row h and kernel element i meet at row h stride + i dilation - pad of the image, in both passes.",
+}
 
 EXERCISE = layer_exercise(
     "convolution",
@@ -76,70 +137,10 @@ EXERCISE = layer_exercise(
     chapter=3,
     file="layers/vision/convolution.py",
     block="convolution_param",
-    to_do={
-        "_outputs": "Return [Ho, Wo] for the shape of x: its spatial axes begin at self.axis + 1. self.pad, "
-        "self.stride and self.kernel have one value per spatial axis, and self._extent() is the span of "
-        "the dilated kernel.",
-        "forward": "For every x in bottom and y in top: write y.data, the sum over c, i, j of the docstring, plus b. "
-        "images(), by_group() and im2col() reduce it to matrix products; plain loops over n, o, h, w are also "
-        "correct, but slower. Begin without options, the check adds one after the other.",
-        "backward": "Add to self.weight.diff (dw) and self.bias.diff (db), summed over the images; write x.diff "
-        "where propagate_down is true. Sum the contributions of windows that share a pixel.",
-        "im2col": "Stack the pixels that each kernel element multiplies; window_slices() yields the slices of the "
-        "padded image. Leave it unchanged if your forward does not use it.",
-        "col2im": "The adjoint of im2col: add every element of the columns to its pixel and crop the padding. "
-        "Leave it unchanged if your backward does not use it.",
-    },
+    to_do=TO_DO,
     shaped_by="_outputs",
-    letters=Letters(("x",), ("y",), ("w", "b"), {"x": "nchw", "y": "nohw", "w": "ocij", "b": "o"}),
-    examples=[
-        Example("num_output: 2 kernel_size: 3", (numbers(2, 2, 4, 5),)),
-        Example("num_output: 6 kernel_size: 3", caffe="conv_k3"),
-        Example("num_output: 2 kernel_size: 3 bias_term: false", (numbers(2, 2, 4, 5),), NO_BIAS),
-        Example("num_output: 2 kernel_h: 2 kernel_w: 3", (numbers(2, 2, 4, 5, seed=1),), RECTANGLE),
-        Example(
-            "num_output: 2 kernel_h: 2 kernel_w: 3 stride_h: 2 stride_w: 3",
-            (numbers(2, 2, 6, 7, seed=2),),
-            STRIDE,
-        ),
-        Example(
-            "num_output: 2 kernel_h: 2 kernel_w: 3 pad_h: 1 pad_w: 2",
-            (numbers(2, 2, 4, 5, seed=3),),
-            PAD,
-        ),
-        Example(
-            "num_output: 2 kernel_h: 2 kernel_w: 3 dilation: 2 dilation: 3",
-            (numbers(2, 2, 5, 8, seed=4),),
-            DILATION,
-        ),
-        Example(
-            "num_output: 4 kernel_h: 2 kernel_w: 3 group: 2", (numbers(2, 4, 3, 4, seed=5),), GROUP
-        ),
-        Example(
-            "num_output: 2 kernel_h: 2 kernel_w: 3 stride_h: 2 stride_w: 1 pad_h: 0 pad_w: 2 dilation: 1 dilation: 2",
-            (numbers(2, 1, 4, 6, seed=6),),
-            ALL,
-        ),
-        Example("num_output: 6 kernel_size: 3 stride: 2 pad: 1", option=ALL, caffe="conv_k3_s2_p1"),
-        Example("num_output: 6 kernel_size: 3 pad: 1 group: 2", option=ALL, caffe="conv_group2"),
-        Example(
-            "num_output: 6 kernel_size: 3 dilation: 2 pad: 2 stride: 2",
-            option=ALL,
-            caffe="conv_dil2_p2_s2",
-        ),
-    ],
-    hints={
-        NO_BIAS: "There is no self.bias then: use it only if self.param.bias_term.",
-        RECTANGLE: "self.kernel is (kh, kw), and so are the last two axes of w: height and width may differ.",
-        STRIDE: "The window of output row h begins at row h stride, in forward and backward, and only whole windows "
-        "count: Ho = (H - kh) // stride + 1. self.stride, like self.pad and self.dilation, is (down, across).",
-        PAD: "The window of output row h begins at row h - pad, and outside the image x is 0: pad the image on both "
-        "sides, and cut the padding off dx (rows pad to pad + H).",
-        DILATION: "Element i of the kernel multiplies row h + i dilation, so the kernel spans dilation (kh - 1) + 1 "
-        "rows, the value of self._extent().",
-        GROUP: "Each group of outputs sums over its own C / group channels, and w has only that number. Groups are "
-        "contiguous: group 0 has the first channels and the first outputs.",
-        ALL: "Output row h and kernel element i meet at row h stride + i dilation - pad of the image, in both passes.",
-    },
+    letters=LETTERS,
+    examples=EXAMPLES,
+    hints=HINTS,
     mistakes=MISTAKES,
 )

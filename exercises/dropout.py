@@ -35,6 +35,32 @@ MISTAKES = (
 )
 
 
+TO_DO = {
+    "reshape": "Give top[0] the shape of bottom[0].",
+    "forward": "Write top[0].data: y = x factor, and store self.factor for backward. If not self.active it is "
+    "self.in_test, else (drawn >= least) * self.in_training, with a new draw each time:\n"
+    "drawn = self.rng.integers(0, 1 << 16, bottom[0].shape, dtype=np.uint16), least = round(p 65536), p = "
+    "self.param.dropout_ratio. Draw exactly like this, so that the results can be compared.",
+    "backward": "If propagate_down[0], write bottom[0].diff: dx = dy factor, with the factor of the last forward.",
+}
+LETTERS = Letters(("x",), ("y",), axes={"x": "ni", "y": "ni"})
+EXAMPLES = [
+    Example("dropout_ratio: 0.3", (numbers(4, 5),)),
+    Example("dropout_ratio: 0", caffe="dropout_train_ratio0"),
+    Example("dropout_ratio: 0.3", (numbers(4, 5, seed=1),), "phase: TEST", phase="TEST"),
+    Example("dropout_ratio: 0.3", option="phase: TEST", caffe="dropout_test", phase="TEST"),
+    Example(
+        "dropout_ratio: 0.3 scale_train: false", (numbers(4, 5, seed=2),), "scale_train: false"
+    ),
+    Example(
+        "dropout_ratio: 0.3 scale_train: false",
+        (numbers(4, 5, seed=4),),
+        "scale_train: false in phase TEST",
+        phase="TEST",
+    ),
+    Example("dropout_ratio: 0.7", (numbers(4, 5, seed=5),), "a layer in place", in_place=True),
+]
+
 EXERCISE = layer_exercise(
     "dropout",
     "Dropout",
@@ -42,30 +68,8 @@ EXERCISE = layer_exercise(
     chapter=7,
     file="layers/common/dropout.py",
     block="dropout_param",
-    to_do={
-        "reshape": "Give top[0] the shape of bottom[0].",
-        "forward": "Write top[0].data: y = x factor, and store self.factor for backward. If not self.active it is "
-        "self.in_test, else (drawn >= least) * self.in_training, with a new draw each time:\n"
-        "drawn = self.rng.integers(0, 1 << 16, bottom[0].shape, dtype=np.uint16), least = round(p 65536), p = "
-        "self.param.dropout_ratio. Draw exactly like this, so that the results can be compared.",
-        "backward": "If propagate_down[0], write bottom[0].diff: dx = dy factor, with the factor of the last forward.",
-    },
-    letters=Letters(("x",), ("y",), axes={"x": "ni", "y": "ni"}),
-    examples=[
-        Example("dropout_ratio: 0.3", (numbers(4, 5),)),
-        Example("dropout_ratio: 0", caffe="dropout_train_ratio0"),
-        Example("dropout_ratio: 0.3", (numbers(4, 5, seed=1),), "phase: TEST", phase="TEST"),
-        Example("dropout_ratio: 0.3", option="phase: TEST", caffe="dropout_test", phase="TEST"),
-        Example(
-            "dropout_ratio: 0.3 scale_train: false", (numbers(4, 5, seed=2),), "scale_train: false"
-        ),
-        Example(
-            "dropout_ratio: 0.3 scale_train: false",
-            (numbers(4, 5, seed=4),),
-            "scale_train: false in phase TEST",
-            phase="TEST",
-        ),
-        Example("dropout_ratio: 0.7", (numbers(4, 5, seed=5),), "a layer in place", in_place=True),
-    ],
+    to_do=TO_DO,
+    letters=LETTERS,
+    examples=EXAMPLES,
     mistakes=MISTAKES,
 )

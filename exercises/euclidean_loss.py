@@ -33,25 +33,29 @@ MISTAKES = (
     ),
 )
 
+TO_DO = {
+    "forward": "Write top[0].data, one number: L = 1 / (2 N) sum of (a - b)². N is self.items; a and b "
+    "have the same number of values for each item (self.values), but perhaps not the same "
+    "shape. Store what backward needs.",
+    "backward": "For each bottom with propagate_down: da = dL (a - b) / N, db = -dL (a - b) / N, "
+    "in the shape of that bottom. dL is top[0].diff.",
+}
+LETTERS = Letters(("a", "b"), ("L",), axes={"a": "ni", "b": "ni", "L": ""})
+EXAMPLES = [
+    Example("", (numbers(4, 3), numbers(4, 3, seed=1))),
+    Example("", caffe="euclid"),
+    Example("", (numbers(3, 2, 2), numbers(3, 4, seed=2)), "bottom[1] of another shape"),
+    Example("loss_weight: 3", option="loss_weight: 3", caffe="euclid_lw3"),
+]
+
 EXERCISE = layer_exercise(
     "euclidean_loss",
     "EuclideanLoss",
     title="EuclideanLoss: half the mean squared distance",
     chapter=6,
     file="layers/loss/euclidean_loss.py",
-    to_do={
-        "forward": "Write top[0].data, one number: L = 1 / (2 N) sum of (a - b)². N is self.items; a and b "
-        "have the same number of values for each item (self.values), but perhaps not the same "
-        "shape. Store what backward needs.",
-        "backward": "For each bottom with propagate_down: da = dL (a - b) / N, db = -dL (a - b) / N, "
-        "in the shape of that bottom. dL is top[0].diff.",
-    },
-    letters=Letters(("a", "b"), ("L",), axes={"a": "ni", "b": "ni", "L": ""}),
-    examples=[
-        Example("", (numbers(4, 3), numbers(4, 3, seed=1))),
-        Example("", caffe="euclid"),
-        Example("", (numbers(3, 2, 2), numbers(3, 4, seed=2)), "bottom[1] of another shape"),
-        Example("loss_weight: 3", option="loss_weight: 3", caffe="euclid_lw3"),
-    ],
+    to_do=TO_DO,
+    letters=LETTERS,
+    examples=EXAMPLES,
     mistakes=MISTAKES,
 )

@@ -33,6 +33,7 @@ OVERWRITTEN = (
     "batches and of layers that share the parameter."
 )
 SMALL = 12  # size up to which a result is shown in full
+MOST_DIGITS = 17  # enough for any float64
 NARROW = 3e-7  # relative error of some operations in float32
 FACTORS = 1e-5  # tolerance of a constant factor or offset
 
@@ -62,12 +63,9 @@ def _what_differs(found: Difference) -> str:
             f"{found.name} has the shape {found.got.shape}, expected {found.wanted.shape}{where}."
         )
     letters = case.axes.get(found.name, ())
-    named = len(letters) == len(found.index)
-    index = (
-        ", ".join(f"{a}={i}" for a, i in zip(letters, found.index))
-        if named
-        else ", ".join(map(str, found.index))
-    )
+    index = ", ".join(map(str, found.index))
+    if len(letters) == len(found.index):
+        index = ", ".join(f"{letter}={i}" for letter, i in zip(letters, found.index))
     got, wanted = _distinct(float(found.got[found.index]), float(found.wanted[found.index]))
     place = f"{found.name}[{index}]" if index else found.name
     size, others = found.got.size, ""
@@ -81,9 +79,12 @@ def _what_differs(found: Difference) -> str:
 
 
 def _distinct(a: float, b: float) -> tuple[str, str]:
-    """Format two numbers with as many digits as needed to distinguish them."""
-    digits = next((d for d in range(4, 17) if f"{a:.{d}g}" != f"{b:.{d}g}"), 17)
-    return f"{a:.{digits}g}", f"{b:.{digits}g}"
+    """Format two numbers with as many digits as needed to distinguish them, at least four."""
+    for digits in range(4, MOST_DIGITS + 1):
+        texts = f"{a:.{digits}g}", f"{b:.{digits}g}"
+        if texts[0] != texts[1]:
+            break
+    return texts
 
 
 def advice(exercise: Exercise, check: Check, part: Part, found: Difference) -> str | None:
@@ -161,9 +162,8 @@ def where_wrong(found: Difference) -> str | None:
         at = np.flatnonzero(wrong.any(axis=tuple(i for i in range(wrong.ndim) if i != k)))
         if len(at) <= size // 2:
             letter = letters[k] if len(letters) == wrong.ndim else f"axis {k}"
-            places.append(
-                f"{letter}={at[0]}" if len(at) == 1 else f"{letter} in {', '.join(map(str, at))}"
-            )
+            indices = ", ".join(map(str, at))
+            places.append(f"{letter}={indices}" if len(at) == 1 else f"{letter} in {indices}")
     return f"Only elements with {', '.join(places)} are wrong." if places else None
 
 
@@ -196,17 +196,16 @@ def _relation(found: Difference) -> str | None:
     if found.case.tolerance < NARROW and agree(got, wanted, NARROW).all():
         return "The values are correct to the precision of float32 only. Use the type of the input arrays throughout."
     factor = float(np.vdot(got, wanted)) / max(float(np.vdot(wanted, wanted)), 1e-300)
-    if agree(got, factor * wanted, FACTORS).all() and min(abs(factor), abs(factor - 1)) > FACTORS:
+    is_multiple = agree(got, factor * wanted, FACTORS).all()
+    if is_multiple and min(abs(factor), abs(factor - 1)) > FACTORS:
         if abs(factor + 1) < FACTORS:
             return "All elements have the wrong sign."
         return f"All elements are {factor:.5g} times the expected value: a factor is missing or superfluous."
     off = got - wanted
     if found.case.method == "backward" and agree(off, np.full(off.shape, -1.0), FACTORS).all():
         return OVERWRITTEN
-    if (
-        np.ptp(off)
-        <= FACTORS * max(1.0, float(np.abs(wanted).max()))
-        < abs(by := float(off.flat[0]))
-    ):
+    by = float(off.flat[0])
+    tolerance = FACTORS * max(1.0, float(np.abs(wanted).max()))
+    if np.ptp(off) <= tolerance < abs(by):
         return f"All elements exceed the expected value by {by:.5g}: a constant is superfluous or missing."
     return None

@@ -31,6 +31,34 @@ MISTAKES = (
 )
 
 
+TO_DO = {
+    "reshape": "Give top[0] the axes before self.axis, followed by one of size self.param.num_output. (The "
+    "project's layer also raises an error if the number of inputs is no longer self.inputs.)",
+    "forward": "Write top[0].data: y = x wᵀ + b. w is self.weight.data, b is self.bias.data, if "
+    "self.param.bias_term. rows() and output_first() give the matrices of the formula, as views.",
+    "backward": "Add to self.weight.diff and self.bias.diff, with [...] += on the left: dw = dyᵀ x, db = sum of "
+    "dy over the items. If propagate_down[0], write bottom[0].diff: dx = dy w.",
+}
+LETTERS = Letters(("x",), ("y",), ("w", "b"), {"x": "ni", "y": "no", "w": "oi", "b": "o"})
+EXAMPLES = [
+    Example("num_output: 3", (numbers(3, 3),)),
+    Example("num_output: 2", (numbers(3, 4, seed=4),)),
+    Example("num_output: 2", (numbers(3, 2, 1, 2, seed=5),), "an item with several axes"),
+    Example("num_output: 7", option="an item with several axes", caffe="ip_4d"),
+    Example("num_output: 2 bias_term: false", (numbers(2, 3, seed=2),), "bias_term: false"),
+    Example("num_output: 3 transpose: true", (numbers(3, 3, seed=1),), "transpose: true"),
+    Example("num_output: 3 axis: 2", (numbers(2, 2, 2, 2, seed=3),), "axis: 2"),
+    Example("num_output: 7 axis: 2", option="axis: 2", caffe="ip_axis2"),
+]
+HINTS = {
+    "an item with several axes": "All axes from self.axis on are the inputs of one item, and one axis of size "
+    "num_output replaces them. rows() flattens them, as a view.",
+    "bias_term: false": "There is no self.bias then: use it only if self.param.bias_term.",
+    "transpose: true": "The parameter and its diff are stored as (I, O) then; output_first() returns both as "
+    "(O, I), as views.",
+    "axis: 2": "Every axis before self.axis counts items, not only the first.",
+}
+
 EXERCISE = layer_exercise(
     "inner_product",
     "InnerProduct",
@@ -38,32 +66,9 @@ EXERCISE = layer_exercise(
     chapter=2,
     file="layers/common/inner_product.py",
     block="inner_product_param",
-    to_do={
-        "reshape": "Give top[0] the axes before self.axis, followed by one of size self.param.num_output. (The "
-        "project's layer also raises an error if the number of inputs is no longer self.inputs.)",
-        "forward": "Write top[0].data: y = x wᵀ + b. w is self.weight.data, b is self.bias.data, if "
-        "self.param.bias_term. rows() and output_first() give the matrices of the formula, as views.",
-        "backward": "Add to self.weight.diff and self.bias.diff, with [...] += on the left: dw = dyᵀ x, db = sum of "
-        "dy over the items. If propagate_down[0], write bottom[0].diff: dx = dy w.",
-    },
-    letters=Letters(("x",), ("y",), ("w", "b"), {"x": "ni", "y": "no", "w": "oi", "b": "o"}),
-    examples=[
-        Example("num_output: 3", (numbers(3, 3),)),
-        Example("num_output: 2", (numbers(3, 4, seed=4),)),
-        Example("num_output: 2", (numbers(3, 2, 1, 2, seed=5),), "an item with several axes"),
-        Example("num_output: 7", option="an item with several axes", caffe="ip_4d"),
-        Example("num_output: 2 bias_term: false", (numbers(2, 3, seed=2),), "bias_term: false"),
-        Example("num_output: 3 transpose: true", (numbers(3, 3, seed=1),), "transpose: true"),
-        Example("num_output: 3 axis: 2", (numbers(2, 2, 2, 2, seed=3),), "axis: 2"),
-        Example("num_output: 7 axis: 2", option="axis: 2", caffe="ip_axis2"),
-    ],
-    hints={
-        "an item with several axes": "All axes from self.axis on are the inputs of one item, and one axis of size "
-        "num_output replaces them. rows() flattens them, as a view.",
-        "bias_term: false": "There is no self.bias then: use it only if self.param.bias_term.",
-        "transpose: true": "The parameter and its diff are stored as (I, O) then; output_first() returns both as "
-        "(O, I), as views.",
-        "axis: 2": "Every axis before self.axis counts items, not only the first.",
-    },
+    to_do=TO_DO,
+    letters=LETTERS,
+    examples=EXAMPLES,
+    hints=HINTS,
     mistakes=MISTAKES,
 )

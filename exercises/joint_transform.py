@@ -16,7 +16,9 @@ AXES = {
     "frames": ("pose", "joint", "row", "column"),
     "axis": ("pose", "motion", "xyz"),
     "pivot": ("pose", "motion", "xyz"),
-    **{f"R{axis}": ("angle", "row", "column") for axis in "xyz"},
+    "Rx": ("angle", "row", "column"),
+    "Ry": ("angle", "row", "column"),
+    "Rz": ("angle", "row", "column"),
 }
 
 
@@ -74,53 +76,38 @@ MISTAKES = (
 
 TOP = recorded.everything()["hand_model/top_f64"].reshape(4, -1, 3)
 BONES = hand.FINGER.bones * np.array([[1.0], [2.0]])
+TO_DO = {
+    "Kinematics.forward": "Return the Pose of each row of inputs, Pose(N, K, len(skeleton.driven)). theta = "
+    "self.skeleton.theta(inputs) has the DoF values, (N, D), with fixed DoFs and initial values applied. Loop "
+    "over skeleton.order, parents first. A joint starts at its parent's pose.joints and pose.frames (a root, "
+    "whose skeleton.parents is -1: at 0, with the identity). Apply skeleton.motions[j] in their order: "
+    "motion.kind, .axis, .sign, .dof. Then write pose.joints[:, j] and pose.frames[:, j]; skeleton.bones and "
+    ".bone_axes describe each joint's bone; bones, if given, replaces the lengths. Where motion.row >= 0, write "
+    "pose.axis[:, row] and pose.pivot[:, row] before the motion is applied: its axis in world coordinates, with "
+    "the sign, and the current point p of the joint. backward needs them.",
+    "rotation": "Return R for every angle: the standard rotation matrices. About z, x rotates to y; about x, y to "
+    "z; about y, z to x. For axis 2, z, R is [[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]].",
+}
+
+ROTATIONS = _case("angles 0, 0.5, -1.2", _rotations, "rotation")
+FINGER = (
+    _case("two poses", lambda part: _finger(part, "frames", "joints")),
+    _case("bones given", lambda part: _finger(part, "joints", bones=BONES)),
+)
+MOTIONS = _case("two poses", lambda part: _finger(part, "axis", "pivot"))
+NYUS_HAND = Case("NYU's hand", _caffe, lambda: {"joints": TOP}, "Caffe has", AXES, 1e-12, "forward")
+
 EXERCISE = Exercise(
     name="joint_transform",
     title="Joint transforms: from angles to positions",
     chapter=8,
     file="layers/hand/kinematics.py",
-    to_do={
-        "Kinematics.forward": "Return the Pose of each row of inputs, Pose(N, K, len(skeleton.driven)). theta = "
-        "self.skeleton.theta(inputs) has the DoF values, (N, D), with fixed DoFs and initial values applied. Loop "
-        "over skeleton.order, parents first. A joint starts at its parent's pose.joints and pose.frames (a root, "
-        "whose skeleton.parents is -1: at 0, with the identity). Apply skeleton.motions[j] in their order: "
-        "motion.kind, .axis, .sign, .dof. Then write pose.joints[:, j] and pose.frames[:, j]; skeleton.bones and "
-        ".bone_axes describe each joint's bone; bones, if given, replaces the lengths. Where motion.row >= 0, write "
-        "pose.axis[:, row] and pose.pivot[:, row] before the motion is applied: its axis in world coordinates, with "
-        "the sign, and the current point p of the joint. backward needs them.",
-        "rotation": "Return R for every angle: the standard rotation matrices. About z, x rotates to y; about x, y to "
-        "z; about y, z to x. For axis 2, z, R is [[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]].",
-    },
+    to_do=TO_DO,
     checks=(
-        Check(
-            "values: a rotation about each axis",
-            (_case("angles 0, 0.5, -1.2", _rotations, "rotation"),),
-        ),
-        Check(
-            "values: a finger with three joints",
-            (
-                _case("two poses", lambda part: _finger(part, "frames", "joints")),
-                _case("bones given", lambda part: _finger(part, "joints", bones=BONES)),
-            ),
-        ),
-        Check(
-            "values: the axes and pivots of its motions",
-            (_case("two poses", lambda part: _finger(part, "axis", "pivot")),),
-        ),
-        Check(
-            "values: Caffe's recorded hand poses",
-            (
-                Case(
-                    "NYU's hand",
-                    _caffe,
-                    lambda: {"joints": TOP},
-                    "Caffe has",
-                    AXES,
-                    1e-12,
-                    "forward",
-                ),
-            ),
-        ),
+        Check("values: a rotation about each axis", (ROTATIONS,)),
+        Check("values: a finger with three joints", FINGER),
+        Check("values: the axes and pivots of its motions", (MOTIONS,)),
+        Check("values: Caffe's recorded hand poses", (NYUS_HAND,)),
     ),
     mistakes=MISTAKES,
     train=hand.losses,

@@ -267,7 +267,8 @@ def layer_exercise(
         runner = _Runner(type_name, cls.__name__, letters, example)
         cases.setdefault(example.option, []).extend(runner.cases(reference, shaped_by))
     first = _Runner(type_name, cls.__name__, letters, examples[0])
-    unwanted = (
+    not_down = Case(
+        examples[0].title,
         first.unwanted,
         lambda: first.unwanted(reference),
         "expected",
@@ -275,17 +276,22 @@ def layer_exercise(
         0,
         "backward",
     )
-    cases[NOT_DOWN] = [Case(examples[0].title, *unwanted)]
-    by_method = {
-        method: tuple(case for case in cases[""] if case.method == method)
-        for method in (shaped_by, "forward", "backward")
+    cases[NOT_DOWN] = [not_down]
+    has_caffes = any(example.caffe and not example.option for example in examples)
+    source = "Caffe" if has_caffes else "the reference"
+    titles = {
+        shaped_by: "shapes",
+        "forward": f"values: forward agrees with {source}",
+        "backward": f"gradient: backward agrees with finite differences and with {source}",
     }
-
-    source = (
-        "Caffe"
-        if any(example.caffe and not example.option for example in examples)
-        else "the reference"
-    )
+    without_option = cases.pop("")
+    checks = []
+    for method, check_title in titles.items():
+        of_method = tuple(case for case in without_option if case.method == method)
+        checks.append(Check(check_title, of_method))
+    all_hints = {NOT_DOWN: LEAVE, **(hints or {})}
+    for option, found in cases.items():
+        checks.append(Check(f"with {option}", tuple(found), option, all_hints.get(option, "")))
 
     def train(part: Part, iterations: int) -> Array:
         with replaced(LAYER_TYPES, type_name, getattr(part, cls.__name__)):
@@ -297,24 +303,7 @@ def layer_exercise(
         chapter=chapter,
         file=file,
         to_do={f"{cls.__name__}.{method}": task for method, task in to_do.items()},
-        checks=(
-            Check("shapes", by_method[shaped_by]),
-            Check(f"values: forward agrees with {source}", by_method["forward"]),
-            Check(
-                f"gradient: backward agrees with finite differences and with {source}",
-                by_method["backward"],
-            ),
-            *(
-                Check(
-                    f"with {option}",
-                    tuple(found),
-                    option,
-                    {NOT_DOWN: LEAVE, **(hints or {})}.get(option, ""),
-                )
-                for option, found in cases.items()
-                if option
-            ),
-        ),
+        checks=tuple(checks),
         mistakes=mistakes,
         train=train,
     )

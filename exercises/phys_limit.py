@@ -42,18 +42,36 @@ def _arm_like() -> Array:
     """
     skeleton = hand.NYU
     limited = np.flatnonzero(~skeleton.fixed & (skeleton.upper < 100))
+    above, below, at_upper, at_lower = limited[:4]
     x = np.zeros((2, 47))
-    x[0, limited[0]], x[1, limited[1]] = (
-        skeleton.upper[limited[0]] + 0.25,
-        skeleton.lower[limited[1]] - 0.5,
-    )
-    x[0, limited[2]], x[1, limited[3]] = skeleton.upper[limited[2]], skeleton.lower[limited[3]]
+    x[0, above] = skeleton.upper[above] + 0.25
+    x[1, below] = skeleton.lower[below] - 0.5
+    x[0, at_upper] = skeleton.upper[at_upper]
+    x[1, at_lower] = skeleton.lower[at_lower]
     return x
 
 
 def _poses(count: int, seed: int) -> Array:
     return np.asarray(np.random.default_rng(seed).normal(0, 1, (count, 47)))
 
+
+TO_DO = {
+    "forward": "Write top[0].data: L, of x as (N, D). setup has made self.lower "
+    "and self.upper. self.param.norm is L1 or L2. Store what backward needs.",
+    "backward": "If propagate_down[0], write every element of bottom[0].diff: dL / N times ±1 (L1) or ±2 v (L2), 0 "
+    "within the limits. dL is top[0].diff.",
+}
+LETTERS = Letters(("x",), ("L",), axes={"x": "nd", "L": ""})
+EXAMPLES = [
+    Example("", (_arm_like(),), on_kinks=True),
+    Example("", (_poses(2, 1),)),
+    Example("norm: L2", (_arm_like(),), "norm: L2", on_kinks=True),
+    Example("norm: L2", (_poses(2, 2),), "norm: L2"),
+    Example("norm: L2", option="norm: L2", caffe="phys_limit"),
+]
+HINTS = {
+    "norm: L2": "Each v is squared before the sum, so dx is dL / N times 2 v, with the sign of the violation."
+}
 
 EXERCISE = layer_exercise(
     "phys_limit",
@@ -62,22 +80,9 @@ EXERCISE = layer_exercise(
     chapter=10,
     file="layers/hand/phys_limit.py",
     block="phys_limit_param",
-    to_do={
-        "forward": "Write top[0].data: L, of x as (N, D). setup has made self.lower "
-        "and self.upper. self.param.norm is L1 or L2. Store what backward needs.",
-        "backward": "If propagate_down[0], write every element of bottom[0].diff: dL / N times ±1 (L1) or ±2 v (L2), 0 "
-        "within the limits. dL is top[0].diff.",
-    },
-    letters=Letters(("x",), ("L",), axes={"x": "nd", "L": ""}),
-    examples=[
-        Example("", (_arm_like(),), on_kinks=True),
-        Example("", (_poses(2, 1),)),
-        Example("norm: L2", (_arm_like(),), "norm: L2", on_kinks=True),
-        Example("norm: L2", (_poses(2, 2),), "norm: L2"),
-        Example("norm: L2", option="norm: L2", caffe="phys_limit"),
-    ],
-    hints={
-        "norm: L2": "Each v is squared before the sum, so dx is dL / N times 2 v, with the sign of the violation."
-    },
+    to_do=TO_DO,
+    letters=LETTERS,
+    examples=EXAMPLES,
+    hints=HINTS,
     mistakes=MISTAKES,
 )

@@ -33,6 +33,27 @@ MISTAKES = (
     ),
 )
 
+TO_DO = {
+    "reshape": "Give top[0] the shape of bottom[0].",
+    "forward": "Read bottom[0].data (x) and write top[0].data (y): x where x > 0, self.slope * x elsewhere. Write "
+    "into the existing array, top[0].data[...] = ..., and do not change bottom[0].data.",
+    "backward": "If propagate_down[0], write every element of bottom[0].diff (dx): top[0].diff (dy) where x > 0, "
+    "self.slope * dy elsewhere.",
+}
+LETTERS = Letters(("x",), ("y",), axes={"x": "ncw", "y": "ncw"})
+EXAMPLES = [
+    Example("", (numbers(2, 3, 4),)),
+    Example("", caffe="relu"),
+    Example(SLOPE, (numbers(2, 3, 4, seed=1),), SLOPE),
+    Example(SLOPE, option=SLOPE, caffe="relu_neg"),
+    Example(SLOPE, (numbers(2, 3, 4, seed=2),), IN_PLACE, in_place=True),
+]
+HINTS = {
+    SLOPE: "Where x <= 0, y is self.slope * x and dx is self.slope * dy, not 0.",
+    IN_PLACE: "In place, top[0].data and bottom[0].data are the same array, so reading x after writing y reads y. "
+    "Compute the result in one expression.",
+}
+
 EXERCISE = layer_exercise(
     "relu",
     "ReLU",
@@ -40,25 +61,9 @@ EXERCISE = layer_exercise(
     chapter=1,
     file="layers/activation/relu.py",
     block="relu_param",
-    to_do={
-        "reshape": "Give top[0] the shape of bottom[0].",
-        "forward": "Read bottom[0].data (x) and write top[0].data (y): x where x > 0, self.slope * x elsewhere. Write "
-        "into the existing array, top[0].data[...] = ..., and do not change bottom[0].data.",
-        "backward": "If propagate_down[0], write every element of bottom[0].diff (dx): top[0].diff (dy) where x > 0, "
-        "self.slope * dy elsewhere.",
-    },
-    letters=Letters(("x",), ("y",), axes={"x": "ncw", "y": "ncw"}),
-    examples=[
-        Example("", (numbers(2, 3, 4),)),
-        Example("", caffe="relu"),
-        Example(SLOPE, (numbers(2, 3, 4, seed=1),), SLOPE),
-        Example(SLOPE, option=SLOPE, caffe="relu_neg"),
-        Example(SLOPE, (numbers(2, 3, 4, seed=2),), IN_PLACE, in_place=True),
-    ],
-    hints={
-        SLOPE: "Where x <= 0, y is self.slope * x and dx is self.slope * dy, not 0.",
-        IN_PLACE: "In place, top[0].data and bottom[0].data are the same array, so reading x after writing y reads y. "
-        "Compute the result in one expression.",
-    },
+    to_do=TO_DO,
+    letters=LETTERS,
+    examples=EXAMPLES,
+    hints=HINTS,
     mistakes=MISTAKES,
 )

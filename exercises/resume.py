@@ -74,9 +74,14 @@ def _case(title: str, data: str, options: str = FIXED, middle: str = "") -> Case
         """
         with tempfile.TemporaryDirectory(prefix="exercise.") as folder:
             text = data.replace("rows.txt", _rows(Path(folder))) + REST % middle
-            return _found(
-                train(lambda seed: network.solver_of(text, options, seed=seed), Path(folder))
-            )
+
+            def make(seed: int) -> Solver:
+                return network.solver_of(text, options, seed=seed)
+
+            return _found(train(make, Path(folder)))
+
+    def resumed(part: Part) -> Values:
+        return result(lambda make, folder: interrupted(part, make, BEFORE, folder))
 
     def uninterrupted(make: Callable[[int], Solver], folder: Path) -> Solver:
         solver = make(1)
@@ -85,7 +90,7 @@ def _case(title: str, data: str, options: str = FIXED, middle: str = "") -> Case
 
     return Case(
         title,
-        lambda part: result(lambda make, folder: interrupted(part, make, BEFORE, folder)),
+        resumed,
         lambda: result(uninterrupted),
         "the uninterrupted run has",
         AXES,
@@ -156,52 +161,48 @@ def _train(part: Part, iterations: int) -> Array:
 
 FALLING = 'base_lr: 0.1 lr_policy: "step" stepsize: 3 gamma: 0.5'
 MOMENTUM = f"{FIXED} momentum: 0.9"
+TO_DO = {
+    "state_of": "Return the SolverState of the solver: its iteration, steps_taken(solver.param, "
+    "solver.iter), str(learned_net), the histories in one list, and extra_state(solver, others). "
+    "solver.history holds a list of histories per parameter; the file holds the first "
+    "histories of all parameters, then the second ones, as in Caffe.",
+    "extra_state": "Return, as plain values (snapshot.as_plain), what Caffe's format cannot store: solver "
+    "(_course), smoothed (the averaged losses), layers (layer_states() of solver.net and of each test net); "
+    "and ranks, the list of others, if there are any.",
+    "restore_state": "Read the state (snapshot.read_state), find its weights (snapshot.weights_of(path, state)), "
+    "restore all of it: the weights, solver.history (write into its arrays), solver.iter, solver.smoothed (a "
+    "deque: clear() and extend() it), the states of the layers (_restore_layers, with those of _states_of_rank).\n"
+    "writes, _, _ = weights_of.fitting(solver.net, weights, strict=True), then "
+    "weights_of.write(writes), copies weights. (The project's function also checks the histories and logs.)",
+}
+
+ITERATION = (
+    _case("the same batch each time", SAME),
+    _case("a learning rate that decreases every 3 iterations", SAME, FALLING),
+    _case("average_loss: 6", SAME, f"{FIXED} average_loss: 6"),
+)
+HISTORIES = (
+    _case("momentum: 0.9", SAME, MOMENTUM),
+    _case("Adam, with two histories", SAME, f'{MOMENTUM} type: "Adam" momentum2: 0.99'),
+)
+DATA = (
+    _case("rows in file order", ROWS % ("rows.txt", "")),
+    _case("rows in a new random order each epoch", ROWS % ("rows.txt", "shuffle: true")),
+)
+CHECKS = (
+    Check("exact: the weights and the iteration", ITERATION),
+    Check("exact: the histories", HISTORIES),
+    Check("exact: the data", DATA),
+    Check("exact: the random numbers of layers", (_case("dropout", SAME, middle=DROPOUT),)),
+)
+
 EXERCISE = Exercise(
     name="resume",
     title="An exact resume",
     chapter=7,
     file="netlib/training/resume.py",
-    to_do={
-        "state_of": "Return the SolverState of the solver: its iteration, steps_taken(solver.param, "
-        "solver.iter), str(learned_net), the histories in one list, and extra_state(solver, others). "
-        "solver.history holds a list of histories per parameter; the file holds the first "
-        "histories of all parameters, then the second ones, as in Caffe.",
-        "extra_state": "Return, as plain values (snapshot.as_plain), what Caffe's format cannot store: solver "
-        "(_course), smoothed (the averaged losses), layers (layer_states() of solver.net and of each test net); "
-        "and ranks, the list of others, if there are any.",
-        "restore_state": "Read the state (snapshot.read_state), find its weights (snapshot.weights_of(path, state)), "
-        "restore all of it: the weights, solver.history (write into its arrays), solver.iter, solver.smoothed (a "
-        "deque: clear() and extend() it), the states of the layers (_restore_layers, with those of _states_of_rank).\n"
-        "writes, _, _ = weights_of.fitting(solver.net, weights, strict=True), then "
-        "weights_of.write(writes), copies weights. (The project's function also checks the histories and logs.)",
-    },
-    checks=(
-        Check(
-            "exact: the weights and the iteration",
-            (
-                _case("the same batch each time", SAME),
-                _case("a learning rate that decreases every 3 iterations", SAME, FALLING),
-                _case("average_loss: 6", SAME, f"{FIXED} average_loss: 6"),
-            ),
-        ),
-        Check(
-            "exact: the histories",
-            (
-                _case("momentum: 0.9", SAME, MOMENTUM),
-                _case("Adam, with two histories", SAME, f'{MOMENTUM} type: "Adam" momentum2: 0.99'),
-            ),
-        ),
-        Check(
-            "exact: the data",
-            (
-                _case("rows in file order", ROWS % ("rows.txt", "")),
-                _case(
-                    "rows in a new random order each epoch", ROWS % ("rows.txt", "shuffle: true")
-                ),
-            ),
-        ),
-        Check("exact: the random numbers of layers", (_case("dropout", SAME, middle=DROPOUT),)),
-    ),
+    to_do=TO_DO,
+    checks=CHECKS,
     mistakes=MISTAKES,
     train=_train,
     last="the paper's network, interrupted halfway through {} iterations: the losses equal the uninterrupted ones",

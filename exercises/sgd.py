@@ -14,7 +14,10 @@ from netlib.proto.messages import SolverParameter
 
 UPDATES = 8  # recorded from each of Caffe's trainings
 WEIGHTS = {"b of conv": ("conv", 1), "w of ip2": ("ip2", 0), "b of ip2": ("ip2", 1)}
-AXES = dict.fromkeys(("w", "h", "g (after the update)"), ("update", "i")) | {
+AXES = {
+    "w": ("update", "i"),
+    "h": ("update", "i"),
+    "g (after the update)": ("update", "i"),
     "b of conv": ("update", "o"),
     "w of ip2": ("update", "o", "i"),
     "b of ip2": ("update", "o"),
@@ -77,9 +80,9 @@ def _by_hand(title: str, momentum: float, *rates: float, decay: float = 0.0) -> 
 
 
 def _by_caffe(name: str) -> Case:
+    arrays = recorded.everything()
     wanted = {
-        t: recorded.everything()[f"training/{name}/{layer}/{i}"]
-        for t, (layer, i) in WEIGHTS.items()
+        title: arrays[f"training/{name}/{layer}/{i}"] for title, (layer, i) in WEIGHTS.items()
     }
     return Case(
         TRAININGS[name],
@@ -129,29 +132,28 @@ def _train(part: Part, iterations: int) -> Array:
         return network.losses(iterations)
 
 
+TO_DO = {
+    "_sgd": "Change h, the only array of history, and then w: h <- m h + r g, w <- w - h. m is "
+    "p.momentum, r is rate. Write into both arrays (h[...] = ..., w -= ...), and leave g "
+    "unchanged."
+}
+
+FEW_UPDATES = (
+    _by_hand("momentum 0, one rate", 0, 0.1, 0.1, 0.1),
+    _by_hand("momentum 0.9, one rate", 0.9, 0.1, 0.1, 0.1, 0.1),
+    _by_hand("momentum 0.9, a decreasing rate", 0.9, 0.1, 0.1, 0.01, 0.01),
+    _by_hand("momentum 0.9, weight_decay 0.1, already added to g", 0.9, 0.1, 0.1, decay=0.1),
+)
+
 EXERCISE = Exercise(
     name="sgd",
     title="SGD: one update with momentum",
     chapter=6,
     file="netlib/updates.py",
-    to_do={
-        "_sgd": "Change h, the only array of history, and then w: h <- m h + r g, w <- w - h. m is "
-        "p.momentum, r is rate. Write into both arrays (h[...] = ..., w -= ...), and leave g "
-        "unchanged."
-    },
+    to_do=TO_DO,
     end="def _nesterov(",
     checks=(
-        Check(
-            "values: a few updates of three weights",
-            (
-                _by_hand("momentum 0, one rate", 0, 0.1, 0.1, 0.1),
-                _by_hand("momentum 0.9, one rate", 0.9, 0.1, 0.1, 0.1, 0.1),
-                _by_hand("momentum 0.9, a decreasing rate", 0.9, 0.1, 0.1, 0.01, 0.01),
-                _by_hand(
-                    "momentum 0.9, weight_decay 0.1, already added to g", 0.9, 0.1, 0.1, decay=0.1
-                ),
-            ),
-        ),
+        Check("values: a few updates of three weights", FEW_UPDATES),
         Check("values: a small net, trained with Caffe", tuple(map(_by_caffe, TRAININGS))),
     ),
     mistakes=MISTAKES,

@@ -26,9 +26,8 @@ def show_all(command: str) -> None:
     """List the exercises in the order of the book, with a mark for those whose file exists."""
     for number, exercise in enumerate(EXERCISES.values(), 1):
         mark = "·" if exists(place(exercise)) else " "
-        print(
-            f"{mark} {number:2}  {exercise.name:16} {exercise.title} (chapter {exercise.chapter})"
-        )
+        about = f"{exercise.title} (chapter {exercise.chapter})"
+        print(f"{mark} {number:2}  {exercise.name:16} {about}")
     print(f"Start one: {command} relu --start")
 
 

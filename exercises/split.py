@@ -32,25 +32,29 @@ MISTAKES = (
     ),
 )
 
+TO_DO = {
+    "reshape": "Give every top the shape of bottom[0].",
+    "forward": "Copy bottom[0].data into every top.",
+    "backward": "If propagate_down[0], write bottom[0].diff: the sum of the diffs of all tops. It contains "
+    "old values, so assign the first and add the others.",
+}
+LETTERS = Letters(
+    ("x",), ("y_0", "y_1", "y_2"), axes={"x": "nc", "y_0": "nc", "y_1": "nc", "y_2": "nc"}
+)
+EXAMPLES = [
+    Example("", (numbers(2, 3),), tops=2),
+    Example("", (numbers(3, 2, seed=1),), tops=3),
+    Example("", caffe="split_explicit", tops=3),
+]
+
 EXERCISE = layer_exercise(
     "split",
     "Split",
     title="Split: one blob for several readers",
     chapter=5,
     file="layers/common/split.py",
-    to_do={
-        "reshape": "Give every top the shape of bottom[0].",
-        "forward": "Copy bottom[0].data into every top.",
-        "backward": "If propagate_down[0], write bottom[0].diff: the sum of the diffs of all tops. It contains "
-        "old values, so assign the first and add the others.",
-    },
-    letters=Letters(
-        ("x",), ("y_0", "y_1", "y_2"), axes={"x": "nc", "y_0": "nc", "y_1": "nc", "y_2": "nc"}
-    ),
-    examples=[
-        Example("", (numbers(2, 3),), tops=2),
-        Example("", (numbers(3, 2, seed=1),), tops=3),
-        Example("", caffe="split_explicit", tops=3),
-    ],
+    to_do=TO_DO,
+    letters=LETTERS,
+    examples=EXAMPLES,
     mistakes=MISTAKES,
 )

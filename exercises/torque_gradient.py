@@ -34,7 +34,8 @@ def _differences(inputs: Array, dX: Array) -> Values:
 
     found = np.zeros(inputs.shape)
     for d, step in enumerate(np.eye(inputs.shape[1]) * STEP):
-        found[:, d] = (value(inputs + step) - value(inputs - step)) / (2 * STEP)
+        above, below = value(inputs + step), value(inputs - step)
+        found[:, d] = (above - below) / (2 * STEP)
     return {"dtheta": found, "dX (after backward)": dX}
 
 
@@ -67,7 +68,7 @@ MISTAKES = (
     ),
     Mistake(
         "The child's torque is about the child, not about its parent: add (X_c - X_j) x force_c.",
-        ("torque[:, j] + np.cross(X[:, j] - X[:, parent], force[:, j])", "torque[:, j]"),
+        ("torque[:, j] + np.cross(lever, force[:, j])", "torque[:, j]"),
     ),
     Mistake(
         "A DoF may drive several motions; its gradient is the sum over them: dtheta[:, dof] += ...",
@@ -87,42 +88,33 @@ MISTAKES = (
     ),
 )
 
+TO_DO = {
+    "Kinematics.backward": "Return dtheta (N, len(skeleton.initial)) in self.dtype. Begin with force = a float64 "
+    "copy of dX and torque = 0, and loop over reversed(skeleton.order), so that a joint contains the sums of its "
+    "children before it is visited. For each of its motions with motion.row >= 0 (the others are fixed) add to "
+    "dtheta[:, motion.dof]; a is pose.axis[:, row], P is pose.pivot[:, row], and a DoF may drive several motions. "
+    "Then add the joint's force and torque to its parent's. np.cross(u, v) works along the last axis."
+}
+
+FORCES = (
+    _by_differences("a force on the base alone", 0),
+    _by_differences("a force on the middle alone", 1),
+    _by_differences("a force on the tip alone", 2),
+    _by_differences("forces on all joints", 0, 1, 2),
+)
+NYUS_HAND = Case(
+    "NYU's hand", _caffe, lambda: {"dtheta": BOTTOM_DIFF}, "Caffe has", AXES, 1e-11, "backward"
+)
+
 EXERCISE = Exercise(
     name="torque_gradient",
     title="The torque gradient: from forces on joints to angles",
     chapter=9,
     file="layers/hand/kinematics.py",
-    to_do={
-        "Kinematics.backward": "Return dtheta (N, len(skeleton.initial)) in self.dtype. Begin with force = a float64 "
-        "copy of dX and torque = 0, and loop over reversed(skeleton.order), so that a joint contains the sums of its "
-        "children before it is visited. For each of its motions with motion.row >= 0 (the others are fixed) add to "
-        "dtheta[:, motion.dof]; a is pose.axis[:, row], P is pose.pivot[:, row], and a DoF may drive several motions. "
-        "Then add the joint's force and torque to its parent's. np.cross(u, v) works along the last axis."
-    },
+    to_do=TO_DO,
     checks=(
-        Check(
-            "gradient: a finger, against finite differences",
-            (
-                _by_differences("a force on the base alone", 0),
-                _by_differences("a force on the middle alone", 1),
-                _by_differences("a force on the tip alone", 2),
-                _by_differences("forces on all joints", 0, 1, 2),
-            ),
-        ),
-        Check(
-            "gradient: Caffe's recorded hand poses",
-            (
-                Case(
-                    "NYU's hand",
-                    _caffe,
-                    lambda: {"dtheta": BOTTOM_DIFF},
-                    "Caffe has",
-                    AXES,
-                    1e-11,
-                    "backward",
-                ),
-            ),
-        ),
+        Check("gradient: a finger, against finite differences", FORCES),
+        Check("gradient: Caffe's recorded hand poses", (NYUS_HAND,)),
     ),
     mistakes=MISTAKES,
     train=hand.losses,

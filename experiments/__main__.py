@@ -63,9 +63,8 @@ def main(argv: list[str] | None = None) -> int:
 def listing() -> str:
     """The experiments, each with the first sentence of its docstring."""
     width = max(map(len, NAMES))
-    lines = [
-        f"  {name:{width}}  {summary_of(Path(__file__).with_name(f'{name}.py'))}" for name in NAMES
-    ]
+    folder = Path(__file__).parent
+    lines = [f"  {name:{width}}  {summary_of(folder / f'{name}.py')}" for name in NAMES]
     return "\n".join(
         [f"usage: {PROGRAM} NAME ...", "", f"'{PROGRAM} NAME --help' describes one.", "", *lines]
     )

@@ -196,14 +196,11 @@ def fitted(takes: Sequence[Poses], in_use: Regressions, keep: float = KEEP) -> R
     of_fingers = np.concatenate([take.fingers_mm for take in takes])
     known = np.isfinite(of_fingers)
     signs = finger_signs(judged_as_wholes(evidence, hand)[0], evidence)[known]
-    share = np.repeat(share[:, None], known.shape[1], axis=1)[known]
+    finger_share = np.repeat(share[:, None], known.shape[1], axis=1)[known]
+    finger_share = finger_share / finger_share.sum() * len(takes)
     log_error = np.log(of_fingers[known])
     finger = _regression(
-        lambda to: signs @ to.weights + to.constant,
-        log_error,
-        share / share.sum() * len(takes),
-        in_use.finger,
-        keep,
+        lambda to: signs @ to.weights + to.constant, log_error, finger_share, in_use.finger, keep
     )
     return Regressions(hand, finger)
 
@@ -220,7 +217,8 @@ def _regression(
     """
 
     def off(x: Array) -> Array:
-        return np.asarray((mean(Regression(x[:-1], x[-1], np.nan)) - log_error) * np.sqrt(share))
+        difference = mean(Regression(x[:-1], x[-1], np.nan)) - log_error
+        return np.asarray(difference * np.sqrt(share))
 
     def residuals(x: Array) -> Array:
         return np.append(off(x), keep * (x[:-1] - in_use.weights))

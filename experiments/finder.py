@@ -177,14 +177,9 @@ def cells_of(finder: Finder, frames: Iterator[Labelled]) -> list[str]:
     unknown = [one.side is None for one in kept]
     shares = [f"{np.mean(part):.0%}" if part else "" for part in (sides, unknown)]
     off = f"{np.median([one.off_mm for one in kept]):.0f}" if kept else ""
-    return [
-        str(number),
-        str(total),
-        *(f"{part:.0%}" for part in recalls),
-        *shares,
-        off,
-        f"{1000 * seconds / number:.0f}",
-    ]
+    found_shares = [f"{recall:.0%}" for recall in recalls]
+    ms = 1000 * seconds / number
+    return [str(number), str(total), *found_shares, *shares, off, f"{ms:.0f}"]
 
 
 def answers_of(finder: Finder, frames: Iterator[Labelled]) -> list[Answer]:
@@ -278,10 +273,10 @@ def things_taken_for_hands(finder: Finder, number: int, scenes: int) -> list[lis
             for hand in finder.hands(drawn.depth[n], camera, most=MOST):
                 u, v, _ = np.rint(camera.project(hand.middle)).astype(int)
                 false[str(shown[v, u])] += 1
-    rows = [
-        [name, f"{pixels[name] / pixels.total():.1%}", str(count), f"{count / scenes:.3f}"]
-        for name, count in false.most_common()
-    ]
+    rows = []
+    for name, times in false.most_common():
+        share = pixels[name] / pixels.total()
+        rows.append([name, f"{share:.1%}", str(times), f"{times / scenes:.3f}"])
     return [["taken for a hand", "pixels", "times", "a frame"], *rows]
 
 
@@ -312,21 +307,14 @@ def other_scenes(number: int, scenes: int) -> Iterator[Labelled]:
     """
     scripts = list(SCRIPTS)
     for n in range(scenes):
-        recording = SyntheticRecording(
-            scripts[n % len(scripts)],
-            MADE[n % len(MADE)],
-            rate=1,
-            seed=number + n,
-            mirrored=n // (len(scripts) * len(MADE)) % 2 == 1,
-        )
+        script, camera = scripts[n % len(scripts)], MADE[n % len(MADE)]
+        mirrored = n // (len(scripts) * len(MADE)) % 2 == 1
+        recording = SyntheticRecording(script, camera, rate=1, seed=number + n, mirrored=mirrored)
         frame, truth = recording.frame(n % recording.count), recording.truth(n % recording.count)
         partly = [recording.movements[lost.id] for lost in truth.lost if lost.reason == PARTLY]
-        yield Labelled(
-            frame.depth,
-            recording.camera,
-            [(hand.xyz.mean(0), hand.hand) for hand in truth.hands],
-            [movement.pose_at(frame.time).xyz.mean(0) for movement in partly],
-        )
+        hands = [(hand.xyz.mean(0), hand.hand) for hand in truth.hands]
+        doubtful = [movement.pose_at(frame.time).xyz.mean(0) for movement in partly]
+        yield Labelled(frame.depth, recording.camera, hands, doubtful)
 
 
 def labels_of(words: Sequence[str]) -> dict[Side, Path]:

@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.body.sides import SIDES
+from handpose.body.sides import SIDES, Side
 from handpose.estimate.candidates import Candidate
 from handpose.estimate.crop_fits import fit_starts
 from handpose.estimate.estimator import HandEstimator
@@ -104,32 +104,26 @@ def measure(
         fitter, joints = fitter_of(unit), scene.bodies.joints * unit
         x = fit_starts(net, fitter.model, scene.depth, (0,))[0]
         truth, limbs = fitter.model.variables_of(scene.bodies.inputs), fitter.model.limbs
-        networks.append(
-            (mean_errors_14(fitter.model.joints(x), joints), (x - truth)[:, limbs], truth[:, limbs])
-        )
+        error_mm = mean_errors_14(fitter.model.joints(x), joints)
+        networks.append((error_mm, (x - truth)[:, limbs], truth[:, limbs]))
         for plan in plans:
             fits[plan.name].append(_fit(net, fitter, scene, joints, plan, hands))
         progress(len(joints))
     network, errors, poses = (np.concatenate(parts) for parts in zip(*networks))
-    return Figures(
-        network,
-        errors,
-        poses,
-        {plan: FitFigures(*map(np.concatenate, zip(*parts))) for plan, parts in fits.items()},
-    )
+    of_plans = {plan: FitFigures(*map(np.concatenate, zip(*parts))) for plan, parts in fits.items()}
+    return Figures(network, errors, poses, of_plans)
 
 
 def _fit(
     net: Net, fitter: DepthFitter, scene: Scene, joints: Array, plan: Plan, hands: bool
 ) -> FitFigures:
     estimator = HandEstimator(net, scene.cube_mm, fitter=fitter)
-    right, left = (
-        [
-            Candidate.of_side(side, crop, center, scene.camera)
-            for center, crop in zip(scene.center_uvd, scene.depth)
-        ]
-        for side in SIDES
-    )
+
+    def candidates(side: Side) -> list[Candidate]:
+        crops = zip(scene.center_uvd, scene.depth)
+        return [Candidate.of_side(side, crop, center, scene.camera) for center, crop in crops]
+
+    right, left = map(candidates, SIDES)
     begun = time.perf_counter()
     found = estimator.estimate(right, scene.camera, plan)
     seconds = np.full(len(joints), (time.perf_counter() - begun) / len(joints))
@@ -151,7 +145,9 @@ def auc(score: Array, failed: NDArray[np.bool_]) -> float:
     bad, good = int(failed.sum()), int((~failed).sum())
     if not bad or not good:
         return float("nan")
-    return float((ranks[failed].sum() - bad * (bad + 1) / 2) / (bad * good))
+    # the pairs of a failed frame and another in which the failed one has the higher score
+    higher = ranks[failed].sum() - bad * (bad + 1) / 2
+    return float(higher / (bad * good))
 
 
 # ------------------------------------------------------------------------------------- command line
@@ -238,7 +234,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _errors(errors: Array) -> list[str]:
-    return [f"{errors.mean():.2f}", f"{np.median(errors):.2f}", f"{(errors > GOOD_MM).mean():.1%}"]
+    failed = errors > GOOD_MM
+    return [f"{errors.mean():.2f}", f"{np.median(errors):.2f}", f"{failed.mean():.1%}"]
 
 
 def _others(fit: FitFigures) -> list[str]:

@@ -85,9 +85,10 @@ def run(args: argparse.Namespace) -> int:
     else:
         _measure(net, args)
     content = args.out.read_bytes()
+    sha256 = hashlib.sha256(content).hexdigest()
+    net_sha256 = hashlib.sha256(net_content(Path(args.model))).hexdigest()
     say(
-        f"wrote {args.out}: {len(content) / 1e6:.2f} MB, sha256: {hashlib.sha256(content).hexdigest()}, "
-        f"net_sha256: {hashlib.sha256(net_content(Path(args.model))).hexdigest()}"
+        f"wrote {args.out}: {len(content) / 1e6:.2f} MB, sha256: {sha256}, net_sha256: {net_sha256}"
     )
     return DONE
 
@@ -119,19 +120,20 @@ def _measure(net: Net, args: argparse.Namespace) -> None:
         found = measured()
     poses = None if args.without_poses else Poses.of(found.poses)
     write_model(net, NetworkErrors(covariance(found.limbs), poses), args.out)
+    before, after = exact.network.mean(), found.network.mean()
     say(
-        f"{len(found.network)} frames of the recipe {args.recipe}: network {exact.network.mean():.2f} mm, with "
-        f"{args.bits} bits {found.network.mean():.2f} mm"
+        f"{len(found.network)} frames of the recipe {args.recipe}: network {before:.2f} mm, "
+        f"with {args.bits} bits {after:.2f} mm"
     )
 
 
 def rounded(values: NDArray[np.float32], bits: int) -> NDArray[np.float32]:
     """The values with ``bits`` of the 23 bits of a mantissa, rounded to nearest, ties to even."""
-    drop = np.uint32(23 - bits)
+    one, drop = np.uint32(1), np.uint32(23 - bits)
     raw = np.ascontiguousarray(values, np.float32).view(np.uint32)
     # without bits, the leading one that is not stored
-    odd = (raw >> drop) & np.uint32(1) if bits else np.uint32(1)
-    half = (np.uint32(1) << drop >> np.uint32(1)) - np.uint32(drop > 0) + odd
+    odd = (raw >> drop) & one if bits else one
+    half = (one << drop >> one) - np.uint32(drop > 0) + odd
     kept = (raw + np.where(drop > 0, half, 0).astype(np.uint32)) >> drop << drop
     return np.asarray(kept.view(np.float32))
 

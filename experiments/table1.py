@@ -147,9 +147,8 @@ def run(args: argparse.Namespace) -> int:
     if limit:
         set_limit(net, args.limit_weight, args.limit_norm)
     length = args.iterations or recipe.length
-    prefix = (
-        args.work / f"{args.setting}_{args.network}{limit}_{args.recipe}_{length}_seed{args.seed}"
-    )
+    name = f"{args.setting}_{args.network}{limit}_{args.recipe}_{length}_seed{args.seed}"
+    prefix = args.work / name
     components = files["train"] if args.network == "bottleneck" else ()
     status = train(prefix, net, recipe, length, args.seed, args.threads, components)
     if status != DONE:
@@ -168,8 +167,8 @@ def run(args: argparse.Namespace) -> int:
         "recipe": args.recipe,
         "iterations": str(length),
         "seed": str(args.seed),
-        **scores(predictions, inputs, fitted, exact, bones, skeleton),
     }
+    row |= scores(predictions, inputs, fitted, exact, bones, skeleton)
     say(
         f"{len(predictions.joints)} test frames of {data} ({predictions.made_from}); errors in mm of 14 joints"
     )
@@ -280,12 +279,11 @@ def write_components(path: Path, files: Sequence[Path]) -> None:
     joints = column(files, "joint", 3 * len(nyu.ANNOTATION_OF_JOINT))
     mean = joints.mean(axis=0)
     values, vectors = np.linalg.eigh(joints.T @ joints / len(joints) - np.outer(mean, mean))
-    scaled = vectors[:, ::-1][:, :BOTTLENECK] * np.sqrt(np.maximum(values[::-1][:BOTTLENECK], 0))
+    largest = np.s_[: -BOTTLENECK - 1 : -1]  # eigh sorts in ascending order
+    scaled = vectors[:, largest] * np.sqrt(np.maximum(values[largest], 0))
     with hdf5.created(path) as file:
-        file["data/joints/0"], file["data/joints/1"] = (
-            scaled.astype(np.float32),
-            mean.astype(np.float32),
-        )
+        file["data/joints/0"] = scaled.astype(np.float32)
+        file["data/joints/1"] = mean.astype(np.float32)
 
 
 def column(files: Sequence[Path], name: str, width: int) -> Array:

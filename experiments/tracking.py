@@ -21,6 +21,7 @@ these fits in frames in which both find the hand.
 from __future__ import annotations
 
 import argparse
+import itertools
 import time
 from collections.abc import Callable
 from typing import Literal, NamedTuple
@@ -85,27 +86,26 @@ def follow(
     """
     tracked, true = [], []
     singles: dict[int, dict[int, Array]] = {}
-    seconds = 0.0
+    elapsed = 0.0
     for number in range(recording.count):
         frame, truth = recording.frame(number), recording.truth(number)
         begun = time.perf_counter()
         tracked.append(tracker.step(frame))
-        seconds += time.perf_counter() - begun
+        elapsed += time.perf_counter() - begun
         true.append(truth)
         if alone is not None and number % every == 0:
             singles[number] = alone(frame, truth)
         progress(1)
-    both = {
-        id: np.array(
-            [
-                (_error(one.tracked.xyz, one.true.xyz).mean(), singles[one.number][id].mean())
-                for one in seen
-                if one.tracked and id in singles.get(one.number, ())
-            ]
-        ).reshape(-1, 2)
-        for id, seen in match(tracked, true)[0].items()
-    }
-    return Tracked(score(tracker.header(recording.name), tracked, true), both, seconds)
+    both = {}
+    for id, seen in match(tracked, true)[0].items():
+        errors = []
+        for one in seen:
+            single = singles.get(one.number, {}).get(id)
+            if one.tracked and single is not None:
+                of_track = _error(one.tracked.xyz, one.true.xyz)
+                errors.append((of_track.mean(), single.mean()))
+        both[id] = np.array(errors).reshape(-1, 2)
+    return Tracked(score(tracker.header(recording.name), tracked, true), both, elapsed)
 
 
 def alone_of(camera: Camera, fit: Literal["fast", "accurate"], engine: str | None) -> Alone:
@@ -199,24 +199,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Measure the tracker. Raises NetlibError."""
-    recordings = [
-        (
-            script,
-            camera,
-            seed,
-            SyntheticRecording(
-                script, CAMERAS[camera], rate=args.rate, seconds=args.seconds, seed=seed
-            ),
+    recordings = []
+    for camera, script, number in itertools.product(args.cameras, args.scripts, args.seeds):
+        recording = SyntheticRecording(
+            script, CAMERAS[camera], rate=args.rate, seconds=args.seconds, seed=number
         )
-        for camera in args.cameras
-        for script in args.scripts
-        for seed in args.seeds
-    ]
+        recordings.append((script, camera, number, recording))
     rows, done = [], []
     with ProgressBar(
         sum(recording.count for *_, recording in recordings), what="tracking"
     ) as progress:
-        for script, camera, seed, recording in recordings:
+        for script, camera, number, recording in recordings:
             tracker = Tracker(
                 load_predictor(recording.camera, fit=args.fit, engine=args.engine),
                 smooth=not args.raw,
@@ -227,20 +220,19 @@ def run(args: argparse.Namespace) -> int:
             )
             tracked = follow(recording, tracker, alone, args.frame_by_frame or 1, progress)
             done.append(tracked)
-            rows += [
-                [script, camera, str(seed), f"{id} {hand.hand}", *cells_of(tracked, id)]
-                for id, hand in tracked.scores.hands.items()
-            ]
+            for id, hand in tracked.scores.hands.items():
+                names = [script, camera, str(number), f"{id} {hand.hand}"]
+                rows.append([*names, *cells_of(tracked, id)])
     print(aligned([["script", "camera", "seed", "hand", *COLUMNS], *rows]))
     hands = [hand for tracked in done for hand in tracked.scores.hands.values()]
-    found, frames = (
-        sum(hand.found for hand in hands),
-        sum(tracked.scores.frames for tracked in done),
-    )
+    found = sum(hand.found for hand in hands)
+    in_sight = sum(hand.in_sight for hand in hands)
     error = sum(hand.found * hand.error_mm for hand in hands if hand.found) / max(found, 1)
+    invented = sum(tracked.scores.invented for tracked in done)
+    frames = sum(tracked.scores.frames for tracked in done)
+    speed = frames / sum(tracked.seconds for tracked in done)
     say(
-        f"{found} of {sum(hand.in_sight for hand in hands)} visible hands found, mean error {error:.1f} mm; "
-        f"{sum(tracked.scores.invented for tracked in done)} reported where there is none; "
-        f"{frames} frames, {frames / sum(tracked.seconds for tracked in done):.0f} per second"
+        f"{found} of {in_sight} visible hands found, mean error {error:.1f} mm; "
+        f"{invented} reported where there is none; {frames} frames, {speed:.0f} per second"
     )
     return DONE

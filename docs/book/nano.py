@@ -31,22 +31,32 @@ def relu(x):
 def inner_product(x, w, b):
     """y[n, o] = b[o] + the sum over i of w[o, i] x[n, i]"""
     items = x.reshape(len(x), -1)
-    return items @ w.T + b, lambda dy: ((dy @ w).reshape(x.shape), [dy.T @ items, dy.sum(axis=0)])
+
+    def backward(dy):
+        dx = (dy @ w).reshape(x.shape)
+        return dx, [dy.T @ items, dy.sum(axis=0)]
+
+    return items @ w.T + b, backward
 
 
 def convolution(x, w, b):
     """y[n, o, h, w] = b[o] + the sum over c, i, j of w[o, c, i, j] x[n, c, h + i, w + j]"""
     (N, _, H, W), (O, _, *kernel) = x.shape, w.shape
     rows, columns = H - kernel[0] + 1, W - kernel[1] + 1
+
+    def seen_by(i, j):  # the pixels that this element of the kernel is multiplied by
+        return np.s_[:, :, i : i + rows, j : j + columns]
+
     y = np.zeros((N, O, rows, columns)) + b[:, None, None]
     for i, j in np.ndindex(*kernel):
-        y += np.einsum("oc,nchw->nohw", w[:, :, i, j], x[:, :, i : i + rows, j : j + columns])
+        y += np.einsum("oc,nchw->nohw", w[:, :, i, j], x[seen_by(i, j)])
 
     def backward(dy):
         dx, dw = np.zeros_like(x), np.zeros_like(w)
         for i, j in np.ndindex(*kernel):
-            dw[:, :, i, j] = np.einsum("nohw,nchw->oc", dy, x[:, :, i : i + rows, j : j + columns])
-            dx[:, :, i : i + rows, j : j + columns] += np.einsum("oc,nohw->nchw", w[:, :, i, j], dy)
+            pixels = seen_by(i, j)
+            dw[:, :, i, j] = np.einsum("nohw,nchw->oc", dy, x[pixels])
+            dx[pixels] += np.einsum("oc,nohw->nchw", w[:, :, i, j], dy)
         return dx, [dw, dy.sum(axis=(0, 2, 3))]
 
     return y, backward
@@ -54,8 +64,9 @@ def convolution(x, w, b):
 
 def max_pool(x, k):
     """The maximum of each window of k x k; a last window may reach beyond the edge of the map."""
+    H, W = x.shape[2:]
     elements = [np.s_[:, :, i::k, j::k] for i, j in np.ndindex(k, k)]
-    beyond = [(0, 0), (0, 0), *((0, -size % k) for size in x.shape[2:])]
+    beyond = [(0, 0), (0, 0), (0, -H % k), (0, -W % k)]
     padded = np.pad(x, beyond, constant_values=-np.inf)
     values = np.stack([padded[element] for element in elements])  # (k k, N, C, rows, columns)
     winner = values.argmax(axis=0)  # the first of equal values
@@ -64,7 +75,7 @@ def max_pool(x, k):
         dx = np.zeros_like(padded)
         for number, element in enumerate(elements):
             dx[element] = dy * (winner == number)
-        return dx[:, :, : x.shape[2], : x.shape[3]], []
+        return dx[:, :, :H, :W], []
 
     return values.max(axis=0), backward
 
@@ -148,7 +159,8 @@ def hand_model(x, hand):
                 dx[:, d] += (a * moved).sum(axis=1)
             parent = hand.parent[j]
             force[:, parent] += force[:, j]
-            torque[:, parent] += torque[:, j] + np.cross(X[:, j] - X[:, parent], force[:, j])
+            lever = X[:, j] - X[:, parent]
+            torque[:, parent] += torque[:, j] + np.cross(lever, force[:, j])
         return dx * hand.free
 
     return X[:, :K], backward
@@ -161,7 +173,8 @@ def new_network(rng, p):
     """Each layer with its arguments: parameters (w, b), a size, or a probability."""
 
     def parameters(*shape, std=None):
-        return rng.normal(0, std or np.prod(shape[1:]) ** -0.5, shape), np.zeros(shape[0])
+        std = std or np.prod(shape[1:]) ** -0.5
+        return rng.normal(0, std, shape), np.zeros(shape[0])
 
     return [
         (convolution, *parameters(8, 1, 5, 5)),  # of 128 x 128 pixels
@@ -189,14 +202,16 @@ def loss_and_gradients(network, hand, depth, joints):
         x, backward = layer(x, *arguments)
         backwards.append(backward)
     X, hand_backward = hand_model(x, hand)
-    beyond = np.where(hand.free, np.maximum(x - hand.upper, 0) - np.maximum(hand.lower - x, 0), 0)
-    loss = ((X - joints) ** 2).sum() / (2 * N) + abs(beyond).sum() / N
+    above, below = np.maximum(x - hand.upper, 0), np.maximum(hand.lower - x, 0)
+    beyond = np.where(hand.free, above - below, 0)
+    position_loss = ((X - joints) ** 2).sum() / (2 * N)
+    limit_loss = abs(beyond).sum() / N
     # x is read twice, so two gradients add
     dx = hand_backward((X - joints) / N) + np.sign(beyond) / N
     for backward in reversed(backwards):
         dx, of_parameters = backward(dx)
         gradients.insert(0, of_parameters)
-    return loss, gradients
+    return position_loss + limit_loss, gradients
 
 
 def train(network, hand, depth, joints, updates, batch=8, rate=0.003, momentum=0.9):
@@ -238,8 +253,10 @@ def drawing(X, true, hand, rows=26):
     for joints, mark in ((true, "."), (X, "o")):
         bones = joints[parents] - joints
         points = np.concatenate([joints + s * bones for s in np.linspace(0, 1, 20)])
-        row, column = np.rint((1 - points[:, 1]) / 2 * rows), np.rint((1 + points[:, 0]) * rows)
-        canvas[row.clip(0, rows - 1).astype(int), column.clip(0, 2 * rows - 1).astype(int)] = mark
+        x, y, _ = points.T
+        row = np.rint((1 - y) / 2 * rows).clip(0, rows - 1)
+        column = np.rint((1 + x) * rows).clip(0, 2 * rows - 1)
+        canvas[row.astype(int), column.astype(int)] = mark
     return ["".join(line) for line in canvas]
 
 

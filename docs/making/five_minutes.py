@@ -41,11 +41,10 @@ def rendered(split: Split, count: int) -> tuple[Array, Array, Array]:
     """
     generator = Generator(seed=0, split=split)
     blocks = [generator.block(number) for number in range(-(-count // 64))]  # of 64 frames
-    depth, joints, center = (
-        np.concatenate([getattr(block, name) for block in blocks])[:count]
-        for name in ("depth", "joint", "center_uvd")
-    )
-    return depth, joints.reshape(-1, 31, 3), center
+    depth = np.concatenate([block.depth for block in blocks])
+    joints = np.concatenate([block.joint for block in blocks]).reshape(-1, 31, 3)
+    center = np.concatenate([block.center_uvd for block in blocks])
+    return depth[:count], joints[:count], center[:count]
 
 
 def paper_net(batch: int) -> str:

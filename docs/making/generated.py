@@ -16,7 +16,7 @@ import textwrap
 from exercises.check import steps
 from exercises.table import EXERCISES
 from handpose.body.joint_formats.formats import FORMATS, FormatName
-from handpose.body.joint_formats.frames import LONG_FINGERS, POINTS
+from handpose.body.joint_formats.frames import LONG_FINGERS, POINTS, Point
 from netlib.files.paths import ROOT
 
 FORMAT_TITLES: dict[FormatName, str] = {"mediapipe": "MediaPipe", "mano": "MANO"}
@@ -76,9 +76,8 @@ def exercises() -> None:
         names = ", ".join(f"`{name.rpartition('.')[2]}`" for name in exercise.to_do)
         (chapter,) = (ROOT / "docs" / "book").glob(f"{exercise.chapter}_*.md")
         title = chapter.read_text(encoding="utf-8").partition("\n")[0].removeprefix("# ")
-        print(
-            f"| {number} | {exercise.name} | {exercise.title} ({names}) | [{title}](../book/{chapter.name}) |"
-        )
+        link = f"[{title}](../book/{chapter.name})"
+        print(f"| {number} | {exercise.name} | {exercise.title} ({names}) | {link} |")
 
 
 def failed_exercise() -> None:
@@ -95,19 +94,23 @@ def joint_formats() -> None:
     rows = [["computed as", *FORMAT_TITLES.values(), "against the anatomical point"]]
     rows.append(["---"] * len(rows[0]))
     for part, point in POINTS.items():
-        joints = [
-            ", ".join(
-                f"`{number} {name}`"
-                for number, (name, at) in enumerate(FORMATS[key].joints.items())
-                if at is point
-            )
-            for key in FORMAT_TITLES
-        ]
+        joints = [_joints_at(point, key) for key in FORMAT_TITLES]
         if any(joints) and not part.startswith(LONG_FINGERS[1:]):
-            terms = [
-                f"`{j}`" if weight == 1 else f"{weight:.3g} `{j}`"
-                for j, weight in point.weights.items()
-            ]
-            rows.append([" + ".join(terms).replace("+ -", "− "), *joints, point.bias])
+            rows.append([_sum_of(point), *joints, point.bias])
     for row in rows:
         print(f"| {' | '.join(row)} |")
+
+
+def _joints_at(point: Point, key: FormatName) -> str:
+    """The joints of a format that are this point."""
+    joints = enumerate(FORMATS[key].joints.items())
+    return ", ".join(f"`{number} {name}`" for number, (name, at) in joints if at is point)
+
+
+def _sum_of(point: Point) -> str:
+    """The weighted sum of joints that a point is."""
+    terms = []
+    for joint, weight in point.weights.items():
+        factor = "" if weight == 1 else f"{weight:.3g} "
+        terms.append(f"{factor}`{joint}`")
+    return " + ".join(terms).replace("+ -", "− ")

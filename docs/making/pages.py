@@ -20,6 +20,7 @@ from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton as skeletons
 from netlib.blob import Array
+from netlib.engine import Connection
 from netlib.files import atomic
 from netlib.files.paths import ROOT
 from netlib.proto import prototxt
@@ -37,9 +38,8 @@ def pages() -> dict[str, str]:
 def book_page(name: str) -> str:
     """A page of the book, from its sources and its data."""
     title, data = BOOK[name]
-    colours = "".join(
-        f"--{key.lower().replace('_', '-')}: {getattr(drawing, key)}; " for key in COLOURS
-    )
+    variables = {key.lower().replace("_", "-"): getattr(drawing, key) for key in COLOURS}
+    colours = "".join(f"--{name}: {colour}; " for name, colour in variables.items())
     style = f":root {{ {colours}}}\n" + source("common.css", BROWSER)
     main = "<h1>$title</h1>\n" + source(f"{name}.html", BROWSER)
     return assembled(title, data(), main, style, script_of(name, BROWSER))
@@ -85,6 +85,9 @@ LAYERS: dict[str, tuple[str, str]] = {  # title: type and options
     ),
     "mean pooling 2 × 2, stride 2": ("Pooling", "pool: AVE kernel_size: 2 stride: 2"),
 }
+# Per output its inputs (input, element, share). Inputs are counted in the padded picture;
+# ``element`` is that of the kernel, -1 in pooling; ``share`` is that of an input in a mean, else 0.
+Windows = list[list[tuple[int, int, float]]]
 
 
 def windows() -> dict[str, Any]:
@@ -93,40 +96,52 @@ def windows() -> dict[str, Any]:
 
 
 def _entry(title: str, kind: str, options: str) -> dict[str, Any]:
-    """The padded picture, kernel and bias of a layer, dy, and ``windows``: per output
-    [input, element, share].
+    """The padded picture, kernel and bias of a layer, dy, and the windows of the outputs.
 
-    All arrays are lists, row by row. Inputs are counted in the padded picture; ``element`` is
-    that of the kernel, -1 in pooling; ``share`` is that of an input in a mean, else 0. They
-    are the gradients of one output: with a kernel of different numbers, the gradient
-    identifies the element.
+    All arrays are lists, row by row.
     """
     pad = int(options.partition("pad: ")[2][:1] or 0)
     padded, layer = np.pad(PICTURE, pad), SmallLayer(kind, options, PICTURE)
     if kind == "Convolution":
-        unpadded = SmallLayer(
-            kind, options.replace(f" pad: {pad}", ""), padded, np.arange(1, 10).reshape(3, 3)
-        )
-        windows = [
-            [(j, int(n) - 1, 0.0) for j, n in enumerate(row) if n] for row in unpadded.shares()
-        ]
+        w, b = KERNEL.ravel().tolist(), [0]
+        inputs = _convolution_windows(options.replace(f" pad: {pad}", ""), padded)
     else:
-        means = SmallLayer(kind, options.replace("MAX", "AVE"), PICTURE).shares()
-        windows = [
-            [(j, -1, 0.0 if "MAX" in options else float(n)) for j, n in enumerate(row) if n]
-            for row in means
-        ]
+        w, b = None, None
+        inputs = _pooling_windows(options)
+    dy = np.random.default_rng(10).integers(-2, 3, layer.y.size)
     return {
         "title": title,
         "maximum": "MAX" in options,
         "pad": pad,
-        "windows": windows,
+        "windows": inputs,
         "x": padded.ravel().tolist(),
-        "w": KERNEL.ravel().tolist() if kind == "Convolution" else None,
-        "b": [0] if kind == "Convolution" else None,
-        "dy": np.random.default_rng(10).integers(-2, 3, layer.y.size).tolist(),
+        "w": w,
+        "b": b,
+        "dy": dy.tolist(),
         "columns": {"x": padded.shape[1], "w": 3, "b": 1, "y": layer.y.shape[1]},
     }
+
+
+def _convolution_windows(options: str, padded: Array) -> Windows:
+    """The windows of a convolution without pad. In its kernel of the numbers 1 to 9, the
+    gradient of an input is the number of its element.
+    """
+    numbered = np.arange(1, 10).reshape(3, 3)
+    found = []
+    for gradient in SmallLayer("Convolution", options, padded, numbered).gradients():
+        inside = np.flatnonzero(gradient).tolist()
+        found.append([(i, int(gradient[i]) - 1, 0.0) for i in inside])
+    return found
+
+
+def _pooling_windows(options: str) -> Windows:
+    """The windows of a pooling. In mean pooling, the gradient of an input is its share."""
+    is_maximum = "MAX" in options
+    found = []
+    for gradient in SmallLayer("Pooling", options.replace("MAX", "AVE"), PICTURE).gradients():
+        inside = np.flatnonzero(gradient).tolist()
+        found.append([(i, -1, 0.0 if is_maximum else float(gradient[i])) for i in inside])
+    return found
 
 
 class SmallLayer:
@@ -136,17 +151,16 @@ class SmallLayer:
         self, kind: str, options: str, picture: Array, kernel: Array = KERNEL, bias: float = 0
     ) -> None:
         outputs = " num_output: 1" if kind == "Convolution" else ""
-        self.net = netlib.Net(
-            prototxt.parse(f"""
-            force_backward: true
-            layer {{ name: "data" type: "Input" top: "x"
-                     input_param {{ shape {{ dim: 1 dim: 1 dim: {picture.shape[0]} dim: {picture.shape[1]} }} }} }}
-            layer {{ name: "y" type: "{kind}" bottom: "x" top: "y" {kind.lower()}_param {{ {options}{outputs} }} }}
-            """),
-            netlib.TRAIN,
-            dtype=np.float64,
-            engine="plain",
-        )
+        rows, columns = picture.shape
+        text = f"""
+        force_backward: true
+        layer {{ name: "data" type: "Input" top: "x"
+                 input_param {{ shape {{ dim: 1 dim: 1 dim: {rows} dim: {columns} }} }} }}
+        layer {{ name: "y" type: "{kind}" bottom: "x" top: "y"
+                 {kind.lower()}_param {{ {options}{outputs} }} }}
+        """
+        param = prototxt.parse(text)
+        self.net = netlib.Net(param, netlib.TRAIN, dtype=np.float64, engine="plain")
         if kind == "Convolution":
             w, b = self.net.params["y"]
             w.data[0, 0], b.data[0] = kernel, bias
@@ -161,11 +175,10 @@ class SmallLayer:
         self.net.run_backward()
         return self.net.blobs["x"].diff[0, 0].copy()
 
-    def shares(self) -> list[Array]:
-        """For each output, in rows, the derivatives by all inputs, in rows."""
-        return [
-            self.backward(one).ravel() for one in np.eye(self.y.size).reshape(-1, *self.y.shape)
-        ]
+    def gradients(self) -> list[Array]:
+        """For each output, in rows, its derivatives by all inputs, in rows."""
+        outputs = np.eye(self.y.size).reshape(-1, *self.y.shape)
+        return [self.backward(one).ravel() for one in outputs]
 
 
 INPUTS = {"x": [2.0], "t": [1.0]}
@@ -198,19 +211,23 @@ def small_net() -> dict[str, Any]:
     return {
         "inputs": {name: list(values) for name, values in INPUTS.items()},
         "losses": {name: weight for _, weight, name in net.losses},
-        "layers": [
-            {
-                "name": at.layer.name,
-                "type": at.layer.type,
-                "bottom": [name_of[id(blob)] for blob in at.bottom],
-                "top": [name_of[id(blob)] for blob in at.top],
-                "backward": at.needs_backward,
-                "down": list(at.propagate_down),
-                "params": [np.asarray(blob.data).tolist() for blob in at.layer.blobs],
-                "operation": at.layer.param.operation if at.layer.type == "Reduction" else "",
-            }
-            for at in net.connections
-        ],
+        "layers": [_layer_entry(at, name_of) for at in net.connections],
+    }
+
+
+def _layer_entry(at: Connection, name_of: dict[int, str]) -> dict[str, Any]:
+    """A layer of the small net; ``name_of`` has the names of the blobs by their ids."""
+    layer = at.layer
+    operation = layer.param.operation if layer.type == "Reduction" else ""
+    return {
+        "name": layer.name,
+        "type": layer.type,
+        "bottom": [name_of[id(blob)] for blob in at.bottom],
+        "top": [name_of[id(blob)] for blob in at.top],
+        "backward": at.needs_backward,
+        "down": list(at.propagate_down),
+        "params": [np.asarray(blob.data).tolist() for blob in layer.blobs],
+        "operation": operation,
     }
 
 

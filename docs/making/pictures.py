@@ -83,10 +83,8 @@ def write_frames() -> None:
     from handpose.synthetic.generator import Generator
 
     block = Generator(seed=0, split="train").block(0)
-    depth, joints = (
-        np.rint(block.depth * 127).astype(np.int8),
-        block.joint.reshape(-1, 31, 3).astype(np.float32),
-    )
+    depth = np.rint(block.depth * 127).astype(np.int8)
+    joints = block.joint.reshape(-1, 31, 3).astype(np.float32)
     np.savez_compressed(ROOT / "docs" / "book" / "frames.npz", depth=depth, joints=joints)
 
 

@@ -30,11 +30,8 @@ def relu6(graph: Graph, at: Place) -> list[str]:
 
 def prelu(graph: Graph, at: Place) -> list[str]:
     slope = at.layer.blobs[0].data
-    wide = (
-        slope.reshape(slope.shape + (1,) * (len(at.bottom[0]) - 2))
-        if slope.shape
-        else slope.reshape(1)
-    )
+    spatial_axes = len(at.bottom[0]) - 2
+    wide = slope.reshape((*slope.shape, *(1,) * spatial_axes) if slope.shape else 1)
     return [graph.op("PRelu", at.values[0], graph.constant(wide, "slope"))]
 
 
@@ -105,9 +102,9 @@ def _factor_or_term(graph: Graph, at: Place, op: str, what: str) -> str:
 
 def _wide(graph: Graph, at: Place, value: str, axes: int) -> str:
     """Align a gain or bias with the axes of x from the layer's ``axis`` on."""
-    return graph.widened(
-        value, axes, at.layer.param.axis % len(at.bottom[0]) if axes else 0, len(at.bottom[0])
-    )
+    all_axes = len(at.bottom[0])
+    first = at.layer.param.axis % all_axes if axes else 0
+    return graph.widened(value, axes, first, all_axes)
 
 
 def batch_norm(graph: Graph, at: Place) -> list[str]:
@@ -133,9 +130,9 @@ def bn(graph: Graph, at: Place) -> list[str]:
         raise layer.fail(
             "the statistics of a batch cannot be exported; expected bn_mode: INFERENCE", "bn_mode"
         )
-    scale, bias, *averages = (blob.data.reshape(-1) for blob in layer.blobs)
-    mean, variance = averages or (np.zeros_like(scale), np.ones_like(scale))
-    parts = {"scale": scale, "bias": bias, "mean": mean, "variance": variance}
+    gain, shift, *averages = (blob.data.reshape(-1) for blob in layer.blobs)
+    mean, variance = averages or (np.zeros_like(gain), np.ones_like(gain))
+    parts = {"scale": gain, "bias": shift, "mean": mean, "variance": variance}
     return _normalized(graph, at, parts, layer.eps if layer.averages else 0.0)
 
 
@@ -149,13 +146,10 @@ def lrn(graph: Graph, at: Place) -> list[str]:
     p, x = at.layer.param, at.values[0]
     if p.norm_region == "ACROSS_CHANNELS":
         return [graph.op("LRN", x, size=p.local_size, alpha=p.alpha, beta=p.beta, bias=p.k)]
-    mean = graph.op(
-        "AveragePool",
-        graph.op("Mul", x, x),
-        kernel_shape=[p.local_size] * 2,
-        pads=[p.local_size // 2] * 4,
-        count_include_pad=1,
-    )
+    size = p.local_size
+    window = {"kernel_shape": [size, size], "pads": [size // 2] * 4}
+    squares = graph.op("Mul", x, x)
+    mean = graph.op("AveragePool", squares, count_include_pad=1, **window)
     s = graph.affine(mean, p.alpha, 1)
     return [graph.op("Mul", x, graph.op("Pow", s, graph.constant(-float(p.beta), "power")))]
 

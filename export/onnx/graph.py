@@ -180,23 +180,24 @@ class Graph:
             raise NetlibError(
                 f"net {name!r} has {size / 1e9:.1f} GB of weights; expected at most 2.1 GB, the limit of ONNX files"
             )
-        make, typed = onnx.helper, onnx.TensorProto.FLOAT
+        make, array_proto = onnx.helper, onnx.numpy_helper.from_array
+
+        def node(op: str, ins: Sequence[str], outs: Sequence[str], attributes: Any) -> Any:
+            sides = ([names.get(value, value) for value in side] for side in (ins, outs))
+            return make.make_node(op, *sides, **attributes)
+
+        def infos(blobs: Mapping[str, Shape]) -> list[Any]:
+            typed = onnx.TensorProto.FLOAT
+            return [
+                make.make_tensor_value_info(blob, typed, shape) for blob, shape in blobs.items()
+            ]
+
         graph = make.make_graph(
-            [
-                make.make_node(
-                    op,
-                    *([names.get(value, value) for value in side] for side in sides),
-                    **attributes,
-                )
-                for op, *sides, attributes in self.nodes
-            ],
+            [node(*arguments) for arguments in self.nodes],
             name or "net",
-            [make.make_tensor_value_info(blob, typed, shape) for blob, shape in inputs.items()],
-            [make.make_tensor_value_info(blob, typed, shape) for blob, shape in outputs.items()],
-            [
-                onnx.numpy_helper.from_array(array, constant)
-                for constant, array in self.constants.items()
-            ],
+            infos(inputs),
+            infos(outputs),
+            [array_proto(array, constant) for constant, array in self.constants.items()],
         )
         model = make.make_model(
             graph,

@@ -21,7 +21,7 @@ bone, a constant times its length, as bones only translate.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -55,16 +55,13 @@ def hand_model(graph: Graph, at: Place) -> list[str]:
     of_fixed_size = len(at.values) == 1
     body = sk if of_fixed_size else sk.with_free_slides()  # as the layer does
     steps, last, offsets = steps_of(body, sk.bones if of_fixed_size else 0 * sk.bones)
-    x = (
-        at.values[0]
-        if len(at.bottom[0]) == 2
-        else graph.reshaped(at.values[0], ("N", len(sk.dof_names)))
-    )
+    x = at.values[0]
+    if len(at.bottom[0]) != 2:
+        x = graph.reshaped(x, ("N", len(sk.dof_names)))
     dofs = [step.dof for step in steps]
     moved = graph.op("Gather", x, graph.constant(dofs, "dofs"), axis=1)
-    one, cosine, sine, angle = (
-        graph.constant(np.stack([s.parts[i] for s in steps]), PARTS[i]) for i in range(4)
-    )
+    parts = np.stack([step.parts for step in steps], axis=1)  # (4, steps, 4, 4)
+    one, cosine, sine, angle = map(graph.constant, parts, PARTS)
     ends_at = graph.constant(offsets[:, None], "offsets")
     if of_fixed_size:
         initial = graph.constant(sk.initial[dofs], "initial")
@@ -75,19 +72,15 @@ def hand_model(graph: Graph, at: Place) -> list[str]:
         initial, bones = _size(graph, at, sk, dofs)
         # One bone of length 1, the others 0.
         units = [steps_of(body, unit) for unit in np.diag((sk.bone_axes >= 0).astype(float))]
-        by_step = np.array(
-            [
-                [long.parts[0] - short.parts[0] for long, short in zip(own, steps)]
-                for own, _, _ in units
-            ]
-        )
+        constant = np.array([step.parts[0] for step in steps])
+        longer = np.array([[step.parts[0] for step in own] for own, _, _ in units])
+        by_step = longer - constant
         by_joint = np.array([own - offsets for _, _, own in units])
         one = graph.op("Add", one, _times(graph, bones, by_step, ("N", len(steps), 4, 4)))
         ends_at = graph.op("Add", ends_at, _times(graph, bones, by_joint, ("N", len(last), 1, 4)))
     theta = graph.reshaped(graph.op("Add", moved, initial), ("N", len(steps), 1, 1))
-    cosines, sines = (
-        graph.op("Mul", graph.op(op, theta), part) for op, part in (("Cos", cosine), ("Sin", sine))
-    )
+    cosines = graph.op("Mul", graph.op("Cos", theta), cosine)
+    sines = graph.op("Mul", graph.op("Sin", theta), sine)
     turned = graph.op("Add", cosines, sines)
     slid = graph.op("Add", one, graph.op("Mul", theta, angle))
     transforms = graph.op("Add", turned, slid)  # (N, steps, 4, 4)
@@ -104,7 +97,9 @@ def _size(graph: Graph, at: Place, sk: Skeleton, dofs: list[int]) -> tuple[str, 
     individual sizes.
     """
     sizes = math.prod(at.sizes(at.bottom[1][1:]))
-    b = at.values[1] if len(at.bottom[1]) == 2 else graph.reshaped(at.values[1], ("N", sizes))
+    b = at.values[1]
+    if len(at.bottom[1]) != 2:
+        b = graph.reshaped(b, ("N", sizes))
     if sizes > 1:
         return graph.constant(sk.initial[dofs], "initial"), b
     still, slid = (
@@ -125,9 +120,9 @@ def _times(graph: Graph, bones: str, by_bone: Array, shape: Shape) -> str:
 
 def _worlds(graph: Graph, steps: list[Step], transforms: str) -> str:
     """Compute world_from_step of all steps, (N, steps, 4, 4)."""
-    levels = [
-        [i for i, step in enumerate(steps) if step.depth == d] for d in range(steps[-1].depth + 1)
-    ]
+    levels: list[list[int]] = [[] for _ in range(steps[-1].depth + 1)]
+    for i, step in enumerate(steps):
+        levels[step.depth].append(i)
     if len(levels) == 1:
         return transforms
     own = graph.ops(
@@ -138,14 +133,14 @@ def _worlds(graph: Graph, steps: list[Step], transforms: str) -> str:
         axis=1,
     )
     worlds = own[:1]
-    for above, level, step in zip(levels, levels[1:], own[1:]):
+    for above, level, transform in zip(levels, levels[1:], own[1:]):
         parents = [above.index(steps[i].parent) for i in level]
         parent_worlds = worlds[-1]
         if parents != list(range(len(above))):
             parent_worlds = graph.op(
                 "Gather", parent_worlds, graph.constant(parents, "parents"), axis=1
             )
-        worlds.append(graph.op("MatMul", parent_worlds, step))
+        worlds.append(graph.op("MatMul", parent_worlds, transform))
     return graph.op("Concat", *worlds, axis=1)
 
 
@@ -155,7 +150,8 @@ def steps_of(sk: Skeleton, bones: Array) -> tuple[list[Step], list[int], Array]:
 
     The first step is the identity; roots and everything fixed to them are its children.
     """
-    steps = [Step(-1, 0, 0, np.stack([np.eye(4), *np.zeros((3, 4, 4))]))]
+    no_motion = np.stack([np.eye(4), *np.zeros((3, 4, 4))])
+    steps = [Step(-1, 0, 0, no_motion)]
     # joint -> its last step, step_from_joint
     ends: dict[int, tuple[int, Array]] = {-1: (0, np.eye(4))}
     for j in sk.order:
@@ -163,13 +159,7 @@ def steps_of(sk: Skeleton, bones: Array) -> tuple[list[Step], list[int], Array]:
         for motion in sk.motions[j]:
             parts = _parts(motion)
             if motion.row < 0:
-                theta = sk.initial[motion.dof]
-                fixed = fixed @ (
-                    parts[0]
-                    + np.cos(theta) * parts[1]
-                    + np.sin(theta) * parts[2]
-                    + theta * parts[3]
-                )
+                fixed = fixed @ _transform(parts, sk.initial[motion.dof])
             else:
                 steps.append(Step(step, steps[step].depth + 1, motion.dof, fixed @ parts))
                 step, fixed = len(steps) - 1, np.eye(4)
@@ -178,15 +168,17 @@ def steps_of(sk: Skeleton, bones: Array) -> tuple[list[Step], list[int], Array]:
         ends[j] = step, fixed @ bone
     order = sorted(range(len(steps)), key=lambda i: steps[i].depth)
     place = {-1: -1, **{i: new for new, i in enumerate(order)}}
-    sorted_steps = [
-        Step(place[steps[i].parent], steps[i].depth, steps[i].dof, steps[i].parts) for i in order
-    ]
-    joints = range(len(sk.joint_names))
-    return (
-        sorted_steps,
-        [place[ends[j][0]] for j in joints],
-        np.stack([ends[j][1][:, 3] for j in joints]),
-    )
+    sorted_steps = [replace(steps[i], parent=place[steps[i].parent]) for i in order]
+    of_joints = [ends[j] for j in range(len(sk.joint_names))]
+    last = [place[step] for step, _ in of_joints]
+    positions = np.stack([step_from_joint[:, 3] for _, step_from_joint in of_joints])
+    return sorted_steps, last, positions
+
+
+def _transform(parts: Array, theta: float) -> Array:
+    """Return the transform (4, 4) of a motion by theta."""
+    one, cosine, sine, angle = parts
+    return np.asarray(one + np.cos(theta) * cosine + np.sin(theta) * sine + theta * angle)
 
 
 def _parts(motion: Motion) -> Array:

@@ -197,9 +197,9 @@ def shapes_of(net: Net) -> Shapes:
                 f"{net.source}: input {name!r} has no shape; expected input_param {{ shape {{ ... }} }}"
             )
     if len({shape[0] for shape in declared.values()}) > 1:
+        inputs = ", ".join(f"{name} {shape}" for name, shape in declared.items())
         raise LayerError(
-            f"{net.source}: inputs with different batch sizes, "
-            f"{', '.join(f'{name} {shape}' for name, shape in declared.items())}; "
+            f"{net.source}: inputs with different batch sizes, {inputs}; "
             "expected first axes of the same size"
         )
     found = []

@@ -56,8 +56,12 @@ def pooling(graph: Graph, at: Place) -> list[str]:
         return [graph.op("GlobalMaxPool" if is_max else "GlobalAveragePool", x)]
     axes = list(zip(at.sizes(at.bottom[0][2:]), layer.kernel, layer.stride, layer.pad))
     outputs = at.sizes(at.top[0][2:])
-    inside = [min(o, -(-(n + p) // s)) for o, (n, _, s, p) in zip(outputs, axes)]
-    after = [max((o - 1) * s + k - n - p, 0) for o, (n, k, s, p) in zip(inside, axes)]
+    inside, after = [], []
+    for output, (n, kernel, stride, pad) in zip(outputs, axes):
+        starting_inside = -(-(n + pad) // stride)
+        inside.append(min(output, starting_inside))
+        extent = (inside[-1] - 1) * stride + kernel  # of these windows
+        after.append(max(extent - n - pad, 0))
     options: dict[str, Any] = {
         "kernel_shape": list(layer.kernel),
         "strides": list(layer.stride),
@@ -79,8 +83,11 @@ def pooling(graph: Graph, at: Place) -> list[str]:
             y[1] = completed(graph.floats(place), -1.0)
         return [completed(y[0], float(np.finfo(np.float32).min)), *y[1:]]
     mean = completed(graph.op("AveragePool", x, count_include_pad=1, **options), 0.0)
-    starts = [np.arange(o) * s - p for o, (_, _, s, p) in zip(outputs, axes)]
-    counted = [np.minimum(start + k, n + p) - start for start, (n, k, _, p) in zip(starts, axes)]
+    counted = []
+    for output, (n, kernel, stride, pad) in zip(outputs, axes):
+        start = np.arange(output) * stride - pad
+        end = np.minimum(start + kernel, n + pad)
+        counted.append(end - start)
     with np.errstate(divide="ignore"):
         # 0 x infinity is NaN, like Caffe's 0 / 0
         correction = math.prod(layer.kernel) / np.outer(*counted)
@@ -112,13 +119,10 @@ def spp(graph: Graph, at: Place) -> list[str]:
 
 
 def crop(graph: Graph, at: Place) -> list[str]:
-    axes = [
-        i
-        for i, part in enumerate(at.layer.part)
-        if part != slice(None) and at.bottom[0][i] != at.top[0][i]
-    ]
-    sizes = at.sizes(tuple(at.top[0][i] for i in axes))
-    starts = [at.layer.part[i].start for i in axes]
+    x, y, parts = at.bottom[0], at.top[0], at.layer.part
+    axes = [i for i, part in enumerate(parts) if part != slice(None) and x[i] != y[i]]
+    sizes = at.sizes(tuple(y[i] for i in axes))
+    starts = [parts[i].start for i in axes]
     ends = [start + size for start, size in zip(starts, sizes)]
     if not axes:
         return at.values[:1]
@@ -145,16 +149,16 @@ def upsample(graph: Graph, at: Place) -> list[str]:
     count through the batch.
     """
     if len(at.values) == 1:
-        scales = graph.constant(
-            [1.0] * (len(at.bottom[0]) - 2) + [float(at.layer.scale)] * 2, "scales"
-        )
+        factors = [1.0] * (len(at.bottom[0]) - 2) + [float(at.layer.scale)] * 2
+        scales = graph.constant(factors, "scales")
         options = {
             "mode": "nearest",
             "coordinate_transformation_mode": "asymmetric",
             "nearest_mode": "floor",
         }
         return [graph.op("Resize", at.values[0], "", scales, **options)]
-    (C, H, W), (Ho, Wo) = at.sizes(at.bottom[0][1:]), at.sizes(at.top[0][2:])
+    C, H, W = at.sizes(at.bottom[0][1:])
+    Ho, Wo = at.sizes(at.top[0][2:])
     x, mask = (graph.reshaped(value, ("N", C, H * W)) for value in at.values)
     shape = graph.op("Concat", graph.sizes(x, 0, 2), graph.constant([Ho * Wo], "size"), axis=0)
     zeros = graph.op("Expand", graph.constant(0.0, "zero"), shape)
@@ -180,7 +184,7 @@ def detection_output(graph: Graph, at: Place) -> list[str]:
     order, are the rows.
     """
     layer = at.layer
-    p, P, C = layer.param, layer.priors, layer.param.num_classes
+    p, P, C = layer.param, layer.prior_count, layer.param.num_classes
     labels = [label for label in range(C) if label != p.background_label_id]
     k = min(P, p.nms_param.top_k) if p.nms_param.top_k >= 0 else P
     if p.nms_param.eta < 1:
@@ -223,7 +227,7 @@ def _of_labels(graph: Graph, value: str, labels: list[int], classes: int) -> str
 
 def _boxes(graph: Graph, at: Place, labels: list[int], best: str, k: int) -> str:
     """Decode all locations and select those of the candidates: N K k boxes."""
-    p, P, C = at.layer.param, at.layer.priors, at.layer.param.num_classes
+    p, P, C = at.layer.param, at.layer.prior_count, at.layer.param.num_classes
     both = graph.reshaped(at.values[2], (2, P, 4))
     prior, variance = (graph.op("Gather", both, graph.constant(i, "index"), axis=0) for i in (0, 1))
     if p.share_location:

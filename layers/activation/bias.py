@@ -64,9 +64,10 @@ class Broadcast(Layer):
         self.axis = self.canonical_axis(self.param.axis, x) if shape else 0
         end = self.axis + len(shape)
         if x.shape[self.axis : end] != shape:
+            bottom = self.spec.bottom[0]
             raise self.fail(
                 f"{name} {shape} does not fit axes {self.axis} to {end} of bottom "
-                f"{self.spec.bottom[0]!r} {x.shape}"
+                f"{bottom!r} {x.shape}"
             )
         self.wide = shape + (1,) * (len(x.shape) - end)
         self.others = tuple(i for i in range(len(x.shape)) if not self.axis <= i < end)

@@ -35,4 +35,6 @@ class ELU(Elementwise):
 
     def _slope(self, x: Array) -> Array:
         alpha, slope = self.param.alpha, np.exp(negative(x))
-        return slope if alpha == 1 else slope * ((x > 0) + self.dtype.type(alpha) * (x <= 0))
+        if alpha == 1:
+            return slope
+        return slope * ((x > 0) + self.dtype.type(alpha) * (x <= 0))

@@ -45,10 +45,8 @@ class ArgMax(Layer):
         p, x = self.param, bottom[0]
         if p.axis is not None:
             self.axis = self.canonical_axis(p.axis, x)
-            values, what = (
-                x.shape[self.axis],
-                f"the {x.shape[self.axis]} values along axis {self.axis}",
-            )
+            values = x.shape[self.axis]
+            what = f"the {values} values along axis {self.axis}"
             shape = [*x.shape[: self.axis], p.top_k, *x.shape[self.axis + 1 :]]
         else:
             items = x.shape[self.canonical_axis(0, x, "first axis")]
@@ -65,8 +63,8 @@ class ArgMax(Layer):
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         p, x, y = self.param, bottom[0].data, top[0].data
         x = x.reshape(len(x), -1) if p.axis is None else np.moveaxis(x, self.axis, -1)
-        # reversed, so ties are too
-        places = np.argsort(x, axis=-1, kind="stable")[..., : -p.top_k - 1 : -1]
+        ascending = np.argsort(x, axis=-1, kind="stable")
+        places = ascending[..., : -p.top_k - 1 : -1]  # reversed, so ties are too
         values = np.take_along_axis(x, places, axis=-1)
         if p.axis is not None:
             y[...] = np.moveaxis(values if p.out_max_val else places, -1, self.axis)

@@ -25,15 +25,16 @@ class Axpy(Layer):
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         a, x, y = (blob.shape for blob in bottom)
-        if len(x) < 2 or a[:2] != x[:2] or bottom[0].count != x[0] * x[1]:
+        names = self.spec.bottom
+        has_channels = len(x) >= 2 and a[:2] == x[:2]
+        if not has_channels or bottom[0].count != x[0] * x[1]:
             raise self.fail(
-                f"bottom {self.spec.bottom[0]!r} {a} must have one number per item and channel of "
-                f"{self.spec.bottom[1]!r} {x}"
+                f"bottom {names[0]!r} {a} must have one number per item and channel of "
+                f"{names[1]!r} {x}"
             )
         if x != y:
             raise self.fail(
-                f"bottoms {self.spec.bottom[1]!r} {x} and {self.spec.bottom[2]!r} {y} "
-                "must have the same shape"
+                f"bottoms {names[1]!r} {x} and {names[2]!r} {y} must have the same shape"
             )
         self.wide = (*x[:2], *(1,) * (len(x) - 2))  # shape of a for broadcasting
         top[0].reshape(x)

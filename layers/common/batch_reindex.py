@@ -26,8 +26,9 @@ class BatchReindex(Layer):
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         x, index = bottom[0].shape, bottom[1].shape
         if not x or len(index) != 1:
+            items, indices = self.spec.bottom
             raise self.fail(
-                f"bottoms {self.spec.bottom[0]!r} {x} and {self.spec.bottom[1]!r} {index} "
+                f"bottoms {items!r} {x} and {indices!r} {index} "
                 "must be items (N, ...) and their indices (M,)"
             )
         top[0].reshape(*index, *x[1:])
@@ -39,8 +40,9 @@ class BatchReindex(Layer):
         x, index = bottom[0].data, bottom[1].data
         wrong = index[~((index >= 0) & (index < len(x)))]
         if wrong.size:
+            items, indices = self.spec.bottom
             raise self.fail(
-                f"bottom {self.spec.bottom[1]!r} has index {wrong[0]:g}, but {self.spec.bottom[0]!r} "
+                f"bottom {indices!r} has index {wrong[0]:g}, but {items!r} "
                 f"{x.shape} has items 0 to {len(x) - 1}"
             )
         top[0].data[...] = x[_indices(bottom[1])]

@@ -46,11 +46,12 @@ class Concat(Layer):
         axis = self.axis = self.canonical_axis(
             p.axis if p.concat_dim is None else p.concat_dim, bottom[0]
         )
+
+        def others(shape: tuple[int, ...]) -> tuple[int, ...]:
+            return shape[:axis] + shape[axis + 1 :]
+
         for name, shape in zip(self.spec.bottom, [x.shape for x in bottom]):
-            if (
-                len(shape) != len(first)
-                or shape[:axis] + shape[axis + 1 :] != first[:axis] + first[axis + 1 :]
-            ):
+            if len(shape) != len(first) or others(shape) != others(first):
                 raise self.fail(
                     f"bottom {name!r} {shape} and {self.spec.bottom[0]!r} {first} may differ only along axis {axis}"
                 )

@@ -57,13 +57,13 @@ class Eltwise(Layer):
         self.reads_top = self.reads_bottom and not self.param.stable_prod_grad
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        for i, x in enumerate(bottom):
-            if x.shape != bottom[0].shape:
+        names, first = self.spec.bottom, bottom[0].shape
+        for name, x in zip(names, bottom):
+            if x.shape != first:
                 raise self.fail(
-                    f"bottom {self.spec.bottom[i]!r} {x.shape} and {self.spec.bottom[0]!r} "
-                    f"{bottom[0].shape} must have the same shape"
+                    f"bottom {name!r} {x.shape} and {names[0]!r} {first} must have the same shape"
                 )
-        top[0].reshape(bottom[0].shape)
+        top[0].reshape(first)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         xs, y = [x.data for x in bottom], top[0].data
@@ -91,8 +91,7 @@ class Eltwise(Layer):
             elif self.param.operation == "MAX":
                 x.diff[...] = dy * (self.winner == i)
             elif self.param.stable_prod_grad:
-                x.diff[...] = dy * reduce(
-                    np.multiply, [o.data for k, o in enumerate(bottom) if k != i]
-                )
+                others = [other.data for k, other in enumerate(bottom) if k != i]
+                x.diff[...] = dy * reduce(np.multiply, others)
             else:
                 x.diff[...] = dy * (top[0].data / x.data)

@@ -60,8 +60,9 @@ class Embed(Layer):
         index, K = bottom[0].data, self.param.input_dim
         wrong = index[~((index >= 0) & (index < K) & (index == np.floor(index)))]
         if wrong.size:
+            name = self.spec.bottom[0]
             raise self.fail(
-                f"bottom {self.spec.bottom[0]!r} holds {wrong[0]:g}, expected whole numbers "
+                f"bottom {name!r} holds {wrong[0]:g}, expected whole numbers "
                 f"from 0 to {K - 1} (input_dim {K})",
                 "input_dim",
             )

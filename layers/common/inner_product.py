@@ -66,21 +66,15 @@ class InnerProduct(Layer):
         top[0].reshape(*items, self.param.num_output)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        x, y, w = (
-            self.rows(bottom[0].data),
-            self.rows(top[0].data),
-            self.output_first(self.weight.data),
-        )
+        x, y = self.rows(bottom[0].data), self.rows(top[0].data)
+        w = self.output_first(self.weight.data)
         y[...] = x @ w.T
         if self.param.bias_term:
             y += self.bias.data
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        x, dy, w = (
-            self.rows(bottom[0].data),
-            self.rows(top[0].diff),
-            self.output_first(self.weight.data),
-        )
+        x, dy = self.rows(bottom[0].data), self.rows(top[0].diff)
+        w = self.output_first(self.weight.data)
         self.output_first(self.weight.diff)[...] += dy.T @ x
         if self.param.bias_term:
             # float32 loses 3 digits over 200,000 items

@@ -39,8 +39,9 @@ class Permute(Layer):
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         x, order = bottom[0].shape, self.param.order
         if len(set(order)) < len(order) or max(order, default=-1) >= len(x):
+            name = self.spec.bottom[0]
             raise self.fail(
-                f"order {list(order)} must name axes of {self.spec.bottom[0]!r} {x}, "
+                f"order {list(order)} must name axes of {name!r} {x}, "
                 f"0 to {len(x) - 1}, each at most once",
                 "order",
             )

@@ -45,20 +45,21 @@ class Slice(Layer):
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         p, x = self.param, bottom[0]
         axis = self.axis = self.canonical_axis(p.axis if p.slice_dim is None else p.slice_dim, x)
-        size, part = x.shape[axis], x.shape[axis] // len(top)
+        size = x.shape[axis]
+        equal = size // len(top)
         if not p.slice_point and size % len(top):
             raise self.fail(f"axis {axis} of {x.shape} cannot be split into {len(top)} equal parts")
-        self.points = list(p.slice_point) or [part * i for i in range(1, len(top))]
+        self.points = list(p.slice_point) or [equal * i for i in range(1, len(top))]
         ends = [0, *self.points, size]
-        parts = np.diff(ends)
-        if p.slice_point and (
-            len(parts) != len(top) or min(parts[:-1]) < 1 or parts[-1] < 0 or len(top) > size
-        ):
-            raise self.fail(
-                f"slice_point {self.points} must be {len(top) - 1} increasing numbers from 1 to {size}, "
-                f"and {len(top)} tops at most {size}",
-                "slice_point",
-            )
+        sizes = np.diff(ends)
+        if p.slice_point:
+            is_increasing = min(sizes[:-1]) >= 1 and sizes[-1] >= 0
+            if len(sizes) != len(top) or not is_increasing or len(top) > size:
+                raise self.fail(
+                    f"slice_point {self.points} must be {len(top) - 1} increasing numbers "
+                    f"from 1 to {size}, and {len(top)} tops at most {size}",
+                    "slice_point",
+                )
         for y, a, b in zip(top, ends, ends[1:]):
             y.reshape(*x.shape[:axis], b - a, *x.shape[axis + 1 :])
 

@@ -53,10 +53,12 @@ class Softmax(Layer):
 
 def softmax(x: Array, axis: int) -> Array:
     """The softmax of x along a non-negative axis, block by block of the other axes."""
-    shape = math.prod(x.shape[:axis]), x.shape[axis], math.prod(x.shape[axis + 1 :])
-    scores, y, width = x.reshape(shape), np.empty(shape, x.dtype), max(BLOCK // max(shape[1], 1), 1)
-    for rows in blocks(shape[0], max(width // max(shape[2], 1), 1)):
-        for columns in blocks(shape[2], width):
+    before, after = math.prod(x.shape[:axis]), math.prod(x.shape[axis + 1 :])
+    shape = before, x.shape[axis], after
+    scores, y = x.reshape(shape), np.empty(shape, x.dtype)
+    width = max(BLOCK // max(x.shape[axis], 1), 1)
+    for rows in blocks(before, max(width // max(after, 1), 1)):
+        for columns in blocks(after, width):
             own = scores[rows, :, columns]
             powers = own - own.max(axis=1, keepdims=True)  # exp of a large score would be infinite
             np.exp(powers, out=powers)

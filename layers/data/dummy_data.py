@@ -48,19 +48,16 @@ class DummyData(Layer):
             for what, sizes in older.items():
                 if len(sizes) not in (1, len(top)):
                     raise self.fail(f"has {len(top)} tops, but {len(sizes)} of {what}", what)
-            shapes = [
-                tuple(sizes[i % len(sizes)] for sizes in older.values()) for i in range(len(top))
-            ]
+            for i in range(len(top)):
+                shapes.append(tuple(sizes[i % len(sizes)] for sizes in older.values()))
         for what, given in (("shape", shapes), ("data_filler", p.data_filler)):
             if len(given) not in (0 if what == "data_filler" else 1, 1, len(top)):
                 raise self.fail(f"has {len(top)} tops, but {len(given)} of {what}", what)
         for shape in shapes:
             if min(shape, default=0) < 0:
                 raise self.fail(f"shape {tuple(shape)} has a negative size", "shape")
-        self.fillers = [
-            p.data_filler[i % len(p.data_filler)] if p.data_filler else Filler()
-            for i in range(len(top))
-        ]
+        fillers = p.data_filler or (Filler(),)
+        self.fillers = [fillers[i % len(fillers)] for i in range(len(top))]
         for i, blob in enumerate(top):
             blob.reshape(shapes[i % len(shapes)])
             fill(blob.data, self.fillers[i], self.rng)

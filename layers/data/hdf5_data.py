@@ -63,12 +63,13 @@ class HDF5Data(Reader):
         self.cursor: Cursor = (0, 0, 0)
         self.files = [File(path, self.spec.top) for path in read_list(source, self.source)]
         self.rows = sum(file.rows for file in self.files)
+        first = self.files[0]
         for file in self.files[1:]:
-            for name, first, this in zip(self.spec.top, self.files[0].datasets, file.datasets):
-                if first.shape[1:] != this.shape[1:]:
+            for name, expected, found in zip(self.spec.top, first.datasets, file.datasets):
+                if expected.shape[1:] != found.shape[1:]:
                     raise DataError(
-                        f"{file.path}: rows of {name!r} have shape {this.shape[1:]}, "
-                        f"those in {self.files[0].path} {first.shape[1:]}"
+                        f"{file.path}: rows of {name!r} have shape {found.shape[1:]}, "
+                        f"those in {first.path} {expected.shape[1:]}"
                     )
         origin = ", ".join(sorted({file.made_from for file in self.files}))
         self.notes = [
@@ -95,7 +96,7 @@ class HDF5Data(Reader):
         done, size = 0, len(batch[0]) * self.shard.count
         while done < size:
             turn, place, row = cursor
-            file = self.files[self.order(len(self.files), turn, 0)[place]]
+            file = self._file(turn, place)
             take = min(size - done, file.rows - row)
             rows = self.order(file.rows, turn, 1 + place)[row : row + take]
             file.check()
@@ -105,8 +106,13 @@ class HDF5Data(Reader):
             done += take
             cursor = (turn, place, row + take)
             if row + take == file.rows:
-                cursor = (turn, place + 1, 0) if place + 1 < len(self.files) else (turn + 1, 0, 0)
+                is_last = place + 1 == len(self.files)
+                cursor = (turn + 1, 0, 0) if is_last else (turn, place + 1, 0)
         return cursor
+
+    def _file(self, turn: int, place: int) -> File:
+        """The file that a pass visits in this place."""
+        return self.files[self.order(len(self.files), turn, 0)[place]]
 
     def order(self, count: int, turn: int, stream: int) -> Array:
         """Order in which a pass visits the files (stream 0), or the rows of its n-th
@@ -128,11 +134,7 @@ class HDF5Data(Reader):
         if state.get("files") == self._identity():  # otherwise the position is meaningless
             turn, place, row = map(int, state["cursor"])
             self.cursor = (turn, place, row)
-            if (
-                turn < 0
-                or not 0 <= row < self.files[self.order(len(self.files), turn, 0)[place]].rows
-                or place < 0
-            ):
+            if turn < 0 or not 0 <= row < self._file(turn, place).rows or place < 0:
                 raise ValueError(f"there is no row at {state['cursor']}")
 
     def reads(self) -> Any:

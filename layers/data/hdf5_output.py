@@ -61,8 +61,9 @@ class HDF5Output(ZeroGradient):
             if len(x.shape) > 4:
                 raise self.fail(f"bottom {name!r} {x.shape} has more than four axes")
         if bottom[0].num != bottom[1].num:
+            names = self.spec.bottom
             raise self.fail(
-                f"bottoms {self.spec.bottom[0]!r} {bottom[0].shape} and {self.spec.bottom[1]!r} "
+                f"bottoms {names[0]!r} {bottom[0].shape} and {names[1]!r} "
                 f"{bottom[1].shape} must have the same number of items"
             )
 

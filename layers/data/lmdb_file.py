@@ -156,23 +156,16 @@ class Database:
             raise self.damaged(number, f"offsets up to byte {lower}, nodes from byte {upper} on")
         offsets = struct.unpack_from(f"<{(lower - HEADER.size) // 2}H", raw, HEADER.size)
         nodes = [NODE.unpack_from(raw, min(at, len(raw) - NODE.size)) for at in offsets]
-        rests = [
-            0 if level else NUMBER.size if flags & ELSEWHERE else size for size, flags, _ in nodes
-        ]
-        stops = [
-            at + NODE.size + length + rest
-            for at, (_, _, length), rest in zip(offsets, nodes, rests)
-        ]
-        if min(offsets) < lower or max(stops) > len(raw):
+        sizes = [0 if level else _size_in_leaf(size, flags) for size, flags, _ in nodes]
+        key_ends = [at + NODE.size + length for at, (_, _, length) in zip(offsets, nodes)]
+        ends = [key_end + size for key_end, size in zip(key_ends, sizes)]
+        if min(offsets) < lower or max(ends) > len(raw):
             raise self.damaged(number, "its nodes are outside the page")
-        keys = [raw[at + NODE.size : stop - rest] for at, stop, rest in zip(offsets, stops, rests)]
+        keys = [raw[at + NODE.size : key_end] for at, key_end in zip(offsets, key_ends)]
         if level:
             keys[0] = begin
-        if (
-            keys[0] < begin
-            or any(a >= b for a, b in pairwise(keys))
-            or (end is not None and keys[-1] >= end)
-        ):
+        is_sorted = all(a < b for a, b in pairwise(keys))
+        if not is_sorted or keys[0] < begin or (end is not None and keys[-1] >= end):
             raise self.damaged(number, "its keys are out of order, or belong to another page")
         if level:
             return keys, [low | high << 32 for low, high, _ in nodes]
@@ -182,10 +175,11 @@ class Database:
                 raise DataError(
                     f"{self.path}: page {number}: {what}, which Caffe never writes, or the file is damaged"
                 )
-        return keys, [
-            (*NUMBER.unpack(raw[stop - rest : stop]), size) if flags else raw[stop - rest : stop]
-            for stop, rest, (size, flags, _) in zip(stops, rests, nodes)
-        ]
+        values: list[Any] = [raw[key_end:end] for key_end, end in zip(key_ends, ends)]
+        for i, (size, flags, _) in enumerate(nodes):
+            if flags:
+                values[i] = (*NUMBER.unpack(values[i]), size)
+        return keys, values
 
     def value(self, number: int, size: int) -> bytes:
         """Read a value stored in overflow pages from this one on."""
@@ -203,6 +197,11 @@ class Database:
         if first + pages * self._page_size > self.source.size:
             raise self.damaged(number, f"the file ends at byte {self.source.size}")
         return self.source.read(first + begin, size)
+
+
+def _size_in_leaf(size: int, flags: int) -> int:
+    """Bytes of a value in its node: those of a page number if it is elsewhere."""
+    return NUMBER.size if flags & ELSEWHERE else size
 
 
 class Cursor:

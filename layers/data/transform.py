@@ -103,10 +103,8 @@ class Transformer:
         mirror = p.mirror and rng.integers(2) == 1
         top, left = (image.shape[1] - H) // 2, (image.shape[2] - W) // 2
         if p.crop_size and train:
-            top, left = (
-                int(rng.integers(image.shape[1] - H + 1)),
-                int(rng.integers(image.shape[2] - W + 1)),
-            )
+            top = int(rng.integers(image.shape[1] - H + 1))
+            left = int(rng.integers(image.shape[2] - W + 1))
         crop = np.s_[:, top : top + H, left : left + W]
         # the mean at the position before cropping
         mean = np.broadcast_to(self.mean, image.shape)[crop]

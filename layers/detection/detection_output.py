@@ -128,37 +128,30 @@ class DetectionOutput(Layer):
             )
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        N, priors = bottom[0].shape[:1], bottom[2].shape
-        if (
-            len(priors) < 3
-            or priors[:2] != (1, 2)
-            or priors[2] % 4
-            or bottom[2].count != 2 * priors[2]
-        ):
+        N, boxes = bottom[0].shape[:1], bottom[2].shape
+        are_boxes = len(boxes) >= 3 and boxes[:2] == (1, 2) and boxes[2] % 4 == 0
+        if not are_boxes or bottom[2].count != 2 * boxes[2]:
             raise self.fail(
-                f"bottom {self.spec.bottom[2]!r} has shape {priors}, expected (1, 2, 4 per prior)"
+                f"bottom {self.spec.bottom[2]!r} has shape {boxes}, expected (1, 2, 4 per prior)"
             )
-        self.priors, C = priors[2] // 4, self.param.num_classes
-        each = 4 if self.param.share_location else 4 * C
-        for index, what, numbers in ((0, "locations", each), (1, "confidences", C)):
-            shape = bottom[index].shape
-            if (
-                not shape
-                or shape[:1] != N
-                or bottom[index].count != shape[0] * self.priors * numbers
-            ):
+        P, C = boxes[2] // 4, self.param.num_classes
+        self.prior_count = P
+        per_prior = 4 if self.param.share_location else 4 * C
+        for index, what, numbers in ((0, "locations", per_prior), (1, "confidences", C)):
+            name, shape = self.spec.bottom[index], bottom[index].shape
+            if not shape or shape[:1] != N or bottom[index].count != shape[0] * numbers * P:
                 raise self.fail(
-                    f"bottom {self.spec.bottom[index]!r} has shape {shape}, expected "
-                    f"{numbers * self.priors} {what} per item: {numbers} for each of the "
-                    f"{self.priors} priors"
+                    f"bottom {name!r} has shape {shape}, expected "
+                    f"{numbers * P} {what} per item: {numbers} for each of the {P} priors"
                 )
         top[0].reshape(1, 1, 1, 7)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        N, C = bottom[0].shape[0], self.param.num_classes
-        locations = bottom[0].data.reshape(N, self.priors, 1 if self.param.share_location else C, 4)
-        confidences = bottom[1].data.reshape(N, self.priors, C)
-        priors, variances = bottom[2].data.reshape(2, self.priors, 4)
+        N, P, C = bottom[0].shape[0], self.prior_count, self.param.num_classes
+        L = 1 if self.param.share_location else C
+        locations = bottom[0].data.reshape(N, P, L, 4)
+        confidences = bottom[1].data.reshape(N, P, C)
+        priors, variances = bottom[2].data.reshape(2, P, 4)
         self._check(priors)
         found = [
             self._detect(item, *each, priors, variances)
@@ -174,7 +167,8 @@ class DetectionOutput(Layer):
     def _check(self, priors: Array) -> None:
         """Raise LayerError if a prior has no size that a location could scale."""
         if self.param.code_type != "CORNER":
-            for i in np.flatnonzero(~(priors[:, 2:] > priors[:, :2]).all(axis=1))[:1]:
+            has_size = (priors[:, 2:] > priors[:, :2]).all(axis=1)
+            for i in np.flatnonzero(~has_size)[:1]:
                 numbers = ", ".join(f"{value:g}" for value in priors[i])
                 raise self.fail(
                     f"prior {i} of {self.spec.bottom[2]!r} is ({numbers}); "
@@ -224,7 +218,8 @@ def decode(p: DetectionOutputParameter, priors: Array, variances: Array, locatio
     elif p.code_type == "CORNER_SIZE":
         boxes = priors + change * np.tile(size, 2)
     else:
-        centre = (priors[:, :2] + priors[:, 2:]) / 2 + change[:, :2] * size
+        centre_of_prior = (priors[:, :2] + priors[:, 2:]) / 2
+        centre = centre_of_prior + change[:, :2] * size
         half = size * np.exp(change[:, 2:]) / 2
         boxes = np.hstack([centre - half, centre + half])
     return boxes.clip(0, 1) if p.clip else boxes
@@ -249,13 +244,12 @@ def overlap(a: Array, b: Array) -> Array:
     """Intersection / union of each box of a (K, 4) with each of b (M, 4): (K, M); NaN if
     both are empty.
     """
-    (x1, y1, x2, y2), (u1, v1, u2, v2) = (
-        np.ascontiguousarray(a.T)[:, :, None],
-        np.ascontiguousarray(b.T),
-    )
+    x1, y1, x2, y2 = np.ascontiguousarray(a.T)[:, :, None]
+    u1, v1, u2, v2 = np.ascontiguousarray(b.T)
     w, h = np.minimum(x2, u2), np.minimum(y2, v2)
     w -= np.maximum(x1, u1)
     h -= np.maximum(y1, v1)
     inside = np.maximum(w, 0, out=w)
     inside *= np.maximum(h, 0, out=h)
-    return np.divide(inside, (x2 - x1) * (y2 - y1) + (u2 - u1) * (v2 - v1) - inside, out=inside)
+    area_a, area_b = (x2 - x1) * (y2 - y1), (u2 - u1) * (v2 - v1)
+    return np.divide(inside, area_a + area_b - inside, out=inside)

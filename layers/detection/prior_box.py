@@ -73,9 +73,8 @@ class PriorBox(ZeroGradient):
             raise self.fail(
                 f"min_size {list(p.min_size)} must be one or more sizes above 0", "min_size"
             )
-        if len(p.max_size) not in (0, len(p.min_size)) or not all(
-            m < M for m, M in zip(p.min_size, p.max_size)
-        ):
+        are_larger = all(m < M for m, M in zip(p.min_size, p.max_size))
+        if len(p.max_size) not in (0, len(p.min_size)) or not are_larger:
             raise self.fail(
                 f"max_size {list(p.max_size)} must have a larger size for each min_size "
                 f"{list(p.min_size)}, or none",
@@ -83,7 +82,8 @@ class PriorBox(ZeroGradient):
             )
         if not all(ratio > 0 for ratio in p.aspect_ratio):
             raise self.fail(f"aspect_ratio {list(p.aspect_ratio)} must be above 0", "aspect_ratio")
-        if len(p.variance) not in (0, 1, 4) or not all(variance > 0 for variance in p.variance):
+        are_positive = all(variance > 0 for variance in p.variance)
+        if len(p.variance) not in (0, 1, 4) or not are_positive:
             raise self.fail(
                 f"variance {list(p.variance)} must be one or four numbers above 0", "variance"
             )
@@ -139,12 +139,8 @@ def prior_boxes(
     centre = np.empty((H, W, 1, 2))
     centre[..., 0] = ((np.arange(W) + p.offset) * step_w)[:, None]
     centre[..., 1] = ((np.arange(H) + p.offset) * step_h)[:, None, None]
-    boxes = np.concatenate([centre - sizes / 2, centre + sizes / 2], axis=-1) / (
-        width,
-        height,
-        width,
-        height,
-    )
+    corners = np.concatenate([centre - sizes / 2, centre + sizes / 2], axis=-1)
+    boxes = corners / (width, height, width, height)
     if p.clip:
         boxes = boxes.clip(0, 1)
     return boxes.reshape(-1, 4), np.broadcast_to(p.variance or 0.1, (boxes.size // 4, 4))

@@ -89,15 +89,15 @@ class HandAugment(Layer):
                     y.data[...] = x.data
             return
         p, (N, _, S, _) = self.param, bottom[0].shape
-        a, s, u, v, d = self.rng.uniform(-1, 1, (5, N)) * np.array(
-            [[np.deg2rad(p.rotation)], [p.scale], [p.shift], [p.shift], [p.depth]]
-        )
+        largest = np.array([np.deg2rad(p.rotation), p.scale, p.shift, p.shift, p.depth])
+        a, s, u, v, d = self.rng.uniform(-1, 1, (5, N)) * largest[:, None]
         s += 1
-        # (column, row)
-        turn = np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]]).transpose(2, 0, 1)
+        cos, sin = np.cos(a), np.sin(a)
+        turn = np.array([[cos, sin], [-sin, cos]]).transpose(2, 0, 1)  # of (column, row)
         move = np.stack([u, v], axis=1)
         self.move_joints(bottom[1].data, top[1].data, turn, s, move / (S / 2), d)
-        self.move_crops(bottom[0].data[:, 0], top[0].data[:, 0], _source_of(turn, s, move, S), s, d)
+        source = _source_of(turn, s, move, S)
+        self.move_crops(bottom[0].data[:, 0], top[0].data[:, 0], source, s, d)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if any(propagate_down):
@@ -110,8 +110,9 @@ class HandAugment(Layer):
         """Write the transformed joints (n, 3 K) to y."""
         joints = x.reshape(len(s), -1, 3).astype(np.float64)
         plane = joints[..., :2] * (1, -1) @ turn.transpose(0, 2, 1)  # (column, row)
-        moved = np.concatenate([plane * (1, -1), joints[..., 2:]], axis=2) * s[:, None, None]
-        moved += np.stack([move[:, 0], -move[:, 1], d], axis=1)[:, None]
+        turned = np.concatenate([plane * (1, -1), joints[..., 2:]], axis=2)
+        shift = np.stack([move[:, 0], -move[:, 1], d], axis=1)
+        moved = turned * s[:, None, None] + shift[:, None]
         y[...] = np.clip(moved, -1, 1).reshape(y.shape)
 
     def move_crops(self, x: Array, y: Array, source: Array, s: Array, d: Array) -> None:
@@ -123,7 +124,8 @@ class HandAugment(Layer):
         if self.warps:
             for n in range(len(x)):
                 cv2.warpAffine(x[n], source[n], (S, S), old[n], how, cv2.BORDER_REPLICATE)
-        depth = old * s.astype(self.dtype)[:, None, None] + d.astype(self.dtype)[:, None, None]
+        factor, step = s.astype(self.dtype), d.astype(self.dtype)
+        depth = old * factor[:, None, None] + step[:, None, None]
         y[...] = np.where(old >= 1, 1, np.clip(depth, -1, 1))
 
 

@@ -52,8 +52,9 @@ class HandModel(Layer):
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         N, D, K = bottom[0].num, len(self.skeleton.dof_names), len(self.skeleton.joint_names)
         if not bottom[0].shape or bottom[0].count != N * D:
+            name = self.spec.bottom[0]
             raise self.fail(
-                f"bottom {self.spec.bottom[0]!r} has shape {bottom[0].shape}, "
+                f"bottom {name!r} has shape {bottom[0].shape}, "
                 f"skeleton {self.skeleton.name!r} expects ({N}, {D})"
             )
         top[0].reshape(N, 3 * K)

@@ -70,16 +70,15 @@ class Kinematics:
         ``bones`` (N, K) sets signed bone lengths per row.
         """
         sk, theta = self.skeleton, self.skeleton.theta(inputs)
-        lengths = np.broadcast_to(sk.bones if bones is None else bones, (len(theta), len(sk.bones)))
-        pose = Pose(len(theta), len(sk.bones), len(sk.driven))
+        N, K = len(theta), len(sk.bones)
+        lengths = np.broadcast_to(sk.bones if bones is None else bones, (N, K))
+        pose = Pose(N, K, len(sk.driven))
         for j in sk.order:
             parent = sk.parents[j]
-            p = pose.joints[:, parent] if parent >= 0 else np.zeros((len(theta), 3))
-            F = (
-                pose.frames[:, parent]
-                if parent >= 0
-                else np.broadcast_to(np.eye(3), (len(theta), 3, 3))
-            )
+            if parent >= 0:
+                p, F = pose.joints[:, parent], pose.frames[:, parent]
+            else:
+                p, F = np.zeros((N, 3)), np.broadcast_to(np.eye(3), (N, 3, 3))
             for motion in sk.motions[j]:
                 a = motion.sign * F[:, :, motion.axis]
                 if motion.row >= 0:
@@ -90,7 +89,8 @@ class Kinematics:
                     F = F @ rotation(motion.axis, motion.sign * theta[:, motion.dof])
             # a joint without a bone has length 0, so its axis has no effect
             along_bone = F[:, :, sk.bone_axes[j]]
-            pose.joints[:, j], pose.frames[:, j] = p + along_bone * lengths[:, j, None], F
+            pose.joints[:, j] = p + along_bone * lengths[:, j, None]
+            pose.frames[:, j] = F
         return pose
 
     def forward_pose(self, inputs: Array, bones: Array | None = None) -> Pose:
@@ -113,8 +113,9 @@ class Kinematics:
                     dtheta[:, motion.dof] += (a * generalized_force).sum(axis=1)
             parent = sk.parents[j]
             if parent >= 0:
+                lever = X[:, j] - X[:, parent]
                 force[:, parent] += force[:, j]
-                torque[:, parent] += torque[:, j] + np.cross(X[:, j] - X[:, parent], force[:, j])
+                torque[:, parent] += torque[:, j] + np.cross(lever, force[:, j])
         return dtheta.astype(self.dtype)
 
     def backward_bones(self, pose: Pose, dX: Array) -> Array:
@@ -135,7 +136,8 @@ class Kinematics:
         chosen = list(range(len(sk.parents))) if joints is None else list(joints)
         axis = pose.axis[:, :, None]
         arm = pose.joints[:, None, chosen] - pose.pivot[:, :, None]
-        J = np.where(sk.turns[:, None, None], np.cross(axis, arm), axis) * sk.moves[:, chosen, None]
+        velocity = np.where(sk.turns[:, None, None], np.cross(axis, arm), axis)
+        J = velocity * sk.moves[:, chosen, None]
         return np.asarray(J.reshape(*J.shape[:2], 3 * len(chosen)))
 
     def bone_directions(self, pose: Pose) -> Array:
@@ -164,7 +166,8 @@ def rotation(axis: int, angle: Array | float) -> Array:
     Standard matrices: a rotation about z turns x towards y, and so on cyclically. The axes x right,
     y up, z away are left-handed, so the direction of rotation follows the left-hand rule.
     """
-    i, j, cos, sin = (axis + 1) % 3, (axis + 2) % 3, np.cos(angle), np.sin(angle)
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    cos, sin = np.cos(angle), np.sin(angle)
     R = np.zeros((*np.shape(angle), 3, 3))
     R[..., axis, axis] = 1
     R[..., i, i], R[..., i, j] = cos, -sin

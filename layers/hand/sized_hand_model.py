@@ -48,14 +48,16 @@ class SizedHandModel(HandModel):
         (N, *_), K, b = top[0].shape, len(self.skeleton.joint_names), bottom[1]
         self.is_factor = math.prod(b.shape[1:]) == 1
         if b.shape[:1] != (N,) or math.prod(b.shape[1:]) not in (1, K):
+            name = self.spec.bottom[1]
             raise self.fail(
-                f"bottom {self.spec.bottom[1]!r} has shape {b.shape}, expected ({N}, 1), a factor, or "
+                f"bottom {name!r} has shape {b.shape}, expected ({N}, 1), a factor, or "
                 f"({N}, {K}), the bone lengths of skeleton {self.skeleton.name!r}"
             )
 
     def _body(self, bottom: Blobs) -> tuple[Array, ...]:
         [x], sk = super()._body(bottom), self.skeleton
-        x, b = np.where(sk.fixed, 0, x), bottom[1].data.reshape(len(x), -1 if len(x) else 1)
+        x = np.where(sk.fixed, 0, x)
+        b = bottom[1].data.reshape(len(x), -1 if len(x) else 1)
         if self.is_factor:
             return x + (b - 1) * self.starts, b * sk.bones
         return x, np.where(sk.bone_axes < 0, 0, b)

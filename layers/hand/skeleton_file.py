@@ -121,17 +121,18 @@ class FleshParameter:
                 joint, bone=joint.bone and replace(joint.bone, length=joint.bone.length * scale)
             )
 
-        return replace(
-            self,
-            joint=tuple(longer(joint) for joint in self.joint),
-            offset=tuple(
-                replace(o, x=o.x * scale, y=o.y * scale, z=o.z * scale) for o in self.offset
-            ),
-            capsule=tuple(
-                replace(c, radius=tuple(r * scale for r in c.radius)) for c in self.capsule
-            ),
-            wedge=tuple(replace(w, radius=tuple(r * scale for r in w.radius)) for w in self.wedge),
-        )
+        def farther(offset: OffsetParameter) -> OffsetParameter:
+            x, y, z = offset.x * scale, offset.y * scale, offset.z * scale
+            return replace(offset, x=x, y=y, z=z)
+
+        def wider(radii: tuple[Double, ...]) -> tuple[Double, ...]:
+            return tuple(radius * scale for radius in radii)
+
+        joints = tuple(map(longer, self.joint))
+        offsets = tuple(map(farther, self.offset))
+        capsules = tuple(replace(c, radius=wider(c.radius)) for c in self.capsule)
+        wedges = tuple(replace(w, radius=wider(w.radius)) for w in self.wedge)
+        return replace(self, joint=joints, offset=offsets, capsule=capsules, wedge=wedges)
 
 
 @dataclass(frozen=True)

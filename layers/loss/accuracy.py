@@ -57,8 +57,8 @@ class Accuracy(Layer):
         labels, counts = labels_of.read(self, bottom, self.classes, self.param.ignore_label)
         labels, scores = labels[counts], scores[counts]
         own = np.take_along_axis(scores, labels[:, None], 1)
-        # ties count as higher
-        right = (scores > own).sum(axis=1) + (scores == own).sum(axis=1) - 1 < self.param.top_k
+        higher, equal = (scores > own).sum(axis=1), (scores == own).sum(axis=1) - 1
+        right = higher + equal < self.param.top_k  # ties count as higher
         top[0].data[...] = right.mean() if len(right) else 0
         if len(top) > 1:
             total = np.bincount(labels, minlength=self.classes)

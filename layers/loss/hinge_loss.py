@@ -55,6 +55,5 @@ class HingeLoss(LabelLoss):
             raise self.fail("has no gradient for its labels; set propagate_down: false for them")
         if propagate_down[0]:
             slope = self.margins > 0 if self.param.norm == "L1" else 2 * self.margins
-            bottom[0].diff[...] = (self.sign * slope * (top[0].diff / len(slope))).reshape(
-                bottom[0].shape
-            )
+            dx = self.sign * slope * (top[0].diff / len(slope))
+            bottom[0].diff[...] = dx.reshape(bottom[0].shape)

@@ -101,4 +101,5 @@ class InfogainLoss(LabelLoss):
             )
         if propagate_down[0]:
             dx = self.p * self.rows.sum(axis=-1, keepdims=True) - self.rows
-            bottom[0].diff[...] = np.moveaxis(dx, -1, self.axis) * (top[0].diff / self.divisor)
+            share = top[0].diff / self.divisor
+            bottom[0].diff[...] = np.moveaxis(dx, -1, self.axis) * share

@@ -48,10 +48,12 @@ def normalization(param: LossParameter, default: str = "VALID") -> str:
     return default
 
 
-def divisor(normalization: str, counts: Array, items: int) -> int:
-    """The divisor of a loss and its gradient; ``counts`` is false for ignored labels."""
-    by = {"VALID": int(counts.sum()), "FULL": counts.size, "BATCH_SIZE": items, "NONE": 1}
-    return max(1, by[normalization])
+def divisor(by: str, counts: Array, items: int) -> int:
+    """The divisor of a loss and its gradient for a normalization; ``counts`` is false for
+    ignored labels.
+    """
+    divisors = {"VALID": int(counts.sum()), "FULL": counts.size, "BATCH_SIZE": items, "NONE": 1}
+    return max(1, divisors[by])
 
 
 def check_shapes(
@@ -63,12 +65,11 @@ def check_shapes(
     another layout.
     """
     x, labels = bottom[0].shape, bottom[1].shape
-    if math.prod(labels) != math.prod(places) or (
-        same_items and places and labels[:1] != places[:1]
-    ):
+    other_items = same_items and places and labels[:1] != places[:1]
+    if other_items or math.prod(labels) != math.prod(places):
+        names = layer.spec.bottom
         raise layer.fail(
-            f"labels {layer.spec.bottom[1]!r} {labels} do not fit scores {layer.spec.bottom[0]!r} {x}; "
-            f"expected {places}"
+            f"labels {names[1]!r} {labels} do not fit scores {names[0]!r} {x}; expected {places}"
         )
 
 
@@ -107,9 +108,8 @@ def read(
     counts = counted(labels, ignore)
     wrong = counts & ~((labels > -1) & (labels < classes))  # includes NaN
     if wrong.any():
-        raise layer.fail(
-            f"label {labels[wrong][0]:.9g} in {layer.spec.bottom[1]!r}; expected 0 to {classes - 1}"
-        )
+        name = layer.spec.bottom[1]
+        raise layer.fail(f"label {labels[wrong][0]:.9g} in {name!r}; expected 0 to {classes - 1}")
     return np.where(counts, labels, 0).astype(np.intp), counts
 
 

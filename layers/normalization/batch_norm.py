@@ -117,7 +117,8 @@ class BatchNorm(Layer):
         NumPy sums each row pairwise; the row sums are added in float64, because float32 would lose
         three digits over many items.
         """
-        return x.sum(axis=self.others[1:]).sum(axis=0, dtype=np.float64) / (x.size // x.shape[1])
+        total = x.sum(axis=self.others[1:]).sum(axis=0, dtype=np.float64)
+        return total / (x.size // x.shape[1])
 
     def _per_channel(self, values: Array) -> Array:
         """Reshape one value per channel, (C,), to broadcast over x, in its dtype."""
@@ -125,7 +126,8 @@ class BatchNorm(Layer):
 
     def _add_to_sums(self, m: Array, v: Array, values: int) -> None:
         mean, variance, weight = self.mean.data, self.variance.data, self.weight.data
-        for total, new in ((mean, m), (variance, v * (values / max(values - 1, 1))), (weight, 1)):
+        unbiased = v * (values / max(values - 1, 1))
+        for total, new in ((mean, m), (variance, unbiased), (weight, 1)):
             total *= self.param.moving_average_fraction
             total += new
 

@@ -77,10 +77,10 @@ class BN(Layer):
             [name for name in names if schema.is_given(p, name)] for names in (SEGNET, PSPNET)
         )
         if bool(segnet) == bool(pspnet):
+            one, other = ", ".join(SEGNET), ", ".join(PSPNET)
             found = f"found {segnet[0]} and {pspnet[0]}" if segnet else "found neither"
             raise self.fail(
-                f"expected options of SegNet's BN ({', '.join(SEGNET)}) or of PSPNet's "
-                f"({', '.join(PSPNET)}), {found}",
+                f"expected options of SegNet's BN ({one}) or of PSPNet's ({other}), {found}",
                 segnet[0] if segnet else None,
             )
         if pspnet and len(top) > 1:
@@ -150,7 +150,7 @@ class BN(Layer):
         if propagate_down[0]:
             g = self.scale.data * dy
             if self.of_batch:
-                g -= g.mean(axis=(0, 2, 3), keepdims=True) + z * (z * g).mean(
-                    axis=(0, 2, 3), keepdims=True
-                )
+                mean = g.mean(axis=(0, 2, 3), keepdims=True)
+                along_z = (z * g).mean(axis=(0, 2, 3), keepdims=True)
+                g -= mean + z * along_z
             bottom[0].diff[...] = g / self.s

@@ -57,9 +57,9 @@ class Normalize(Layer):
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         x, scale = bottom[0].shape, self.scale.shape
         if len(x) < 2 or scale not in ((), x[1:2]):
+            name, channels = self.spec.bottom[0], scale[0] if scale else "C"
             raise self.fail(
-                f"bottom {self.spec.bottom[0]!r} has shape {x}, its scale expects "
-                f"{'(N, C, ...)' if scale == () else f'(N, {scale[0]}, ...)'}"
+                f"bottom {name!r} has shape {x}, its scale expects (N, {channels}, ...)"
             )
         self.axes = tuple(range(1, len(x))) if self.param.across_spatial else (1,)
         # shape of the scale for broadcasting
@@ -69,9 +69,8 @@ class Normalize(Layer):
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         x = bottom[0].data
-        self.s = np.sqrt(
-            np.square(x).sum(axis=self.axes, keepdims=True) + self.dtype.type(self.param.eps)
-        )
+        total = np.square(x).sum(axis=self.axes, keepdims=True)
+        self.s = np.sqrt(total + self.dtype.type(self.param.eps))
         self.u = x / self.s
         np.multiply(self.u, self.scale.data.reshape(self.wide), out=top[0].data)
 

@@ -44,7 +44,8 @@ class LSTM(Recurrent):
         T, N, D, half = *bottom[1].shape, self.param.num_output, np.asarray(0.5, self.dtype)
         w_h = self.w_h.data.copy()
         w_h[: 3 * D] *= half
-        rows, y = np.empty((T + 1, 5, D, N), self.dtype), np.empty((T + 1, D, N), self.dtype)
+        rows = np.empty((T + 1, 5, D, N), self.dtype)
+        y = np.empty((T + 1, D, N), self.dtype)
         gate, c = rows[:T, :4], rows[:, 4]
         self._write_z(bottom, gate)
         gate[:, :3] *= half

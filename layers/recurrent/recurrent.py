@@ -105,14 +105,16 @@ class Recurrent(Layer):
                 f"bottom {names[0]!r} has shape {x}, expected ({self.steps or 'T'}, N, ...)"
             )
         T, N = x[:2]
-        if bottom[1].shape != (T, N):
+        cont = bottom[1].shape
+        if cont != (T, N):
             raise self.fail(
-                f"bottom {names[1]!r} has shape {bottom[1].shape}, expected ({T}, {N}) as steps, streams "
+                f"bottom {names[1]!r} has shape {cont}, expected ({T}, {N}) as steps, streams "
                 f"of {names[0]!r} {x}"
             )
         if self.has_static and (len(bottom[2].shape) < 2 or bottom[2].shape[0] != N):
+            static = bottom[2].shape
             raise self.fail(
-                f"bottom {names[2]!r} has shape {bottom[2].shape}, expected ({N}, ...), the streams "
+                f"bottom {names[2]!r} has shape {static}, expected ({N}, ...), the streams "
                 f"of {names[0]!r} {x}"
             )
         for i in range(3 if self.has_static else 2, len(bottom)):
@@ -125,9 +127,10 @@ class Recurrent(Layer):
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         self._check_axes(bottom)
         for (blob, axes), features, index in zip(self._inputs(bottom), self.features, (0, 2)):
-            if math.prod(blob.shape[axes:]) != features:
+            found = math.prod(blob.shape[axes:])
+            if found != features:
                 raise self.fail(
-                    f"bottom {self.spec.bottom[index]!r} has {math.prod(blob.shape[axes:])} features "
+                    f"bottom {self.spec.bottom[index]!r} has {found} features "
                     f"{blob.shape}, its weights expect {features}"
                 )
         T, N = bottom[1].shape
@@ -152,7 +155,8 @@ class Recurrent(Layer):
     def _write_z(self, bottom: Blobs, out: Array) -> None:
         """Compute z (T, G, N) for all steps, in ``out`` (T, ..., N)."""
         T, N = bottom[1].shape
-        x, w_x, constant = bottom[0].data.reshape(T, N, -1), self.w_x.data, self.b.data[:, None]
+        x, w_x = bottom[0].data.reshape(T, N, -1), self.w_x.data
+        constant = self.b.data[:, None]
         if self.has_static:
             constant = constant + self.w_s.data @ bottom[2].data.reshape(N, -1).T
         # the steps of one stream are one product

@@ -122,7 +122,8 @@ class Convolution(SlidingWindow):
     def col2im(self, columns: Array, x_shape: tuple[int, ...], y_shape: tuple[int, ...]) -> Array:
         """Adjoint of ``im2col``, columns → (C, H, W): sums overlapping values."""
         C, *sizes = x_shape
-        padded = np.zeros((C, *(n + 2 * p for n, p in zip(sizes, self.pad))), columns.dtype)
+        padded_sizes = [n + 2 * p for n, p in zip(sizes, self.pad)]
+        padded = np.zeros((C, *padded_sizes), columns.dtype)
         patches = columns.reshape(C, -1, *y_shape[1:])
         for element, part in enumerate(self.window_slices(y_shape)):
             padded[part] += patches[:, element]
@@ -135,5 +136,6 @@ class Convolution(SlidingWindow):
         """
         axes = [[slice(None)]]  # all channels
         for k, d, s, n in zip(self.kernel, self.dilation, self.stride, y_shape[1:]):
-            axes.append([slice(i * d, i * d + (n - 1) * s + 1, s) for i in range(k)])
+            span = (n - 1) * s + 1
+            axes.append([slice(i * d, i * d + span, s) for i in range(k)])
         return itertools.product(*axes)

@@ -44,9 +44,11 @@ class Crop(ZeroGradient):
             )
         starts = offsets if len(offsets) == cut else offsets * cut
         ends = [start + n for start, n in zip(starts, size[axis:])]
-        if len(size) < len(x) or any(end > n for end, n in zip(ends, x[axis:])):
+        is_inside = all(end <= n for end, n in zip(ends, x[axis:]))
+        if len(size) < len(x) or not is_inside:
+            whole, other = self.spec.bottom
             raise self.fail(
-                f"bottom {self.spec.bottom[0]!r} {x} does not contain {self.spec.bottom[1]!r} {size} "
+                f"bottom {whole!r} {x} does not contain {other!r} {size} "
                 f"at offset {starts}, from axis {axis} on",
                 "offset",
             )

@@ -38,9 +38,8 @@ class Im2col(Convolution):
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         x = bottom[0]
         self._check_axes(0, x)
-        top[0].reshape(
-            *x.shape[: self.axis], x.shape[self.axis] * math.prod(self.kernel), *self._outputs(0, x)
-        )
+        rows = x.shape[self.axis] * math.prod(self.kernel)
+        top[0].reshape(*x.shape[: self.axis], rows, *self._outputs(0, x))
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         for image, out in zip(self.images(bottom[0].data), self.images(top[0].data)):

@@ -112,8 +112,9 @@ class Interp(ZeroGradient):
         N, C, *whole = bottom[0].shape
         sizes = [n + p.pad_beg + p.pad_end for n in whole]
         if min(sizes) < 1:
+            name = self.spec.bottom[0]
             raise self.fail(
-                f"bottom {self.spec.bottom[0]!r} {bottom[0].shape} is empty after cropping by "
+                f"bottom {name!r} {bottom[0].shape} is empty after cropping by "
                 f"pad_beg {p.pad_beg} and pad_end {p.pad_end}"
             )
         if self.by_factors:

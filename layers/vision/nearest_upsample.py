@@ -51,7 +51,8 @@ class NearestUpsample(Layer):
             raise self.fail(
                 f"bottom {self.spec.bottom[0]!r} has shape {shape}, expected (..., H, W)"
             )
-        top[0].reshape(*shape[:-2], shape[-2] * self.scale, shape[-1] * self.scale)
+        *before, H, W = shape
+        top[0].reshape(*before, H * self.scale, W * self.scale)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         rows = bottom[0].data.repeat(self.scale, axis=-1)

@@ -60,24 +60,19 @@ class Pooling(SlidingWindow):
             y.reshape(N, C, self._outputs(0, H), self._outputs(1, W))
         # Clip the kernel to the padded image: with global bounds it would only add padding,
         # possibly a lot.
-        self.kernel = tuple(
-            min(k, n + 2 * p) for k, n, p in zip(self.whole_kernel, (H, W), self.pad)
-        )
+        (kh, kw), (ph, pw) = self.whole_kernel, self.pad
+        self.kernel = (min(kh, H + 2 * ph), min(kw, W + 2 * pw))
 
     def _outputs(self, i: int, size: int) -> int:
-        # negative if the only window exceeds the image
-        extent = size + 2 * self.pad[i] - self.whole_kernel[i]
-        count = (
-            -(-extent // self.stride[i])
-            if self.param.round_mode == "CEIL"
-            else extent // self.stride[i]
-        ) + 1
-        if any(self.pad) and (count - 1) * self.stride[i] >= size + self.pad[i]:
+        kernel, stride, pad = self.whole_kernel[i], self.stride[i], self.pad[i]
+        extent = size + 2 * pad - kernel  # negative if the only window exceeds the image
+        rounds_up = self.param.round_mode == "CEIL"
+        count = (-(-extent // stride) if rounds_up else extent // stride) + 1
+        if any(self.pad) and (count - 1) * stride >= size + pad:
             count -= 1
         if count < 1:
             raise self.fail(
-                f"kernel {self.whole_kernel[i]} is larger than the padded bottom "
-                f"({size} + 2 * {self.pad[i]})"
+                f"kernel {kernel} is larger than the padded bottom ({size} + 2 * {pad})"
             )
         return count
 
@@ -85,14 +80,14 @@ class Pooling(SlidingWindow):
         x, y = bottom[0].data, top[0].data
         self.winners = np.empty(y.shape, int)
         for n in range(len(x)):
-            windows = self.windows(
-                self.padded(x[n], y.shape, -np.inf if self.is_max else 0), y.shape
-            )
+            outside = -np.inf if self.is_max else 0
+            windows = self.windows(self.padded(x[n], y.shape, outside), y.shape)
             if self.is_max:
                 self.winners[n] = windows.argmax(axis=0)  # the first of equal values
                 y[n] = np.maximum(windows.max(axis=0), NOTHING)
                 if len(top) > 1:
-                    top[1].data[n] = np.where(y[n] == NOTHING, -1, self._index(n, x.shape[3]))
+                    index = self._index(n, x.shape[3])
+                    top[1].data[n] = np.where(y[n] == NOTHING, -1, index)
             else:
                 y[n] = windows.sum(axis=0) / self.area(x.shape, y.shape)  # 0 / 0 in an empty window
 
@@ -115,11 +110,10 @@ class Pooling(SlidingWindow):
 
     def _index(self, n: int, W: int) -> Array:
         """(C, Ho, Wo): index of each winner of an image in its map."""
-        (_, h, w), (i, j) = (
-            np.indices(self.winners[n].shape),
-            np.divmod(self.winners[n], self.kernel[1]),
-        )
-        return (h * self.stride[0] - self.pad[0] + i) * W + w * self.stride[1] - self.pad[1] + j
+        _, h, w = np.indices(self.winners[n].shape)
+        i, j = np.divmod(self.winners[n], self.kernel[1])
+        (sh, sw), (ph, pw) = self.stride, self.pad
+        return (h * sh - ph + i) * W + w * sw - pw + j
 
     def windows(self, padded: Array, y_shape: tuple[int, ...]) -> Array:
         """All windows of an image, (kh kw, C, Ho, Wo): row p holds element p of every window."""
@@ -131,12 +125,15 @@ class Pooling(SlidingWindow):
         """
         (sh, sw), (Ho, Wo) = self.stride, y_shape[2:]
         for i, j in np.ndindex(self.kernel):
-            yield slice(i, i + (Ho - 1) * sh + 1, sh), slice(j, j + (Wo - 1) * sw + 1, sw)
+            rows = slice(i, i + (Ho - 1) * sh + 1, sh)
+            across = slice(j, j + (Wo - 1) * sw + 1, sw)
+            yield rows, across
 
     def area(self, x_shape: tuple[int, ...], y_shape: tuple[int, ...]) -> Array:
         """(Ho, Wo): area of each window, clipped at the end of the padding."""
         sizes = []
         for i in range(2):
             start = np.arange(y_shape[2 + i]) * self.stride[i] - self.pad[i]
-            sizes.append(np.minimum(start + self.kernel[i], x_shape[2 + i] + self.pad[i]) - start)
+            end = np.minimum(start + self.kernel[i], x_shape[2 + i] + self.pad[i])
+            sizes.append(end - start)
         return np.outer(*sizes).astype(self.dtype)

@@ -54,8 +54,9 @@ class PSROIPooling(ZeroGradient):
         K, G = self.param.output_dim, self.param.group_size
         x, rois = (blob.shape for blob in bottom)
         if len(x) != 4 or x[1] != K * G * G:
+            name = self.spec.bottom[0]
             raise self.fail(
-                f"bottom {self.spec.bottom[0]!r} has shape {x}, expected (N, {K * G * G}, H, W) for "
+                f"bottom {name!r} has shape {x}, expected (N, {K * G * G}, H, W) for "
                 f"output_dim {K} and group_size {G}"
             )
         if rois[1:2] != (5,) or bottom[1].count != 5 * rois[0]:
@@ -72,7 +73,8 @@ class PSROIPooling(ZeroGradient):
         super().backward(top, propagate_down, bottom)
         if propagate_down[0]:
             for r, i, j, maps in self._bins(bottom, bottom[0].diff):
-                maps += (top[0].diff[r, :, i, j] / self.dtype.type(maps[0].size))[:, None, None]
+                share = top[0].diff[r, :, i, j] / self.dtype.type(maps[0].size)
+                maps += share[:, None, None]
 
     def _bins(self, bottom: Blobs, values: Array) -> Iterator[tuple[int, int, int, Array]]:
         """Region, row and column of each bin that is not empty, with the part (K, h, w) of
@@ -84,10 +86,10 @@ class PSROIPooling(ZeroGradient):
         rois = checked_rois(self, bottom)
         grid = values.reshape(len(values), self.param.output_dim, G, G, H, W)
         scale = self.dtype.type(self.param.spatial_scale)
-        for r, (n, corners) in enumerate(zip(rois[:, 0].astype(int), rounded(rois[:, 1:]))):
-            x1, y1, x2, y2 = (
-                np.array([*corners[:2], *(corners[2:] + 1)]).astype(self.dtype) * scale
-            ).tolist()
+        items = rois[:, 0].astype(int)
+        boxes = rounded(rois[:, 1:]) + (0, 0, 1, 1)  # to the ends of the last pixels
+        for r, (n, box) in enumerate(zip(items, boxes)):
+            x1, y1, x2, y2 = (box.astype(self.dtype) * scale).tolist()
             rows, columns = self._spans(y1, y2, H), self._spans(x1, x2, W)
             for i, j in np.ndindex(G, G):
                 maps = grid[n, :, i, j, rows[i], columns[j]]
@@ -99,7 +101,6 @@ class PSROIPooling(ZeroGradient):
         first, last, least = np.array([begin, end, MIN_SIZE], self.dtype)
         length = max(last - first, least) / self.dtype.type(self.param.group_size)
         number = np.arange(self.param.group_size + 1, dtype=self.dtype)  # rounding as in Caffe
-        begins, ends = np.floor(number[:-1] * length + first), np.ceil(number[1:] * length + first)
-        return [
-            slice(int(a), int(b)) for a, b in zip(np.clip(begins, 0, size), np.clip(ends, 0, size))
-        ]
+        begins = np.floor(number[:-1] * length + first).clip(0, size)
+        ends = np.ceil(number[1:] * length + first).clip(0, size)
+        return [slice(int(a), int(b)) for a, b in zip(begins, ends)]

@@ -60,17 +60,13 @@ class ROIPooling(ZeroGradient):
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         x, y = bottom[0].data, top[0].data
         rois = checked_rois(self, bottom)
-        self.items, corners = (
-            rois[:, 0].astype(int),
-            rounded(rois[:, 1:] * self.dtype.type(self.param.spatial_scale)),
-        )
+        self.items = rois[:, 0].astype(int)
+        corners = rounded(rois[:, 1:] * self.dtype.type(self.param.spatial_scale))
         self.winners = np.full(y.shape, -1)
         y[...] = 0
         for r, (n, (x1, y1, x2, y2)) in enumerate(zip(self.items, corners)):
-            rows, columns = (
-                self._bins(y1, y2, y.shape[2], x.shape[2]),
-                self._bins(x1, x2, y.shape[3], x.shape[3]),
-            )
+            rows = self._bins(y1, y2, y.shape[2], x.shape[2])
+            columns = self._bins(x1, x2, y.shape[3], x.shape[3])
             for i, j in np.ndindex(y.shape[2:]):
                 (top_row, end), (left, right) = rows[i], columns[j]
                 if top_row < end and left < right:
@@ -83,21 +79,18 @@ class ROIPooling(ZeroGradient):
         super().backward(top, propagate_down, bottom)
         if propagate_down[0]:
             maps = bottom[0].diff.reshape(*bottom[0].shape[:2], -1)
-            r, c, i, j = np.nonzero(self.winners >= 0)
-            np.add.at(maps, (self.items[r], c, self.winners[r, c, i, j]), top[0].diff[r, c, i, j])
+            filled = np.nonzero(self.winners >= 0)
+            r, c, _, _ = filled
+            np.add.at(maps, (self.items[r], c, self.winners[filled]), top[0].diff[filled])
 
     def _bins(self, first: int, last: int, bins: int, size: int) -> list[tuple[int, int]]:
         """Start and end of a region's bins along one axis, clipped to the map."""
         # rounding as in Caffe
         length = self.dtype.type(max(last - first + 1, 1)) / self.dtype.type(bins)
         number = np.arange(bins + 1, dtype=self.dtype)
-        begins, ends = (
-            np.floor(number[:-1] * length).astype(int),
-            np.ceil(number[1:] * length).astype(int),
-        )
-        return list(
-            zip(np.clip(begins + first, 0, size).tolist(), np.clip(ends + first, 0, size).tolist())
-        )
+        begins = first + np.floor(number[:-1] * length).astype(int)
+        ends = first + np.ceil(number[1:] * length).astype(int)
+        return list(zip(begins.clip(0, size).tolist(), ends.clip(0, size).tolist()))
 
 
 def checked_rois(layer: Layer, bottom: Blobs) -> Array:
@@ -106,9 +99,9 @@ def checked_rois(layer: Layer, bottom: Blobs) -> Array:
     Raises LayerError if one has an item that bottom[0] lacks, or is not finite.
     """
     rois, N = bottom[1].data.reshape(-1, 5), bottom[0].shape[0]
-    for r in np.flatnonzero(~np.isfinite(rois).all(axis=1) | (rois[:, 0] < 0) | (rois[:, 0] >= N))[
-        :1
-    ]:
+    items = rois[:, 0]
+    is_valid = np.isfinite(rois).all(axis=1) & (items >= 0) & (items < N)
+    for r in np.flatnonzero(~is_valid)[:1]:
         numbers = ", ".join(f"{value:g}" for value in rois[r])
         raise layer.fail(
             f"row {r} of {layer.spec.bottom[1]!r} is ({numbers}); "

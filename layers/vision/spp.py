@@ -63,21 +63,22 @@ class SPP(SlidingWindow):
         self.windows = [
             (self._windows(H, 2**level), self._windows(W, 2**level)) for level in levels
         ]
-        top[0].reshape(
-            (N, C, 1, 1) if len(levels) == 1 else (N, C * sum(4**level for level in levels))
-        )
+        windows = sum(4**level for level in levels)
+        top[0].reshape((N, C, 1, 1) if len(levels) == 1 else (N, C * windows))
 
     def _windows(self, size: int, bins: int) -> list[tuple[int, slice]]:
         """Along one axis: the length of every window, and the part of it on the map."""
         k = -(-size // bins)
         pad = (k * bins - size + 1) // 2
         if pad >= k:
+            name = self.spec.bottom[0]
             raise self.fail(
-                f"bottom {self.spec.bottom[0]!r} is too small for a level of {bins} x {bins} windows: "
+                f"bottom {name!r} is too small for a level of {bins} x {bins} windows: "
                 f"{size} in {bins} parts of {k} need a padding of {pad}",
                 "pyramid_height",
             )
-        return [(k, slice(max(i * k - pad, 0), min((i + 1) * k - pad, size))) for i in range(bins)]
+        begins = [i * k - pad for i in range(bins)]
+        return [(k, slice(max(begin, 0), min(begin + k, size))) for begin in begins]
 
     def _bins(self, x: Array, y: Array) -> Iterator[Bin]:
         """Iterate over the windows of all levels."""
@@ -93,18 +94,18 @@ class SPP(SlidingWindow):
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         for window, y, area in self._bins(bottom[0].data, top[0].data):
-            y[...] = (
-                window.max(axis=(2, 3))
-                if self.param.pool == "MAX"
-                else window.sum(axis=(2, 3)) / area
-            )
+            if self.param.pool == "MAX":
+                y[...] = window.max(axis=(2, 3))
+            else:
+                y[...] = window.sum(axis=(2, 3)) / area
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if not propagate_down[0]:
             return
         bottom[0].diff[...] = 0
-        both = zip(self._bins(bottom[0].data, top[0].data), self._bins(bottom[0].diff, top[0].diff))
-        for (x, _, area), (dx, dy, _) in both:
+        values = self._bins(bottom[0].data, top[0].data)
+        gradients = self._bins(bottom[0].diff, top[0].diff)
+        for (x, _, area), (dx, dy, _) in zip(values, gradients):
             if self.param.pool == "MAX":
                 flat = x.reshape(*x.shape[:2], -1)
                 is_first = flat.argmax(axis=2)[:, :, None] == np.arange(flat.shape[2])

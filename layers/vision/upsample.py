@@ -78,14 +78,14 @@ class Upsample(Layer):
         if len(x) != 4:
             raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {x}, expected (N, C, H, W)")
         if mask != x:
+            names = self.spec.bottom
             raise self.fail(
-                f"bottoms {self.spec.bottom[0]!r} {x} and {self.spec.bottom[1]!r} {mask}, the mask of a "
+                f"bottoms {names[0]!r} {x} and {names[1]!r} {mask}, the mask of a "
                 "Pooling, must have the same shape"
             )
         less = (p.pad_out_h, p.pad_out_w)
-        top[0].reshape(
-            *x[:2], *(self.size or (n * s - one for n, s, one in zip(x[2:], self.scale, less)))
-        )
+        scaled = [n * s - one for n, s, one in zip(x[2:], self.scale, less)]
+        top[0].reshape(*x[:2], *(self.size or scaled))
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         y = top[0].data
@@ -96,12 +96,11 @@ class Upsample(Layer):
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:
             places = self._places(bottom, top)
-            number = np.broadcast_to(np.arange(places[1].shape[1]), places[1].shape)
-            last = np.full(self._maps(top[0].diff).shape, -1)
+            dx, dy = self._maps(bottom[0].diff), self._maps(top[0].diff)
+            number = np.broadcast_to(np.arange(dx.shape[1]), dx.shape)
+            last = np.full(dy.shape, -1)
             last[places] = number
-            self._maps(bottom[0].diff)[...] = self._maps(top[0].diff)[places] * (
-                last[places] == number
-            )
+            dx[...] = dy[places] * (last[places] == number)
         if propagate_down[1]:
             bottom[1].diff[...] = 0
 
@@ -115,8 +114,9 @@ class Upsample(Layer):
         """
         mask, (Ho, Wo) = bottom[1].data, top[0].shape[2:]
         for place in np.argwhere(~((mask >= 0) & (mask < Ho * Wo)))[:1]:
+            name, at = self.spec.bottom[1], tuple(map(int, place))
             raise self.fail(
-                f"mask {self.spec.bottom[1]!r} is {mask[tuple(place)]:g} at {tuple(map(int, place))}, expected 0 to "
+                f"mask {name!r} is {mask[at]:g} at {at}, expected 0 to "
                 f"{Ho * Wo - 1} for a top of {Ho} x {Wo}; its Pooling must read a map of this size"
             )
         index = self._maps(mask).astype(int)

@@ -147,14 +147,16 @@ class SlidingWindow(Layer):
 
         Raises LayerError.
         """
+        name = self.spec.bottom[i]
         if len(x.shape) != self.axis + 1 + len(self.kernel):
             raise self.fail(
-                f"bottom {self.spec.bottom[i]!r} has shape {x.shape}, "
+                f"bottom {name!r} has shape {x.shape}, "
                 f"expected {len(self.kernel)} spatial axes after axis {self.axis}"
             )
-        if weight is not None and x.shape[self.axis] != self.channels:
+        channels = x.shape[self.axis]
+        if weight is not None and channels != self.channels:
             raise self.fail(
-                f"bottom {self.spec.bottom[i]!r} has {x.shape[self.axis]} channels {x.shape}, "
+                f"bottom {name!r} has {channels} channels {x.shape}, "
                 f"its weights {weight} expect {self.channels}"
             )
 
@@ -236,12 +238,11 @@ class SlidingWindow(Layer):
 
     def padded(self, x: Array, y_shape: tuple[int, ...], value: float) -> Array:
         """Pad x (C, H, W), including the parts of windows that extend beyond the padding."""
-        after = [
-            max((outputs - 1) * s + k - n - p, p)
-            for outputs, s, k, n, p in zip(
-                y_shape[2:], self.stride, self.kernel, x.shape[1:], self.pad
-            )
-        ]
+        after = []
+        sizes = zip(y_shape[2:], self.stride, self.kernel, x.shape[1:], self.pad)
+        for outputs, stride, kernel, n, pad in sizes:
+            extent = (outputs - 1) * stride + kernel  # of all windows
+            after.append(max(extent - n - pad, pad))
         return np.pad(x, [(0, 0), *zip(self.pad, after)], constant_values=value)
 
 

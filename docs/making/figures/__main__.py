@@ -34,7 +34,7 @@ FIGURES: dict[str, Callable[[], Any]] = {
     "rotations": ideas.rotations,
     "box": ideas.torque_box,
     "arm": hand.arm,
-    "hand_joints": hand.joints,
+    "hand_joints": hand.hand_joints,
     "lever": hand.lever,
     "reach": hand.reach,
     "stack": nets.stack,

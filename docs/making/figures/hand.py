@@ -19,7 +19,8 @@ BONES = (5.0, 2.0)
 def arm_joints(theta: Array) -> Array:
     """Shoulder, elbow and wrist (3, 2) of the arm of chapter 8."""
     turns = np.cumsum(theta)
-    steps = np.stack([np.cos(turns), np.sin(turns)], axis=1) * np.array(BONES)[:, None]
+    directions = np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    steps = directions * np.array(BONES)[:, None]
     return np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
 
 
@@ -41,15 +42,15 @@ def arm() -> Any:
     ):
         for axis, colour in ((0.0, AXES[0]), (np.pi / 2, AXES[1])):
             _arrow(axes, place, place + 1.1 * _direction(turn + axis), colour, 1.6)
-        label = place + (0.25, 0.15 if name == "wrist" else -0.45)
-        axes.text(*label, f"{name} ({place[0]:g}, {place[1]:g})", fontsize=9)
+        x, y = place
+        label = x + 0.25, y + (0.15 if name == "wrist" else -0.45)
+        axes.text(*label, f"{name} ({x:g}, {y:g})", fontsize=9)
     for place, begin, turn, words in zip(
         ARM, (0.0, SHOULDER), (SHOULDER, ELBOW), ("53.13°", "+ 36.87°")
     ):
         _arc(axes, place, 1.5, begin, begin + turn, INK)
-        axes.text(
-            *(place + 1.7 * _direction(begin + turn / 2)), words, fontsize=8, color=INK, va="center"
-        )
+        label = place + 1.7 * _direction(begin + turn / 2)
+        axes.text(*label, words, fontsize=8, color=INK, va="center")
     axes.plot(*np.array([ARM[1], 1.3 * ARM[1]]).T, ":", color=LINE, lw=1)
     axes.set(xlim=(-1.2, 6.2), ylim=(-1.0, 7.6))
     axes.set_title("bones 5 and 2; the frame of each joint, x red and y green", fontsize=10)
@@ -72,9 +73,8 @@ def lever() -> Any:
             arc = _arc(axes, pivot, 0.8, 2.4, 2.4 + np.sign(torque) * 1.8, FORCE)
             _arrow(axes, arc[-3], arc[-1], FORCE, 1.6)
         x, y, torque = np.round([*(wrist - pivot), torque], 6) + 0.0  # no -0
-        axes.text(
-            *(pivot + (0.35, -0.55)), f"{name}: lever ({x:g}, {y:g})\ntorque {torque:g}", fontsize=9
-        )
+        words = f"{name}: lever ({x:g}, {y:g})\ntorque {torque:g}"
+        axes.text(*(pivot + (0.35, -0.55)), words, fontsize=9)
     axes.set(xlim=(-1.2, 6.8), ylim=(-1.2, 8.6), title="torque = lever × force")
     return figure
 
@@ -97,7 +97,7 @@ def reach() -> Any:
     return figure
 
 
-def joints() -> Any:
+def hand_joints() -> Any:
     """The 31 joints of the hand in its initial pose, from the front and from the side,
     with their names.
     """
@@ -125,9 +125,10 @@ def joints() -> Any:
         axes.grid(alpha=0.25)
     names.axis("off")
     for j, name in enumerate(hand.joint_names):
+        height = 1 - j / len(hand.joint_names)
         names.text(
             0,
-            1 - j / 31,
+            height,
             f"{j:2d}  {name}",
             fontsize=8,
             family="monospace",

@@ -57,10 +57,13 @@ def _wire(axes: Any, start: Place, end: Place, value: str, gradient: str, side: 
     that is not level.
     """
     _arrow(axes, start, end)
-    x, y = (start[0] + end[0]) / 2, (start[1] + end[1]) / 2
-    steep = abs(end[1] - start[1]) > 1
-    if side:
-        x, y = (x - 0.7, y + side * 0.85) if steep else (x, y + side * 0.55)
+    (x0, y0), (x1, y1) = start, end
+    x, y = (x0 + x1) / 2, (y0 + y1) / 2
+    is_steep = abs(y1 - y0) > 1
+    if side and is_steep:
+        x, y = x - 0.7, y + side * 0.85
+    elif side:
+        y += side * 0.55
     for words, colour, above in ((value, DATA, 0.22), (gradient, DIFF, -0.22)):
         axes.text(x, y + above, words, color=colour, ha="center", va="center", fontsize=9)
 
@@ -80,9 +83,8 @@ def _grid(
         axes.add_patch(
             Rectangle((left, bottom), size, size, facecolor=colour, edgecolor=LINE, alpha=opacity)
         )
-        axes.text(
-            left + size / 2, bottom + size / 2, f"{number:g}", ha="center", va="center", fontsize=9
-        )
+        center = left + size / 2, bottom + size / 2
+        axes.text(*center, f"{number:g}", ha="center", va="center", fontsize=9)
 
 
 def circuit() -> Any:
@@ -91,6 +93,7 @@ def circuit() -> Any:
     a, y = w * x, max(w * x, 0.0)
     loss, dy = 0.5 * (y - t) ** 2, y - t
     da = dy * (a > 0)
+    dx, dw = da * w, da * x
     figure, axes = _canvas((8.0, 2.4), (11.2, 3.2))
     for place, words in (
         (2.6, "weigh: a = w x"),
@@ -98,8 +101,8 @@ def circuit() -> Any:
         (9.0, "compare: ½ (y − t)²"),
     ):
         _box(axes, place, 1.6, words, 2.0)
-    _wire(axes, (0.1, 2.4), (1.5, 1.8), f"x = {x:g}", f"dx = {da * w:g}", side=1)
-    _wire(axes, (0.1, 0.8), (1.5, 1.4), f"w = {w:g}", f"dw = {da * x:g}", side=-1)
+    _wire(axes, (0.1, 2.4), (1.5, 1.8), f"x = {x:g}", f"dx = {dx:g}", side=1)
+    _wire(axes, (0.1, 0.8), (1.5, 1.4), f"w = {w:g}", f"dw = {dw:g}", side=-1)
     _wire(axes, (3.7, 1.6), (4.7, 1.6), f"a = {a:g}", f"da = {da:g}")
     _wire(axes, (6.9, 1.6), (7.9, 1.6), f"y = {y:g}", f"dy = {dy:g}")
     _wire(axes, (10.1, 1.6), (11.1, 1.6), f"L = {loss:g}", "dL = 1")
@@ -109,7 +112,8 @@ def circuit() -> Any:
 
 def outer() -> Any:
     """Chapter 2's dw: for each item, its column of dy times its row of x."""
-    x, dy = np.array([[1.0, 2, 0], [0, -1, 1]]), np.array([[1.0, 0], [2, -1]])
+    x = np.array([[1.0, 2, 0], [0, -1, 1]])
+    dy = np.array([[1.0, 0], [2, -1]])
     figure, axes = _canvas((8.5, 2.5), (15.2, 4.0))
     for n, colour in enumerate((FIRST, SECOND)):
         left = 0.2 + 4.6 * n
@@ -128,15 +132,15 @@ def window() -> Any:
     figure, axes = _canvas((8.5, 3.3), (14.4, 4.6))
     shade, one = np.full((4, 4), "", dtype=object), np.full((3, 3), "", dtype=object)
     shade[1:3, 2:4] = one[1, 2] = FIRST
-    y = np.array(
-        [[(IMAGE[h : h + 2, v : v + 2] * KERNEL).sum() + 1 for v in range(3)] for h in range(3)]
-    )
+    windows = np.lib.stride_tricks.sliding_window_view(IMAGE, KERNEL.shape)
+    y = (windows * KERNEL).sum(axis=(2, 3)) + 1
     _grid(axes, 0.1, 3.9, IMAGE, shade)
     _grid(axes, 3.3, 3.2, KERNEL, np.full((2, 2), SECOND))
     _grid(axes, 5.2, 3.6, y, one)
     axes.text(0.1, 4.15, "forward: x, kernel, y", fontsize=9)
     axes.text(0.1, 0.4, "window × kernel, summed, + 1 = 6", fontsize=9)
-    dy, stamp = np.array([[1, 0, 0], [0, 0, 2], [0, -1, 0]]), np.zeros((4, 4))
+    dy = np.array([[1, 0, 0], [0, 0, 2], [0, -1, 0]])
+    stamp = np.zeros((4, 4))
     stamp[1:3, 2:4] = dy[1, 2] * KERNEL
     _grid(axes, 8.4, 3.6, dy, one)
     _grid(axes, 11.3, 3.9, stamp, np.where(shade == "", "", SECOND))
@@ -153,13 +157,11 @@ def im2col() -> Any:
         shade[place] = colour
     columns, colours = np.zeros((4, 9)), np.full((4, 9), "", dtype=object)
     for row, (i, j) in enumerate(np.ndindex(2, 2)):
-        columns[row], colours[row] = (
-            IMAGE[i : i + 3, j : j + 3].ravel(),
-            shade[i : i + 3, j : j + 3].ravel(),
-        )
-        axes.text(
-            5.45, 3.35 - 0.7 * row, f"times w[{i}, {j}]", ha="right", va="center", fontsize=8.5
-        )
+        seen = np.s_[i : i + 3, j : j + 3]  # the pixels that w[i, j] is multiplied by
+        columns[row] = IMAGE[seen].ravel()
+        colours[row] = shade[seen].ravel()
+        y = 3.35 - 0.7 * row
+        axes.text(5.45, y, f"times w[{i}, {j}]", ha="right", va="center", fontsize=8.5)
     for left, numbers, own, title in (
         (0.1, IMAGE, shade, "x"),
         (5.6, columns, colours, "a column for each of the nine windows"),
@@ -176,9 +178,10 @@ def winners() -> Any:
     )
     shade, dx = np.full((5, 5), "", dtype=object), np.zeros((5, 5))
     for number, (h, v) in enumerate(np.ndindex(3, 3)):
-        part = x[2 * h : 2 * h + 2, 2 * v : 2 * v + 2]
+        top, begin = 2 * h, 2 * v
+        part = x[top : top + 2, begin : begin + 2]
         row, column = np.unravel_index(part.argmax(), part.shape)
-        place = 2 * h + int(row), 2 * v + int(column)
+        place = top + int(row), begin + int(column)
         shade[place], dx[place] = SECOND, number + 1
     figure, axes = _canvas((7.0, 3.2), (9.6, 4.4))
     for left, numbers, title in (
@@ -224,7 +227,9 @@ def small_pass() -> Any:
 
 def dropout() -> Any:
     """Chapter 7: a mask with p = ½ on four values, and on the gradients that come back."""
-    x, keep, dy = np.array([[3, 5, 7, 9]]), np.array([[1, 0, 0, 1]]), np.array([[1, 2, 3, 4]])
+    x = np.array([[3, 5, 7, 9]])
+    keep = np.array([[1, 0, 0, 1]])
+    dy = np.array([[1, 2, 3, 4]])
     figure, axes = _canvas((7.5, 2.2), (13.0, 3.2))
     forward = ((0.2, x, "x"), (3.4, 2 * keep, "keep / (1 − p)"), (6.6, 2 * keep * x, "y"))
     backward = ((6.6, dy, "dy"), (3.4, 2 * keep, "the same factors"), (0.2, 2 * keep * dy, "dx"))
@@ -244,14 +249,12 @@ def rotations() -> Any:
     x, z = rotation(0, np.pi / 2), rotation(2, np.pi / 2)
     away = np.array([0.45, 0.35])  # how z, away from the viewer, is drawn
     figure = new_figure(8.5, 3.0)
-    for n, (title, turn) in enumerate(
-        (
-            ("not rotated", np.eye(3)),
-            ("R_z R_x: points away", z @ x),
-            ("R_x R_z: points left", x @ z),
-        ),
-        1,
-    ):
+    turns = (
+        ("not rotated", np.eye(3)),
+        ("R_z R_x: points away", z @ x),
+        ("R_x R_z: points left", x @ z),
+    )
+    for n, (title, turn) in enumerate(turns, 1):
         axes = figure.add_subplot(1, 3, n)
         axes.set(xlim=(-1.3, 1.3), ylim=(-0.9, 1.3), aspect="equal", title=title)
         axes.axis("off")
@@ -259,15 +262,10 @@ def rotations() -> Any:
             tip = 0.8 * (axis[:2] + axis[2] * away)
             axes.plot([0, tip[0]], [0, tip[1]], ":", color=colour, lw=1)
             axes.text(*(1.15 * tip), name, color=colour, fontsize=9, ha="center", va="center")
-        for offset in (-0.24, -0.08, 0.08, 0.24):
-            finger = np.array([[offset, 0, 0], [offset, 0.75 if offset < 0.2 else 0.6, 0]]) @ turn.T
-            axes.plot(
-                *(finger[:, :2] + finger[:, 2:] * away).T,
-                color=INK,
-                lw=4,
-                solid_capstyle="round",
-                alpha=0.75,
-            )
+        for offset, length in ((-0.24, 0.75), (-0.08, 0.75), (0.08, 0.75), (0.24, 0.6)):
+            finger = np.array([[offset, 0, 0], [offset, length, 0]]) @ turn.T
+            drawn = finger[:, :2] + finger[:, 2:] * away
+            axes.plot(*drawn.T, color=INK, lw=4, solid_capstyle="round", alpha=0.75)
     return figure
 
 

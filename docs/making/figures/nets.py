@@ -32,8 +32,10 @@ def stack() -> Any:
 
 def cost_of(at: Connection) -> tuple[int, int]:
     """The parameters of a layer, biases included, and its multiplications for one picture."""
-    per_value = int(np.prod(at.layer.blobs[0].shape[1:]))  # of the top
-    return sum(blob.count for blob in at.layer.blobs), per_value * int(np.prod(at.top[0].shape[1:]))
+    parameters = sum(blob.count for blob in at.layer.blobs)
+    values = int(np.prod(at.top[0].shape[1:]))
+    per_value = int(np.prod(at.layer.blobs[0].shape[1:]))
+    return parameters, per_value * values
 
 
 def _draw_maps(axes: Any, connections: list[Connection]) -> None:
@@ -45,24 +47,16 @@ def _draw_maps(axes: Any, connections: list[Connection]) -> None:
         count, height, width = _drawn_as(shape)
         wide = width + SHIFT * (count - 1)
         room = max(wide, ROOM)
+        middle = left + room / 2
         begin = left + (room - wide) / 2
         for i in reversed(range(count)):
             corner = (begin + SHIFT * i, SHIFT * i - height / 2)
             axes.add_patch(
                 Rectangle(corner, width, height, facecolor=PALE_DATA, edgecolor=FIRST, lw=0.7)
             )
-        axes.text(
-            left + room / 2,
-            102,
-            at.layer.spec.top[0],
-            ha="center",
-            va="bottom",
-            fontsize=9,
-            weight="bold",
-        )
-        axes.text(
-            left + room / 2, -70, "×".join(map(str, shape)), ha="center", va="top", fontsize=8.5
-        )
+        name, size = at.layer.spec.top[0], "×".join(map(str, shape))
+        axes.text(middle, 102, name, ha="center", va="bottom", fontsize=9, weight="bold")
+        axes.text(middle, -70, size, ha="center", va="top", fontsize=8.5)
         if at is not connections[0]:
             axes.annotate(
                 "", (begin - 3, 0), (end + 3, 0), arrowprops={"arrowstyle": "->", "lw": 0.8}
@@ -129,9 +123,8 @@ def kernels() -> Any:
         axes.set_axis_off()
 
     draw(grid[:, :2], hand, "depth", cmap=DEPTH, vmin=-1, vmax=1)
-    for i, (kernel, response) in enumerate(
-        zip(net.params["convL1"][0].data[:, 0], net.blobs["convL1"].data[0])
-    ):
+    w, y = net.params["convL1"][0].data[:, 0], net.blobs["convL1"].data[0]
+    for i, (kernel, response) in enumerate(zip(w, y)):
         most = abs(kernel).max()
         draw(grid[0, 2 + i], kernel, f"w[{i}]", cmap=SIGNS, vmin=-most, vmax=most)
         draw(grid[1, 2 + i], response, cmap="gray", vmin=0)

@@ -78,17 +78,11 @@ def valley() -> Any:
     figure = new_figure(8.5, 6.0)
     above, below = figure.subplots(2, 1, gridspec_kw={"height_ratios": (3, 2)})
     x, y = np.meshgrid(np.linspace(-2, 10.7, 60), np.linspace(-3.2, 3.2, 40))
-    above.contour(
-        x,
-        y,
-        0.5 * (x**2 + 9 * y**2),
-        levels=[1, 4, 10, 20, 35, 55, 80],
-        colors="0.8",
-        linewidths=0.8,
-    )
+    loss = 0.5 * (x**2 + 9 * y**2)
+    above.contour(x, y, loss, levels=[1, 4, 10, 20, 35, 55, 80], colors="0.8", linewidths=0.8)
     for name, colour, mark, rule, options in PATHS:
         path = path_of(rule, **options)
-        above.plot(path[:11, 0], path[:11, 1], color=colour, marker=mark, ms=4, lw=1.2, label=name)
+        above.plot(*path[:11].T, color=colour, marker=mark, ms=4, lw=1.2, label=name)
         below.semilogy(0.5 * (path**2 @ STEEP), color=colour, marker=mark, ms=3, lw=1.2)
     above.plot([0], [0], "k+", ms=12)
     above.set(xlabel="x", ylabel="y", title="ten steps down the valley ½ (x² + 9 y²), from (10, 2)")
@@ -158,10 +152,12 @@ def overfitting() -> Any:
     for axes, decay in zip(figure.subplots(1, 2, sharey=True), (0.0, 1.0)):
         w, b, seen, unseen = np.zeros(20), 0.0, [], []
         for _ in range(501):
-            error = x @ w + b - t
-            seen.append(float(0.5 * (error**2).mean()))
+            residual = x @ w + b - t
+            seen.append(float(0.5 * (residual**2).mean()))
             unseen.append(float(0.5 * ((others @ w + b - targets) ** 2).mean()))
-            w, b = w - 0.1 * (x.T @ error / 30 + decay * w), b - 0.1 * (error.mean() + decay * b)
+            dw = x.T @ residual / len(x) + decay * w
+            db = residual.mean() + decay * b
+            w, b = w - 0.1 * dw, b - 0.1 * db
         axes.plot(range(1, 502), seen, color=FIRST, label="30 training rows")
         axes.plot(range(1, 502), unseen, color=SECOND, label="1,000 other rows")
         axes.set(xscale="log", xlabel="iteration", title=f"weight_decay: {decay:g}", ylim=(0, 2))
@@ -178,15 +174,15 @@ def hinge() -> Any:
     figure = new_figure(8.0, 3.2)
     x = np.linspace(-2, 2, 201)
     beyond = np.maximum(x - 1, 0) - np.maximum(-1 - x, 0)
-    loss, slope = figure.subplots(1, 2)
+    loss_axes, slope_axes = figure.subplots(1, 2)
     for axes, title, linear, squared in (
-        (loss, "the loss of one angle", np.abs(beyond), beyond**2),
-        (slope, "its slope", np.sign(beyond), 2 * beyond),
+        (loss_axes, "the loss of one angle", np.abs(beyond), beyond**2),
+        (slope_axes, "its slope", np.sign(beyond), 2 * beyond),
     ):
         axes.axvspan(-1, 1, color="0.93")
         axes.plot(x, linear, color=FIRST, label="L1: linear, the paper's Eq. 2")
         axes.plot(x, squared, color=SECOND, ls="--", label="L2: squared, as released")
         axes.set(xlabel="angle (grey: within the limits)", title=title)
         axes.grid(alpha=0.3)
-    loss.legend(fontsize=8)
+    loss_axes.legend(fontsize=8)
     return figure

@@ -76,10 +76,15 @@ def crop() -> Any:
         ylim=(1.1, -1.1), xlabel="column", ylabel="value in the crop", title=f"its row {ROW}"
     )
     profile.grid(alpha=0.3)
-    middle, half = float(found.center_uvd[0, 2]), HALF_CUBE_MM
-    scale = profile.secondary_yaxis(
-        "right", functions=(lambda v: middle + half * v, lambda d: (d - middle) / half)
-    )
+    middle = float(found.center_uvd[0, 2])
+
+    def depth_of(value: Array) -> Array:
+        return middle + HALF_CUBE_MM * value
+
+    def value_of(depth: Array) -> Array:
+        return (depth - middle) / HALF_CUBE_MM
+
+    scale = profile.secondary_yaxis("right", functions=(depth_of, value_of))
     scale.set_ylabel("depth, mm")
     return figure
 
