@@ -324,7 +324,7 @@ def other_scenes(number: int, scenes: int) -> Iterator[Labelled]:
         yield Labelled(
             frame.depth,
             recording.camera,
-            [(hand.xyz.mean(0), hand.hand) for hand in truth.hands],
+            [(hand.xyz.mean(0), hand.the_pose.side) for hand in truth.hands],
             [movement.pose_at(frame.time).xyz.mean(0) for movement in partly],
         )
 
