@@ -11,7 +11,7 @@ import numpy as np
 
 from handpose.body.render import Capsules
 from handpose.body.sides import mirror_of
-from handpose.estimate.hand import Hand
+from handpose.estimate.hand import Hand, with_quality
 from handpose.estimate.nets import is_hand
 from handpose.fit.body import SIZE_INDEX, CapsuleModel, WorldPose, crop_variables
 from handpose.fit.pose_confidence import judged
@@ -46,16 +46,10 @@ def _as_side(
             raw_xyz=pose.xyz,
             followed=TrackedPoses(estimate.body, seen.smooth, estimate.error_mm, track.size),
         )
-    found = _result(track.id, estimate, pose)
     if estimate.evidence is not None:  # the errors of the network were measured
         lag = estimate.evidence.lagging(model, model.joints(x), estimate.the_fit.joints)
-        quality = judged(lag)
-        found = replace(
-            found,
-            confidence=float(quality.confidence[0]),
-            error_mm=float(quality.error_mm[0]),
-            finger_error_mm=quality.finger_error_mm[0],
-        )
+        estimate = with_quality(estimate, judged(lag), 0)
+    found = _result(track.id, estimate, pose)
     return replace(
         found,
         confidence=chance * found.confidence,

@@ -196,7 +196,7 @@ class TrackedFrame(NamedTuple):
 
     number  0-based, of the frame in its recording
     time    s; NaN if unknown, of single images
-    every   all hands, by id
+    every   all hands, those of each kind by id
     """
 
     number: int

@@ -200,10 +200,11 @@ class FrameValues:
         """The errors and the pose of a hand, the joint format if requested, and the gesture."""
         theta = self._skeleton.theta(pose.inputs)
         positions = pose.xyz.round(2)  # so that the palm is that of the positions in the file
+        fingers = rounded(hand.finger_error_mm, 1)
         values = {
             "error_mm": rounded(hand.error_mm, 2),
             "palm_mm": rounded(positions.mean(axis=0), 1),
-            "finger_error_mm": dict(zip(FINGERS, rounded(hand.finger_error_mm, 1))),
+            "finger_error_mm": dict(zip(FINGERS, fingers)),
             "positions_mm": rounded(positions, 2),
         }
         if pose.raw_xyz is not None and not self._live:
@@ -231,35 +232,30 @@ class FrameValues:
     def frame(self, fields: Fields) -> TrackedFrame:
         """The next frame from its object. Raises DataError."""
         every = [self._hand(hand) for hand in fields.parts("hands")]
-        every += [
-            TrackedHand(
-                of.whole("id"), _side_of(of), since=of.number("since_s"), reason=of.text("reason")
-            )
-            for of in fields.parts("lost")
-        ]
+        every += [_lost(of) for of in fields.parts("lost")]
         return TrackedFrame(fields.whole("number"), fields.known("time_s"), tuple(every))
 
     def _hand(self, of: Fields) -> TrackedHand:
-        is_posed = of.has("positions_mm")
-        side, side_confidence = _side_of(of), 1.0
-        if side is None and is_posed:
-            side = of.one_of("assumed_hand", SIDES)
-            side_confidence = of.number("assumed_confidence", 0, 1 - 1e-6)
         hand = TrackedHand(
             of.whole("id"),
-            side,
+            _side_of(of),
             of.known("confidence"),
             presence=of.known("presence") if "presence" in of else math.nan,
-            side_confidence=side_confidence,
         )
-        if side is not None and is_posed:
-            return dataclasses.replace(
-                hand,
-                error_mm=of.known("error_mm"),
-                pose=self._pose(of, side),
-                finger_error_mm=_finger_errors(of),
-            )
-        return hand.without_pose(side, of.numbers("palm_mm", 3), of.text("reason"))
+        if not of.has("positions_mm"):
+            return hand.without_pose(hand.hand, of.numbers("palm_mm", 3), of.text("reason"))
+        side, chance = hand.hand, 1.0
+        if side is None:
+            side = of.one_of("assumed_hand", SIDES)
+            chance = of.number("assumed_confidence", 0, 1 - 1e-6)
+        return dataclasses.replace(
+            hand,
+            hand=side,
+            side_confidence=chance,
+            error_mm=of.known("error_mm"),
+            pose=self._pose(of, side),
+            finger_error_mm=_finger_errors(of),
+        )
 
     def _pose(self, of: Fields, side: Side) -> HandPose:
         crop, joints = of.part("crop"), len(self._skeleton.joint_names)
@@ -317,6 +313,12 @@ def _finger_errors(of: Fields) -> Array:
 
 def _side_of(of: Fields) -> Side | None:
     return of.one_of("hand", SIDES) if of.has("hand") else None
+
+
+def _lost(of: Fields) -> TrackedHand:
+    return TrackedHand(
+        of.whole("id"), _side_of(of), since=of.number("since_s"), reason=of.text("reason")
+    )
 
 
 # ------------------------------------------------------------------------------------------- angles
