@@ -312,7 +312,7 @@ def other_scenes(number: int, scenes: int) -> Iterator[Labelled]:
         recording = SyntheticRecording(script, camera, rate=1, seed=number + n, mirrored=mirrored)
         frame, truth = recording.frame(n % recording.count), recording.truth(n % recording.count)
         partly = [recording.movements[lost.id] for lost in truth.lost if lost.reason == PARTLY]
-        hands = [(hand.xyz.mean(0), hand.hand) for hand in truth.hands]
+        hands = [(hand.xyz.mean(0), hand.the_pose.side) for hand in truth.hands]
         doubtful = [movement.pose_at(frame.time).xyz.mean(0) for movement in partly]
         yield Labelled(frame.depth, recording.camera, hands, doubtful)
 

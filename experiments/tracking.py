@@ -122,7 +122,8 @@ def alone_of(camera: Camera, fit: Literal["fast", "accurate"], engine: str | Non
         errors = {}
         for hand in true.hands:
             try:
-                found = predictors[hand.hand].in_frame(frame.depth, hand.center_uvd)
+                pose = hand.the_pose
+                found = predictors[pose.side].in_frame(frame.depth, pose.center_uvd)
             except DataError:  # out of sight
                 continue
             errors[hand.id] = _error(found.xyz, hand.xyz)

@@ -32,7 +32,6 @@ from numpy.typing import NDArray
 from handpose import NYU, load_predictor
 from handpose.output.drawing import strokes
 from handpose.output.drawing.view import percent
-from handpose.output.tracks.predictions import document, frame_values
 from handpose.scoring.metrics import mean_errors_14
 from netlib.blob import Array
 from netlib.files import atomic
@@ -75,7 +74,9 @@ def run(args: argparse.Namespace) -> int:
                 f"{found.hand}, {percent(found.confidence)} sure",
                 f"expected {found.error_mm:.0f} mm",
             ]
-            frames.append({"image": name, **frame_values(n, found, predictor.skeleton)})
+            frames.append(
+                {"image": name, **prediction_outputs.frame_values(n, found, predictor.skeleton)}
+            )
             if found.has_joints:
                 off = float(mean_errors_14(found.xyz[None], truth[None])[0])
                 frames[-1]["hands"][0]["true_error_mm"] = round(off, 1)
@@ -88,9 +89,8 @@ def run(args: argparse.Namespace) -> int:
         args.out / "hands.png",
         strokes.sheet(images, VIEWS * (1 if args.frames <= 2 else 2), titles),
     )
-    atomic.replace_text(
-        args.out / "hands.json", document("demo", hands, frames, predictor.skeleton) + "\n"
-    )
+    text = prediction_outputs.document("demo", hands, frames, predictor.skeleton)
+    atomic.replace_text(args.out / "hands.json", text + "\n")
     say(f"{args.frames} frames in {time.perf_counter() - begun:.1f} s: {args.out / 'hands.png'}")
     options = [str(args.out / "frame_0.png"), "--camera", "nyu", "--out", str(args.out)]
     say(f"For your own camera: {command('predict')} {shlex.join(options)}")

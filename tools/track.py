@@ -59,13 +59,7 @@ from tools.common import prediction_outputs, sources
 from tools.common.arguments import add_engine, count, parser_of, real, seed, whole
 from tools.common.console import DONE, aligned, guarded, say
 from tools.common.progress import ProgressBar, StoppedError, Stopper
-from tools.common.track_outputs import (
-    Outputs,
-    add_output_options,
-    is_drawn,
-    refuse_inputs,
-    settle_outputs,
-)
+from tools.common.track_outputs import Outputs, add_output_options, refuse_inputs, settle_outputs
 
 NO_POSE = (
     "At a desk, with body, table and objects in view, hands are found without a pose (docs/camera.md#limits); "
@@ -145,7 +139,6 @@ def run(args: argparse.Namespace) -> int:
             hands=args.hands,
             smooth=not args.raw,
             size=args.size,
-            surface=is_drawn(args),
             min_confidence=0,
             min_presence=args.min_presence,
         )

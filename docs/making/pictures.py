@@ -54,16 +54,17 @@ def hand_page(browser: Browser) -> bytes:
 def live_page(browser: Browser, frames: int = 90) -> bytes:
     """The live page as PNG, after some frames of two hands."""
     from handpose import NYU, load_tracker
+    from handpose.body.gestures import GestureReader
     from handpose.output.live.messages import VIEWS_PATH, Messages
     from handpose.output.live.page import page
     from handpose.output.live.server import LiveServer
     from handpose.sequences.recordings import SyntheticRecording
 
-    tracker = load_tracker(NYU, surface=True)
+    tracker = load_tracker(NYU)
     header = tracker.header("takes/both")
-    messages = Messages(header, gestures=True)
+    messages, reader = Messages(header), GestureReader(header.skeleton)
     recording = zip(SyntheticRecording("two_hands", NYU), range(frames))
-    tracked = [(frame.depth, tracker.step(frame)) for frame, _ in recording]
+    tracked = [(frame.depth, tracker.step(frame).with_gestures(reader)) for frame, _ in recording]
     with (
         LiveServer("127.0.0.1", 0, messages.header, page(header)) as server,
         browser.new_page(viewport=SIZE, color_scheme="light") as tab,

@@ -21,6 +21,7 @@ for FORGET_S starts without history.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -51,15 +52,17 @@ GESTURES = (*STRAIGHT_FINGERS, PINCH)
 FINGER_COUNTS = {"fist": 0, "point": 1, "two": 2, "three": 3, "four": 4, "open": 5}
 
 
-def scores(skeleton: Skeleton, hand: Side, xyz: Array) -> dict[str, float]:
+def scores(
+    skeleton: Skeleton, hand: Side, xyz: Array, angles: Mapping[str, float] | None = None
+) -> dict[str, float]:
     """The score of each gesture for joints (K, 3) in mm, camera axes.
+
+    angles  their ``anatomical_angles``, if they are known
 
     Raises DataError, see ``anatomical_angles``.
     """
-    angles, at = (
-        anatomical_angles(skeleton, hand, xyz),
-        dict(zip(skeleton.joint_names, np.asarray(xyz, np.float64))),
-    )
+    angles = angles or anatomical_angles(skeleton, hand, xyz)
+    at = dict(zip(skeleton.joint_names, np.asarray(xyz, np.float64)))
     bends = [
         sum(angles[f"{finger}_{joint}_flexion"] for joint in ("mcp", "pip", "dip"))
         for finger in LONG_FINGERS
@@ -125,8 +128,17 @@ class GestureReader:
         self._skeleton = skeleton
         self._states: dict[int, _State] = {}
 
-    def read(self, id: int, hand: Side, xyz: Array, time: float) -> Gesture:
+    def read(
+        self,
+        id: int,
+        hand: Side,
+        xyz: Array,
+        time: float,
+        angles: Mapping[str, float] | None = None,
+    ) -> Gesture:
         """The gesture of the hand ``id`` with joints (K, 3) in mm, at ``time`` s.
+
+        angles  as for ``scores``
 
         Raises DataError for times of a hand that descend, and for joints that form no hand
         (``anatomical_angles``).
@@ -137,7 +149,7 @@ class GestureReader:
             raise DataError(
                 f"hand {id} at {time:g} s{after}; expected finite times that do not descend"
             )
-        seen = np.array(list(scores(self._skeleton, hand, xyz).values()))
+        seen = np.array(list(scores(self._skeleton, hand, xyz, angles).values()))
         if before is None or time - before.time > FORGET_S:
             smooth, name = seen, ""
         else:

@@ -15,6 +15,7 @@ from handpose.fit.body import SIZE_INDEX, THICKNESS_INDEX, CapsuleModel, WorldPo
 from handpose.fit.depth_fit import DepthFit
 from handpose.fit.pose_confidence import (
     Evidence,
+    Judged,
     evidence_of,
     judged,
     side_chance,
@@ -240,15 +241,19 @@ def _judge(hands: Sequence[Hand], readings: NDArray[np.float32], camera: Camera)
     evidence = evidence_of(hands[0].the_model, fits, center, readings, camera)
     found = judged(evidence)
     return [
-        replace(
-            hand,
-            error_mm=float(found.error_mm[n]),
-            confidence=float(found.confidence[n]),
-            finger_error_mm=found.finger_error_mm[n],
-            evidence=evidence.take(slice(n, n + 1)),
-        )
+        replace(with_quality(hand, found, n), evidence=evidence.take(slice(n, n + 1)))
         for n, hand in enumerate(hands)
     ]
+
+
+def with_quality(hand: Hand, found: Judged, n: int) -> Hand:
+    """A hand with the errors and the confidence of the judged pose ``n``."""
+    return replace(
+        hand,
+        error_mm=float(found.error_mm[n]),
+        confidence=float(found.confidence[n]),
+        finger_error_mm=found.finger_error_mm[n],
+    )
 
 
 def _as_frame(hand: Hand) -> tuple[NDArray[np.float32], Camera]:

@@ -245,7 +245,10 @@ def score(
 
 def _scores(header: TrackHeader, seen: list[Seen]) -> HandScores:
     """The scores of one true hand in the frames in which it is visible."""
-    side, found = seen[0].true.hand, [(one, one.tracked) for one in seen if one.tracked is not None]
+    side, found = (
+        seen[0].true.the_pose.side,
+        [(one, one.tracked) for one in seen if one.tracked is not None],
+    )
     numbers, times = (
         np.array([one.number for one, _ in found]),
         np.array([one.time for one, _ in found]),

@@ -17,6 +17,7 @@ top speed is 1.875 times its mean.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -29,7 +30,7 @@ from handpose.body.sides import Side, mirror_of
 from handpose.frames.cameras import Camera
 from handpose.synthetic.pose_prior import BodySampler, cut_normal
 from handpose.synthetic.surface_prior import PERSON_SURFACE
-from handpose.tracking.track import TrackedHand, joints_of
+from handpose.tracking.track import HandPose, joints_of
 from netlib.blob import Array
 
 
@@ -240,15 +241,22 @@ class Movement:
         self.fingers, self.palm = Values(fingers), Turns(palm)
         self.arm, self.place = Values(arm), Values(place)
 
-    def pose_at(self, time: float) -> TrackedHand:
-        """The hand at a time in s, with the id 0, confidence 1 and error 0."""
+    def pose_at(self, time: float) -> HandPose:
+        """The pose at a time in s."""
         origin, whole = self.place.at(time), self.inputs_at(time)
         skeleton, person = self.sampler.skeleton, self.person
         inputs, bones = whole[: len(skeleton.initial)], person.bones[: len(skeleton.joint_names)]
         xyz = joints_of(skeleton, person.unit_mm, self.side, inputs, bones, origin)
-        middle, capsules = self.camera.project(origin), person.capsules(whole, origin, self.side)
-        return TrackedHand(
-            0, self.side, 1.0, 0.0, inputs, bones, origin, xyz, middle, CUBE_MM, capsules
+        return HandPose(
+            skeleton,
+            self.side,
+            inputs,
+            bones,
+            origin,
+            xyz,
+            self.camera.project(origin),
+            CUBE_MM,
+            surface=partial(person.capsules, whole, origin, self.side),
         )
 
     def inputs_at(self, time: float) -> Array:

@@ -32,7 +32,7 @@ from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.prior_file import PoseParameter
 from handpose.synthetic.sensor import sense, sensor_of
-from handpose.tracking.track import LEFT, PARTLY, LostHand, TrackedFrame, TrackHeader
+from handpose.tracking.track import LEFT, PARTLY, TrackedFrame, TrackedHand, TrackHeader
 from netlib.blob import Array
 from netlib.errors import DataError
 
@@ -228,16 +228,16 @@ class SyntheticRecording(Recording):
         """
         layers, arms, limbs = [self._behind], [], self.sampler.surface.limbs
         for movement in self.movements:
-            hand = movement.pose_at(time)
-            assert hand.capsules is not None
+            surface = movement.pose_at(time).capsules
+            assert surface is not None
             layers.append(
-                render_image(in_front(hand.capsules.chosen(~limbs)), self.camera, NOWHERE_MM)[0]
+                render_image(in_front(surface.chosen(~limbs)), self.camera, NOWHERE_MM)[0]
             )
-            forearm = hand.capsules.chosen(limbs)
+            forearm = surface.chosen(limbs)
             arms += [
                 forearm,
-                self.person.worn(hand.capsules),
-                self._upper_arm(forearm.b[:, -1:], hand.hand),
+                self.person.worn(surface),
+                self._upper_arm(forearm.b[:, -1:], movement.side),
             ]
         layers.append(render_image(in_front(joined(arms)), self.camera, NOWHERE_MM)[0])
         return np.asarray(np.minimum.reduce(layers))
@@ -283,18 +283,19 @@ class SyntheticRecording(Recording):
 
         A hand that was never visible is not listed, unless it is partly visible.
         """
-        time, hands, lost = number / self.rate, [], []
+        time, every = number / self.rate, []
         for id, movement in enumerate(self.movements):
             unseen = self._unseen(id, number)
             if not unseen:
-                hands.append(replace(movement.pose_at(time), id=id))
+                every.append(TrackedHand(id, movement.side, 1.0, 0.0, movement.pose_at(time)))
                 continue
             last = next(
                 (n / self.rate for n in range(number - 1, -1, -1) if not self._unseen(id, n)), None
             )
             if last is not None or unseen == PARTLY:
-                lost.append(LostHand(id, movement.side, time if last is None else last, unseen))
-        return TrackedFrame(number, time, tuple(hands), tuple(lost))
+                since = time if last is None else last
+                every.append(TrackedHand(id, movement.side, reason=unseen, since=since))
+        return TrackedFrame(number, time, tuple(every))
 
     def _unseen_at(self, id: int, number: int) -> str:
         """The reason why a hand is not visible in frame ``number``, or empty."""

@@ -22,18 +22,19 @@ guess for that moment.
 
 from __future__ import annotations
 
+from collections.abc import Container, Mapping
 from dataclasses import replace
 from typing import Generic, TypeVar
 
 import numpy as np
 
 from handpose.body.sides import Side, mirror_of
-from handpose.fit.body import SIZE_INDEX, CapsuleModel, WorldPose
+from handpose.fit.body import CapsuleModel, WorldPose
 from handpose.fit.pose_confidence import least_error
-from handpose.tracking.output import variables_of
+from handpose.tracking.output import posed, variables_of
 from handpose.tracking.reporting import SureHands
 from handpose.tracking.smoothing import PoseFilter
-from handpose.tracking.track import TrackedFrame, TrackedHand
+from handpose.tracking.track import HandPose, TrackedFrame, TrackedHand, TrackedPoses
 
 # s and frames that are held for a side; it is decided within 3 s
 MAX_UNDECIDED_S, MAX_UNDECIDED = 4.0, 150
@@ -56,7 +57,7 @@ class LaterFrames(Generic[T]):
     """Holds frames, each with an item that belongs to it, such as its image, until later
     ones are known.
 
-    model           of the hands' surfaces, which are moved with the poses
+    model           of the hands
     min_confidence  as for ``SureHands``, which come last, because decided sides and smoothing
                     change the confidence
     at_once         release frames without waiting for later ones
@@ -104,7 +105,7 @@ class LaterFrames(Generic[T]):
         last = {hand.id: hand for _, frame in self._held[self._settled :] for hand in frame.hands}
         for hand in last.values():
             if hand.side_confidence >= LIKELY_SIDE:
-                self._decide(hand.id, hand.hand)
+                self._decide(hand.id, hand.the_pose.side)
         while self._settled < len(self._held):
             self._settle()
         return self._sure(self._release(self._settled))
@@ -123,8 +124,8 @@ class LaterFrames(Generic[T]):
         for n in range(self._settled, len(self._held)):
             item, frame = self._held[n]
             if any(hand.id == id and hand.known_side is None for hand in frame.hands):
-                hands = tuple(_as(hand, side) if hand.id == id else hand for hand in frame.hands)
-                self._held[n] = (item, frame._replace(hands=hands))
+                every = tuple(_as(hand, side) if hand.id == id else hand for hand in frame.every)
+                self._held[n] = (item, frame._replace(every=every))
 
     def _settle(self) -> None:
         """Let the next frame wait no longer for a side."""
@@ -134,13 +135,15 @@ class LaterFrames(Generic[T]):
 
     def _release(self, count: int) -> list[tuple[T, TrackedFrame]]:
         """The first frames that are held, smoothed by all that are settled."""
-        filters: dict[tuple[int, str], PoseFilter] = {}
+        filters: dict[tuple[int, Side | None], PoseFilter] = {}
         released = []
         sure = self._sure_ids()
         for n in range(self._settled - 1, -1, -1):
             item, frame = self._held[n]
             poses = {
-                (hand.id, hand.hand): hand.poses for hand in frame.hands if hand.poses is not None
+                (hand.id, hand.hand): hand.pose.followed
+                for hand in frame.every
+                if hand.pose is not None and hand.pose.followed is not None
             }
             filters = {key: filters.get(key) or PoseFilter() for key in poses}
             # The times of a filter ascend.
@@ -149,14 +152,8 @@ class LaterFrames(Generic[T]):
                 for key, own in poses.items()
             }
             if n < count:
-                hands = (
-                    self._between(hand, backward.get((hand.id, hand.hand))) for hand in frame.hands
-                )
-                judged = tuple(self._judged_around(hand, frame.time) for hand in hands)
-                present = tuple(
-                    one._replace(is_sure=one.is_sure or one.id in sure) for one in frame.present
-                )
-                released.append((item, frame._replace(hands=judged, present=present)))
+                every = tuple(self._later(hand, frame.time, backward, sure) for hand in frame.every)
+                released.append((item, frame._replace(every=every)))
         del self._held[:count]
         self._settled -= count
         if self._settled:
@@ -166,39 +163,46 @@ class LaterFrames(Generic[T]):
 
     def _sure_ids(self) -> set[int]:
         """The ids of the hands that have a pose or are sure in a frame that is held."""
-        frames = [frame for _, frame in self._held]
-        posed = {hand.id for frame in frames for hand in frame.hands}
-        return posed | {one.id for frame in frames for one in frame.present if one.is_sure}
+        return {
+            hand.id
+            for _, frame in self._held
+            for hand in frame.every
+            if hand.is_sure and not hand.is_lost
+        }
 
     def _sure(self, ready: list[tuple[T, TrackedFrame]]) -> list[tuple[T, TrackedFrame]]:
         return [(item, self.sure_hands(frame)) for item, frame in ready]
 
-    def _between(self, hand: TrackedHand, backward: WorldPose | None) -> TrackedHand:
-        """The hand at the mean of its smoothed pose and this one, with the same error
-        and confidence.
+    def _later(
+        self,
+        hand: TrackedHand,
+        time: float,
+        backward: Mapping[tuple[int, Side | None], WorldPose],
+        sure: Container[int],
+    ) -> TrackedHand:
+        """A hand of a frame at this time, as later frames show it.
+
+        backward  the smoothed poses of the frame from the future to the past, by ids and sides
+        sure      the ids of sure hands
         """
-        if hand.poses is None or backward is None:
+        if hand.pose is None:
+            return replace(hand, is_sure=hand.is_sure or hand.id in sure)
+        if hand.pose.followed is None:
             return hand
-        model, poses, mirror = self._model, hand.poses, mirror_of(hand.hand)
+        pose = self._between(hand.pose, hand.pose.followed, backward[hand.id, hand.hand])
+        return self._judged_around(replace(hand, pose=pose), time)
+
+    def _between(self, pose: HandPose, poses: TrackedPoses, backward: WorldPose) -> HandPose:
+        """The mean of a smoothed pose and one that was smoothed backwards."""
         body = poses.smoothed.moved(poses.smoothed.step_to(backward) / 2)
-        center = hand.origin_mm * mirror
-        x = variables_of(model, [body], center[None], poses.size)
-        return replace(
-            hand,
-            inputs=model.inputs_of(x)[0],
-            bones=model.skeleton.bones * float(np.exp(x[0, SIZE_INDEX])),
-            xyz=(model.joints(x)[0] + center) * mirror,
-            capsules=None
-            if hand.capsules is None
-            else model.capsules(x, center[None]).mirrored(mirror[None]),
-            poses=poses._replace(smoothed=body),
-        )
+        center = pose.origin_mm * mirror_of(pose.side)
+        x = variables_of(self._model, [body], center[None], poses.size)
+        moved = posed(pose, self._model, x)
+        return replace(moved, followed=poses._replace(smoothed=body))
 
     def _judged_around(self, hand: TrackedHand, time: float) -> TrackedHand:
-        """The hand with the mean of its errors around this time; unchanged if it was not smoothed
-        or not judged.
-        """
-        if hand.poses is None or np.isnan(hand.error_mm):
+        """The hand with the mean of its errors around this time; unchanged if it was not judged."""
+        if np.isnan(hand.error_mm):
             return hand
         around = [
             one

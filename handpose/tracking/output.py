@@ -1,91 +1,121 @@
-"""The output of the tracker for one hand, as in ``handpose.output.tracks``."""
+"""The results of hands: of a track at its last pose, and of an estimate in a single image."""
 
 from __future__ import annotations
 
-import dataclasses
+import math
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
+from handpose.body.render import Capsules
 from handpose.body.sides import mirror_of
+from handpose.estimate.hand import Hand, with_quality
+from handpose.estimate.nets import is_hand
 from handpose.fit.body import SIZE_INDEX, CapsuleModel, WorldPose, crop_variables
-from handpose.fit.pose_confidence import Evidence, Judged, judged
+from handpose.fit.pose_confidence import judged
 from handpose.tracking.hand_track import HandTrack, SideState
-from handpose.tracking.track import TrackedHand, TrackedPoses
+from handpose.tracking.reasons import uncertain
+from handpose.tracking.track import HandPose, TrackedHand, TrackedPoses
+from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 
 
-def tracked_hand(
-    track: HandTrack, model: CapsuleModel, *, smooth: bool, surface: bool
+def tracked_hand(track: HandTrack, model: CapsuleModel, *, smooth: bool) -> TrackedHand:
+    """A hand at its last pose, which is the smoothed one if it is to be ``smooth``."""
+    chance = track.side_confidence
+    found = _as_side(track, track.best, chance, model, smooth)
+    for side, seen in track.sides.items():
+        if side != track.hand and seen.time == track.time:
+            return replace(found, other=_as_side(track, seen, 1 - chance, model, smooth))
+    return found
+
+
+def _as_side(
+    track: HandTrack, seen: SideState, chance: float, model: CapsuleModel, smooth: bool
 ) -> TrackedHand:
-    """A hand at its last pose.
+    """The hand in the state of one of its sides, which has this probability."""
+    estimate, center = seen.estimate, seen.estimate.view_center_mm[None]
+    x = variables_of(model, [estimate.body], center, track.size)
+    pose = posed(_pose_of(estimate, model.skeleton), model, x)
+    if smooth:
+        x = variables_of(model, [seen.smooth], center, track.size)
+        pose = replace(
+            posed(pose, model, x),
+            raw_xyz=pose.xyz,
+            followed=TrackedPoses(estimate.body, seen.smooth, estimate.error_mm, track.size),
+        )
+    if estimate.evidence is not None:  # the errors of the network were measured
+        lag = estimate.evidence.lagging(model, model.joints(x), estimate.the_fit.joints)
+        estimate = with_quality(estimate, judged(lag), 0)
+    found = _result(track.id, estimate, pose)
+    return replace(
+        found,
+        confidence=chance * found.confidence,
+        presence=np.fmax(track.presence, found.confidence),
+        side_confidence=chance,
+    )
 
-    smooth   use the smoothed pose
-    surface  include the surface
+
+def predicted_hand(found: Hand, skeleton: Skeleton) -> TrackedHand:
+    """The hand of a single image, with the number 0. It has no side if the body is none.
+
+    Values that only a fit determines are NaN without one. Without a frame, positions are from the
+    crop's centre.
     """
-    others = [
-        seen for side, seen in track.sides.items() if side != track.hand and seen.time == track.time
-    ]
-    chances = (track.side_confidence, 1 - track.side_confidence)
-    hand, *other = _as_sides(
-        track, [track.best, *others], chances, model, smooth=smooth, surface=surface
-    )
-    return dataclasses.replace(hand, other=other[0]) if other else hand
+    pose = _pose_of(found, skeleton)
+    hand = _result(0, found, pose)
+    if not is_hand(skeleton):
+        hand = replace(hand, hand=None)
+    if found.has_joints:
+        return hand
+    return hand.without_pose(hand.hand, pose.origin_mm, uncertain(found.confidence))
 
 
-def _as_sides(
-    track: HandTrack,
-    sides: Sequence[SideState],
-    chances: Sequence[float],
-    model: CapsuleModel,
-    *,
-    smooth: bool,
-    surface: bool,
-) -> list[TrackedHand]:
-    """The hand in the states of its sides, of these probabilities."""
-    found = [seen.estimate for seen in sides]
-    center = np.stack([hand.view_center_mm for hand in found])
-    mirror = np.stack([mirror_of(hand.hand) for hand in found])
-    raw = variables_of(model, [seen.estimate.body for seen in sides], center, track.size)
-    x = variables_of(model, [seen.smooth for seen in sides], center, track.size) if smooth else raw
-    joints = model.joints(x)
-    xyz = (joints + center[:, None]) * mirror[:, None]
-    raw_xyz = (
-        (model.joints(raw) + center[:, None]) * mirror[:, None] if smooth else [None] * len(found)
+def _result(id: int, found: Hand, pose: HandPose) -> TrackedHand:
+    """What an estimate shows of a hand, in this pose."""
+    return TrackedHand(
+        id,
+        found.hand,
+        found.confidence,
+        found.error_mm,
+        pose,
+        presence=found.presence,
+        finger_error_mm=found.finger_error_mm,
     )
-    evidence = [hand.evidence for hand in found if hand.evidence is not None]
-    if len(evidence) == len(found):  # the errors of the network were measured
-        fitted = np.stack([hand.the_fit.joints[0] for hand in found])
-        quality = judged(Evidence.concatenate(evidence).lagging(model, joints, fitted))
-    else:
-        quality = Judged(
-            *(np.array([getattr(hand, name) for hand in found]) for name in Judged._fields)
-        )
-    inputs = model.inputs_of(x)
-    capsules = model.capsules(x, center).mirrored(mirror) if surface else None
-    return [
-        TrackedHand(
-            id=track.id,
-            hand=hand.hand,
-            confidence=chances[n] * float(quality.confidence[n]),
-            error_mm=float(quality.error_mm[n]),
-            inputs=inputs[n],
-            bones=model.skeleton.bones * float(np.exp(x[n, SIZE_INDEX])),
-            origin_mm=hand.center_mm,
-            xyz=xyz[n],
-            center_uvd=hand.center_uvd,
-            cube_mm=hand.cube_mm,
-            capsules=None if capsules is None else capsules.frames(slice(n, n + 1)),
-            side_confidence=chances[n],
-            finger_error_mm=quality.finger_error_mm[n],
-            raw_xyz=raw_xyz[n],
-            poses=TrackedPoses(hand.body, seen.smooth, hand.error_mm, track.size)
-            if smooth
-            else None,
-            presence=np.fmax(track.presence, quality.confidence[n]),
-        )
-        for n, (hand, seen) in enumerate(zip(found, sides))
-    ]
+
+
+def _pose_of(found: Hand, skeleton: Skeleton) -> HandPose:
+    """The pose of an estimate, without its surface."""
+    unknown = np.full(len(skeleton.dof_names), math.nan)
+    return HandPose(
+        skeleton,
+        found.hand,
+        inputs=unknown if found.fit is None else found.inputs,
+        bones=skeleton.bones * found.size,
+        origin_mm=found.center_mm if found.in_frame else np.zeros(3),
+        xyz=found.xyz if found.in_frame else found.joints_mm,
+        center_uvd=found.center_uvd if found.in_frame else np.full(3, math.nan),
+        cube_mm=found.cube_mm,
+    )
+
+
+def posed(pose: HandPose, model: CapsuleModel, x: Array) -> HandPose:
+    """The pose with these variables (1, V) of the model, in the same crop."""
+    mirror = mirror_of(pose.side)
+    center = pose.origin_mm * mirror
+    return replace(
+        pose,
+        inputs=model.inputs_of(x)[0],
+        bones=model.skeleton.bones * float(np.exp(x[0, SIZE_INDEX])),
+        xyz=(model.joints(x)[0] + center) * mirror,
+        surface=partial(_surface, model, x, center, mirror),
+    )
+
+
+def _surface(model: CapsuleModel, x: Array, center: Array, mirror: Array) -> Capsules:
+    return model.capsules(x, center[None]).mirrored(mirror[None])
 
 
 def variables_of(

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import operator
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 from handpose.body.sides import Side
 from handpose.tracking.reasons import uncertain
-from handpose.tracking.track import PresentHand, TrackedFrame, TrackedHand
+from handpose.tracking.track import TrackedFrame, TrackedHand
 
 # Number of frames with joints that make a hand one that can be lost. In recordings of one
 # hand and of two, the hands that are lost have 17 or more, a hand that is found twice in its
@@ -17,8 +15,6 @@ MIN_GIVEN = 3
 # s, for which a hand counts as one with joints after it had them: twice as long as a track goes on
 # without a pose.
 RECENT_S = 2.0
-
-T = TypeVar("T")
 
 
 @dataclass
@@ -71,42 +67,39 @@ class SureHands:
         return self._numbered(self._sure(frame) if self.min_confidence else frame)
 
     def _sure(self, frame: TrackedFrame) -> TrackedFrame:
-        hands, unsure = [], []
-        for hand in frame.hands:
-            before = self._given.get(hand.id)
-            side = hand.known_side or (before.side if before else None)
-            is_given = not hand.confidence < self.min_confidence
-            if is_given or before:
-                frames = before.frames if before else 0
-                self._given[hand.id] = Given(frame.time, side, frames + is_given)
-            if is_given:
-                hands.append(hand)
-                self._posed = frame.time if self._can_be_lost(hand.id) else self._posed
-                continue
-            x, y, z = hand.palm_mm.tolist()
-            reason = uncertain(hand.confidence)
-            unsure.append(
-                PresentHand(hand.id, side, hand.presence, hand.confidence, (x, y, z), reason)
-            )
-        self.frames += len(hands) < len(frame.hands)
+        hands = [self._if_sure(hand, frame.time) for hand in frame.hands]
+        posed = [hand for hand in hands if hand.pose is not None]
+        self.frames += len(posed) < len(hands)
         lost = [
-            one._replace(since=self._given[one.id].time)
+            replace(one, since=self._given[one.id].time)
             for one in frame.lost
             if self._can_be_lost(one.id)
         ]
-        is_beside = hands or frame.time - self._posed <= RECENT_S
+        is_beside = posed or frame.time - self._posed <= RECENT_S
         present = [one for one in frame.present if one.is_sure or not is_beside]
-        return frame._replace(hands=tuple(hands), lost=tuple(lost), present=(*unsure, *present))
+        return frame._replace(every=(*hands, *lost, *present))
+
+    def _if_sure(self, hand: TrackedHand, time: float) -> TrackedHand:
+        """A hand with a pose, without it below the minimum confidence."""
+        before = self._given.get(hand.id)
+        side = hand.known_side or (before.side if before else None)
+        is_given = not hand.confidence < self.min_confidence
+        if is_given or before:
+            frames = before.frames if before else 0
+            self._given[hand.id] = Given(time, side, frames + is_given)
+        if not is_given:
+            middle = hand.xyz.mean(axis=0)
+            return hand.without_pose(side, middle, uncertain(hand.confidence))
+        if self._can_be_lost(hand.id):
+            self._posed = time
+        return hand
 
     def _numbered(self, frame: TrackedFrame) -> TrackedFrame:
         """The frame with the ids that are reported, and without lost hands that never were."""
-        with_joints, without = [one.id for one in frame.hands], [one.id for one in frame.present]
-        for id in with_joints + without:
-            self.ids.setdefault(id, len(self.ids))
-        hands = [_with_id(hand, self.ids[hand.id]) for hand in frame.hands]
-        lost = [one._replace(id=self.ids[one.id]) for one in frame.lost if one.id in self.ids]
-        present = [one._replace(id=self.ids[one.id]) for one in frame.present]
-        return frame._replace(hands=_by_id(hands), lost=_by_id(lost), present=_by_id(present))
+        for hand in (*frame.hands, *frame.present):
+            self.ids.setdefault(hand.id, len(self.ids))
+        every = [_with_id(hand, self.ids[hand.id]) for hand in frame.every if hand.id in self.ids]
+        return frame._replace(every=tuple(sorted(every, key=lambda hand: hand.id)))
 
     def _can_be_lost(self, id: int) -> bool:
         return id in self._given and self._given[id].frames >= MIN_GIVEN
@@ -118,7 +111,3 @@ def _with_id(hand: TrackedHand, id: int) -> TrackedHand:
         return hand
     other = None if hand.other is None else replace(hand.other, id=id)
     return replace(hand, id=id, other=other)
-
-
-def _by_id(hands: list[T]) -> tuple[T, ...]:
-    return tuple(sorted(hands, key=operator.attrgetter("id")))

@@ -89,17 +89,17 @@ class Summary:
         if not self.frames:
             self._first = frame.time
         self.frames, self._last = self.frames + 1, frame.time
-        for hand in frame.hands:
+        for hand in (*frame.hands, *frame.lost):
             own = self.hands.setdefault(hand.id, HandSummary(side_name(hand.known_side)))
-            own.hand, own.frames, own.is_lost = side_name(hand.known_side), own.frames + 1, False
-            own.size = float(np.median(hand.bones[self._has_bone] / self._bones))
+            if hand.pose is None:
+                own.losses += not own.is_lost
+                own.longest = max(own.longest, frame.time - hand.since)
+            else:
+                own.hand, own.frames = side_name(hand.known_side), own.frames + 1
+                own.size = float(np.median(hand.pose.bones[self._has_bone] / self._bones))
+            own.is_lost = hand.is_lost
             if np.isfinite(hand.confidence):
                 own.confidences[round(100 * hand.confidence)] += 1
-        for lost in frame.lost:
-            own = self.hands.setdefault(lost.id, HandSummary(side_name(lost.hand)))
-            own.losses += not own.is_lost
-            own.is_lost = True
-            own.longest = max(own.longest, frame.time - lost.since)
         self.present.update(hand.reason.partition(" (")[0] for hand in frame.present)
 
     @property

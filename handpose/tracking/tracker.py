@@ -45,7 +45,7 @@ from handpose.tracking.present_hands import (
 from handpose.tracking.reasons import NO_POSE, why_missing
 from handpose.tracking.reporting import RECENT_S, SureHands
 from handpose.tracking.sizing import checked
-from handpose.tracking.track import LostHand, PresentHand, TrackedFrame, TrackedHand, TrackHeader
+from handpose.tracking.track import TrackedFrame, TrackedHand, TrackHeader
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
 
@@ -76,7 +76,6 @@ class Tracker:
     smooth     smooth poses over time
     size       of all hands, relative to the skeleton; by default each is estimated from
                its first seconds
-    surface    output each hand's surface, too
     min_presence    below it a found place is no hand
     min_confidence  below it a hand is not reported (``SureHands``); 0 for all hands
                     that are followed
@@ -92,7 +91,6 @@ class Tracker:
         hands: int = 2,
         smooth: bool = True,
         size: float | None = None,
-        surface: bool = False,
         min_confidence: float = MIN_CONFIDENCE,
         min_presence: float = MIN_PRESENCE,
     ) -> None:
@@ -103,7 +101,7 @@ class Tracker:
         check_probability("min_presence", min_presence)
         refuse_other_bodies(predictor.skeleton, "only hands are followed")
         self.predictor, self.camera = predictor, predictor.camera
-        self.limit, self.smooth, self.surface = hands, smooth, surface
+        self.limit, self.smooth = hands, smooth
         self.size = None if size is None else checked(size)
         self.estimator, self.model = predictor.estimator, predictor.fitter.model
         self.finder, self.min_presence = predictor.finder, min_presence
@@ -304,23 +302,32 @@ class Tracker:
 
     def _report(self, number: int, time: float) -> TrackedFrame:
         """The hands that were seen in this frame, however sure, and those that are lost."""
-        hands, lost = [], []
+        every = []
         for id, track in sorted(self.known.items()):
             if not (track.is_tracked and track.time == time):
-                lost.append(LostHand(id, track.decided, track.time, track.reason))
+                every.append(TrackedHand(id, track.decided, since=track.time, reason=track.reason))
                 continue
             if track.is_decided:
                 track.sizes.take(track.best.estimate, time)
-            hands.append(tracked_hand(track, self.model, smooth=self.smooth, surface=self.surface))
-        present = []
+            every.append(tracked_hand(track, self.model, smooth=self.smooth))
         likely = sorted(self.present.there, key=lambda place: not place.is_sure)
         for place in likely[: self.limit - len(self.tracks)]:
-            side, (x, y, z) = place.hand.side, place.hand.middle.tolist()
-            hand = PresentHand(place.id, side, place.presence, 0.0, (x, y, z), NO_POSE)
+            x, y, z = place.hand.middle.tolist()
             is_seen = place.time == self._searched
-            mask = place.hand.mask if is_seen else None
-            present.append(hand._replace(mask=mask, is_sure=place.is_sure, is_seen=is_seen))
-        return TrackedFrame(number, time, tuple(hands), tuple(lost), tuple(present))
+            every.append(
+                TrackedHand(
+                    place.id,
+                    place.hand.side,
+                    confidence=0.0,
+                    reason=NO_POSE,
+                    presence=place.presence,
+                    place=(x, y, z),
+                    mask=place.hand.mask if is_seen else None,
+                    is_sure=place.is_sure,
+                    is_seen=is_seen,
+                )
+            )
+        return TrackedFrame(number, time, tuple(every))
 
     def _lost(self) -> list[int]:
         """The ids of known hands that are not followed any more."""

@@ -50,7 +50,7 @@ def frame(folder: Path) -> Names:
     a net's input.
     """
     depth = next(iter(recording())).depth
-    cut = crops.crop(depth, recording().truth(0).hands[0].center_uvd, CUBE_MM, KINECT2)
+    cut = crops.crop(depth, recording().truth(0).hands[0].pose.center_uvd, CUBE_MM, KINECT2)
     cv2.imwrite(str(folder / "frame.png"), np.rint(depth).astype(np.uint16))
     cv2.imwrite(str(folder / "crop.png"), np.rint((cut + 1) * 127.5).astype(np.uint8))
     return {"depth": np.rint(depth).astype(np.uint16), "crop": cut}

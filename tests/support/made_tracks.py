@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from handpose.frames.cameras import NYU
-from handpose.tracking.track import LostHand, TrackedFrame, TrackedHand, TrackHeader, joints_of
+from handpose.tracking.track import HandPose, TrackedFrame, TrackedHand, TrackHeader, joints_of
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import SkeletonParameter
 from netlib.proto import prototxt, schema
@@ -68,9 +68,8 @@ def any_hand(
     xyz = joints_of(sk, header.unit_mm, hand, inputs, bones, origin)
     uvd = NYU.project(origin)
     sure, error, fingers = float(rng.random()), float(rng.uniform(2, 30)), rng.uniform(2, 60, 5)
-    return TrackedHand(
-        id, hand, sure, error, inputs, bones, origin, xyz, uvd, 300.0, finger_error_mm=fingers
-    )
+    pose = HandPose(sk, hand, inputs, bones, origin, xyz, uvd, 300.0)
+    return TrackedHand(id, hand, sure, error, pose, finger_error_mm=fingers)
 
 
 def any_track(header: TrackHeader, seed: int, frames: int = 5) -> list[TrackedFrame]:
@@ -80,16 +79,15 @@ def any_track(header: TrackHeader, seed: int, frames: int = 5) -> list[TrackedFr
     rng = np.random.default_rng(seed)
     made, known = [], {}
     for n in range(frames):
-        seen, lost = [], []
+        every = []
         for id, hand in enumerate(("right", "left")):
             if n not in (0, 2) and rng.random() < 0.3:
                 if id in known:
-                    lost.append(
-                        LostHand(id, hand, known[id][1], "it left the picture, at the left")
-                    )
+                    reason = "it left the picture, at the left"
+                    every.append(TrackedHand(id, hand, reason=reason, since=known[id][1]))
                 continue
             bones = None if n in (0, 2) or id not in known else known[id][0]
-            seen.append(any_hand(header, rng, id, hand, bones))
-            known[id] = seen[-1].bones, n / 30
-        made.append(TrackedFrame(n, n / 30, tuple(seen), tuple(lost)))
+            every.append(any_hand(header, rng, id, hand, bones))
+            known[id] = every[-1].pose.bones, n / 30
+        made.append(TrackedFrame(n, n / 30, tuple(every)))
     return made

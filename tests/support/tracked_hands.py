@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,7 +14,8 @@ from handpose.body.render import Capsules, render
 from handpose.body.sides import Side, mirror_of
 from handpose.fit.body import CapsuleModel
 from handpose.frames.cameras import Camera
-from handpose.tracking.track import TrackedHand, TrackHeader, joints_of
+from handpose.tracking.reasons import NO_POSE
+from handpose.tracking.track import HandPose, TrackedHand, TrackHeader, joints_of
 from tests.support.packaged_hand import SKELETON
 
 CAMERA = Camera("small", 147.0, 147.0, 80.0, 60.0, 160, 120)
@@ -28,19 +31,45 @@ def tracked(
     inputs, side = _stretched(), mirror_of(hand)
     x = _MODEL.variables_of(inputs[None])
     a, b, *radii = _MODEL.capsules(x, np.zeros((1, 3)))
-    return TrackedHand(
-        id,
+    pose = HandPose(
+        sk,
         hand,
-        confidence,
-        8.0,
         inputs,
         sk.bones,
         origin,
         joints_of(sk, HEADER.unit_mm, hand, inputs, sk.bones, origin),
         CAMERA.project(origin),
         CUBE_MM,
-        Capsules(a * side + origin, b * side + origin, *radii),
+        surface=lambda: Capsules(a * side + origin, b * side + origin, *radii),
     )
+    return TrackedHand(id, hand, confidence, 8.0, pose)
+
+
+def with_pose(hand: TrackedHand, **changes: object) -> TrackedHand:
+    """Return a hand with changes of its pose."""
+    return replace(hand, pose=replace(hand.the_pose, **changes))  # type: ignore[arg-type]
+
+
+def present(id: int, presence: float, confidence: float, **fields: Any) -> TrackedHand:
+    """Return a hand without a pose."""
+    hand = {"hand": None, "place": (0.0, 0.0, 700.0), "reason": NO_POSE} | fields
+    return TrackedHand(id, confidence=confidence, presence=presence, **hand)
+
+
+def lost(
+    id: int, hand: Side | None = "right", since: float = 0.0, reason: str = "hidden"
+) -> TrackedHand:
+    """Return a hand that is lost."""
+    return TrackedHand(id, hand, reason=reason, since=since)
+
+
+def facts(hands: Iterable[TrackedHand]) -> list[str]:
+    """Return what is known of hands without a pose, to compare them."""
+    return [
+        f"{hand.id} {hand.hand} {hand.reason} {hand.presence:.6g} {hand.confidence:.6g} "
+        f"{hand.since:.6g} {np.round(hand.place, 3)}"
+        for hand in hands
+    ]
 
 
 def _stretched() -> NDArray[np.float64]:
@@ -62,6 +91,7 @@ def seen(hands: Sequence[TrackedHand], camera: Camera = CAMERA) -> NDArray[np.fl
         (np.arange(camera.height) - camera.v0) / camera.fy,
     )
     for hand in hands:
-        assert hand.capsules is not None
-        np.minimum(image, render(hand.capsules, x[None], y[None], np.array([wall]))[0], out=image)
+        capsules = hand.the_pose.capsules
+        assert capsules is not None
+        np.minimum(image, render(capsules, x[None], y[None], np.array([wall]))[0], out=image)
     return image

@@ -226,7 +226,7 @@ def test_json_of_frames_is_read_as_a_track(frame):
         False,
     )
     for found, hand in zip(track.frames, hands_of(text), strict=True):
-        assert np.isnan(found.time) and np.isnan(found.hands[0].inputs).any()
+        assert np.isnan(found.time) and np.isnan(found.hands[0].pose.inputs).any()
         assert found.hands[0].xyz.tolist() == hand["positions_mm"]
 
 
@@ -488,7 +488,7 @@ def test_a_hand_with_the_packaged_weights(here):
     assert shown["place"]["camera"]["fx"] == KINECT2.fx and shown["crop"]
     Path("track.json").write_text(text)
     np.testing.assert_allclose(
-        shown["inputs"][:47], read_track("track.json").frames[0].hands[0].inputs, atol=1e-5
+        shown["inputs"][:47], read_track("track.json").frames[0].hands[0].pose.inputs, atol=1e-5
     )
     assert len(shown["inputs"]) == 52 and np.any(shown["inputs"][47:]) and shown["thickness"] != 1
     height, width, _ = cv2.imread("p/frame_hand.png").shape

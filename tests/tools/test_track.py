@@ -140,7 +140,7 @@ def test_options() -> None:
         and not found.cut
         and files() == ["a.json"]
     )
-    bones = found.frames[-1].hands[0].bones
+    bones = found.frames[-1].hands[0].pose.bones
     np.testing.assert_allclose(bones, 1.1 * found.header.skeleton.bones, rtol=0.01, atol=1e-5)
 
 
@@ -166,7 +166,7 @@ def test_the_minimum_confidence(
             (
                 item,
                 frame._replace(
-                    hands=tuple(replace(one, confidence=after[frame.number]) for one in frame.hands)
+                    every=tuple(replace(one, confidence=after[frame.number]) for one in frame.every)
                 ),
             )
             for item, frame in release(self, count)
@@ -206,9 +206,9 @@ def test_gestures_in_pictures(picture: list[str], monkeypatch: pytest.MonkeyPatc
     """They are those of JSON."""
     draw, labels = Painter.seen, []
 
-    def seen(self: Painter, depth: Any, frame: TrackedFrame, gestures: dict[int, str]) -> Any:
-        labels.append(gestures)
-        return draw(self, depth, frame, gestures)
+    def seen(self: Painter, depth: Any, frame: TrackedFrame) -> Any:
+        labels.append({hand.id: hand.gesture.name for hand in frame.hands})
+        return draw(self, depth, frame)
 
     monkeypatch.setattr(Painter, "seen", seen)
     run_tool("track", "takes/take.npz", "--json", "a.json", "--gestures", *picture)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,7 @@ from handpose.body.joint_formats.formats import FORMATS, FormatName
 from handpose.estimate.hand import Hand
 from handpose.estimate.nets import hand_poses
 from handpose.estimate.predictor import Predictor
+from handpose.frames.cameras import Camera
 from handpose.frames.inspection import Inspection
 from handpose.output.drawing import hands, strokes, surface
 from handpose.output.drawing.tracks import Painter
@@ -20,10 +23,12 @@ from handpose.output.drawing.view import percent
 from handpose.output.hand_page.assembly import body, hand, page
 from handpose.output.tracks import joint_values
 from handpose.output.tracks.csv_file import HandColumns, rows_of
-from handpose.output.tracks.predictions import document, frame_values, tracked
+from handpose.output.tracks.json_values import FrameValues, header_values
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
+from handpose.tracking.output import predicted_hand
 from handpose.tracking.track import TrackedFrame, TrackHeader
+from layers.hand.skeleton import Skeleton
 from netlib.errors import DataError
 from netlib.files import atomic
 from tools.common import outputs
@@ -38,11 +43,11 @@ def table(found: Hand, predictor: Predictor, joints: FormatName | None) -> tuple
     words = f"{in_words(found, predictor)}, cube {predictor.cube_mm:g} mm"
     if not found.has_joints:
         return words, []
+    pose = predicted_hand(found, predictor.skeleton).the_pose
     if joints:
-        made, camera = tracked(found, predictor.skeleton), found.camera if found.in_frame else None
-        values = joint_values.hand_values(joints, predictor.skeleton, made, camera)
+        values = joint_values.hand_values(joints, pose, _camera_of(found))
         return words, _format_lines(found, joints, values)
-    own = zip(predictor.skeleton.joint_names, found.xyz if found.in_frame else found.joints_mm)
+    own = zip(predictor.skeleton.joint_names, pose.xyz)
     return words, [f"  {name:<14}{x:9.1f}{y:9.1f}{z:9.1f}" for name, (x, y, z) in own]
 
 
@@ -53,11 +58,10 @@ def write_csv(
     columns = HandColumns(predictor.skeleton, joints, angles=predictor.fitter is not None)
     rows = [["image", "hand", *columns.about, *columns.pose]]
     for image, found in hands:
-        made, camera = tracked(found, predictor.skeleton), found.camera if found.in_frame else None
-        pose = columns.pose_values(made, camera) if found.has_joints else [""] * len(columns.pose)
-        rows.append(
-            [image, found.hand if predictor.is_hand else "", *columns.about_values(made), *pose]
-        )
+        made, pose = predicted_hand(found, predictor.skeleton), [""] * len(columns.pose)
+        if made.pose is not None:
+            pose = columns.pose_values(made.pose, _camera_of(found))
+        rows.append([image, made.hand or "", *columns.about_values(made), *pose])
     content = rows_of(rows)
     atomic.replace(path, lambda fresh: fresh.write_bytes(content))
 
@@ -88,6 +92,43 @@ def write_json(
         print(text)
     else:
         atomic.replace_text(Path(file), text + "\n")
+
+
+def frame_values(
+    number: int, found: Hand, skeleton: Skeleton, joints: FormatName | None = None
+) -> dict[str, Any]:
+    """The JSON frame of one prediction, without a time; ``joints`` is an additional format.
+
+    Raises DataError.
+    """
+    frame = TrackedFrame(number, math.nan, (predicted_hand(found, skeleton),))
+    values = FrameValues(_header("", found, skeleton), joints, in_frames=found.in_frame)
+    return values.values(frame)
+
+
+def document(
+    source: str,
+    found: Sequence[Hand],
+    frames: Sequence[dict[str, Any]],
+    skeleton: Skeleton,
+    joints: FormatName | None = None,
+) -> str:
+    """The JSON text of predictions, at least one, and of their frames (``frame_values``)."""
+    header, cameras = _header(source, found[0], skeleton), {hand.camera for hand in found}
+    if len(cameras) > 1:  # images of several sizes
+        header = replace(header, camera=replace(header.camera, width=0, height=0))
+    head = json.dumps(header_values(header, joints, in_frames=found[0].in_frame), allow_nan=False)
+    lines = ",\n".join(json.dumps(frame, allow_nan=False) for frame in frames)
+    return f'{head[:-1]}, "frames": [\n{lines}\n], "complete": true}}'
+
+
+def _header(source: str, found: Hand, skeleton: Skeleton) -> TrackHeader:
+    return TrackHeader(source, found.camera, skeleton, found.cube_mm / 2, smoothed=False)
+
+
+def _camera_of(found: Hand) -> Camera | None:
+    """The camera of a hand in a frame."""
+    return found.camera if found.in_frame else None
 
 
 def in_words(found: Hand, predictor: Predictor) -> str:

@@ -151,11 +151,6 @@ def refuse_inputs(args: argparse.Namespace, recording: Recording) -> None:
             )
 
 
-def is_drawn(args: argparse.Namespace) -> bool:
-    """Whether an output shows the surface of hands."""
-    return bool(_given(args, *DRAWN, "serve"))
-
-
 def _given(args: argparse.Namespace, *names: str) -> list[Any]:
     """The values of those of the options that are given."""
     return [value for name in names if (value := getattr(args, name)) is not None]
@@ -205,30 +200,20 @@ class Outputs:
 
     def write(self, depth: NDArray[np.float32], frame: TrackedFrame) -> None:
         """Write a frame. Raises NetlibError, OSError."""
+        if self._gestures is not None:
+            frame = frame.with_gestures(self._gestures)
         for writer in self._writers:
             writer.write(frame)
-        painter, gestures = self._painter, self._gestures_in(frame)
+        painter = self._painter
         if painter and self._video:
-            image = painter.picture(depth, frame, gestures)
+            image = painter.picture(depth, frame)
             self._video.write(image, frame.time)
             if self._sheet:
                 self._sheet.add(frame.time, lambda: image[HEAD:])
         elif painter and self._sheet:
-            self._sheet.add(frame.time, lambda: painter.seen(depth, frame, gestures))
+            self._sheet.add(frame.time, lambda: painter.seen(depth, frame))
         if self._live:
             self._live.write(depth, frame)
-
-    def _gestures_in(self, frame: TrackedFrame) -> dict[int, str]:
-        """The gestures for the pictures by the ids of hands.
-
-        They are read in every frame, also if it is not drawn, because a gesture lasts.
-        """
-        if self._painter is None or self._gestures is None:
-            return {}
-        read = self._gestures.read
-        return {
-            hand.id: read(hand.id, hand.hand, hand.xyz, frame.time).name for hand in frame.hands
-        }
 
     def __exit__(
         self,
@@ -263,7 +248,7 @@ class LiveOutput:
     """Sends the frames of a track to the clients of a server. Raises NetlibError."""
 
     def __init__(self, args: argparse.Namespace, header: TrackHeader) -> None:
-        self._messages = Messages(header, args.joints, args.gestures)
+        self._messages = Messages(header, args.joints)
         token = checked_token(os.environ[TOKEN], TOKEN) if TOKEN in os.environ else None
         host, port = args.serve
         self._server = LiveServer(host, port, self._messages.header, page(header), token)

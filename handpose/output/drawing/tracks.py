@@ -7,8 +7,6 @@ for frame in track:                      # TrackedFrame
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +25,7 @@ from handpose.output.drawing.view import (
     spoken,
     spoken_loss,
 )
-from handpose.tracking.track import PresentHand, TrackedFrame, TrackedHand, TrackHeader
+from handpose.tracking.track import TrackedFrame, TrackedHand, TrackHeader
 from netlib.blob import Array
 from netlib.errors import printable
 
@@ -53,17 +51,12 @@ class Painter:
         self._size = max(round(camera.width * zoom), 1), max(round(camera.height * zoom), 1)
         self._contrast, self._follower = Contrast(), ViewportFollower(camera)
 
-    def picture(
-        self,
-        depth: NDArray[np.floating],
-        frame: TrackedFrame,
-        gestures: Mapping[int, str] | None = None,
-    ) -> Image:
+    def picture(self, depth: NDArray[np.floating], frame: TrackedFrame) -> Image:
         """``seen`` below a line with the source and the time, which is HEAD pixels high.
 
         Raises DataError.
         """
-        seen = self.seen(depth, frame, gestures)
+        seen = self.seen(depth, frame)
         head = np.full((HEAD, seen.shape[1], 3), 255, dtype=np.uint8)
         raw = "" if self.header.smoothed else ", not smoothed"
         middle = seen.shape[1] * 2 // 3
@@ -76,16 +69,10 @@ class Painter:
             )
         return np.concatenate([head, seen])
 
-    def seen(
-        self,
-        depth: NDArray[np.floating],
-        frame: TrackedFrame,
-        gestures: Mapping[int, str] | None = None,
-    ) -> Image:
+    def seen(self, depth: NDArray[np.floating], frame: TrackedFrame) -> Image:
         """The part of the depth image around the hands, with the hands on it, (height, width, 3).
 
-        depth     in mm, 0 without a reading
-        gestures  names of gestures for the labels, by the ids of hands; empty for none
+        depth  in mm, 0 without a reading
 
         A present hand that the finder looked for and did not see is not drawn. Raises DataError.
         """
@@ -100,16 +87,17 @@ class Painter:
             low, high = part.corners(hand)
             cv2.rectangle(canvas, _pixel(low), _pixel(high), colour_of(hand.id), 1, cv2.LINE_AA)
             self._hand(canvas, hand, part.camera)
-        frame = frame._replace(present=tuple(one for one in frame.present if one.is_seen))
+        frame = frame._replace(every=tuple(hand for hand in frame.every if hand.is_seen))
         for present in frame.present:
             _present(canvas, present, part)
-        _tags(canvas, frame, part, gestures or {})
+        _tags(canvas, frame, part)
         return canvas
 
     def _hand(self, canvas: Image, hand: TrackedHand, camera: Camera) -> None:
         """Draw surface and skeleton."""
-        if hand.capsules is not None:
-            surface.paint(canvas, hand.capsules, camera)
+        capsules = hand.the_pose.capsules
+        if capsules is not None:
+            surface.paint(canvas, capsules, camera)
         uvd = camera.project(np.maximum(hand.xyz, (-np.inf, -np.inf, _MIN_DEPTH_MM)))
         guesses = hands.guessed(hand.finger_error_mm)
         hands.draw(canvas, uvd[:, :2], uvd[:, 2], self.header.skeleton, thick=2, guesses=guesses)
@@ -153,7 +141,7 @@ class _Part:
         )
 
 
-def _present(canvas: Image, hand: PresentHand, part: _Part) -> None:
+def _present(canvas: Image, hand: TrackedHand, part: _Part) -> None:
     """Draw the outline of the pixels of a hand without joints, or a circle about its middle."""
     colour = colour_of(hand.id)
     if hand.mask is not None:
@@ -174,7 +162,7 @@ def _present(canvas: Image, hand: PresentHand, part: _Part) -> None:
     )
 
 
-def _tags(canvas: Image, frame: TrackedFrame, part: _Part, gestures: Mapping[int, str]) -> None:
+def _tags(canvas: Image, frame: TrackedFrame, part: _Part) -> None:
     """Label the hands, their confidence and gestures above their crops; list hands that were lost a
     short time ago and reasons at the bottom.
     """
@@ -193,8 +181,8 @@ def _tags(canvas: Image, frame: TrackedFrame, part: _Part, gestures: Mapping[int
         )
     for hand in frame.hands:
         left, top = part.corners(hand)[0]
-        label = spoken(hand, gestures.get(hand.id, ""))
-        tags.add(label, left, top, colour_of(hand.id), sure=hand.known_side is not None)
+        is_decided = hand.known_side is not None
+        tags.add(spoken(hand), left, top, colour_of(hand.id), sure=is_decided)
 
 
 def _pixel(point: Array) -> tuple[int, int]:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from handpose.frames.cameras import Camera
 from handpose.output.drawing import strokes
 from handpose.output.drawing.strokes import Colour, Image
-from handpose.tracking.track import LostHand, PresentHand, TrackedHand
+from handpose.tracking.track import TrackedHand
 from netlib.blob import Array
 
 SECONDS = 0.5  # time constant of a move
@@ -86,8 +86,9 @@ class ViewportFollower:
 
 def box_of(hand: TrackedHand, camera: Camera) -> tuple[float, float, float, float]:
     """Left, top, right and bottom edge in pixels of the middle plane of a hand's crop."""
-    u, v, d = hand.center_uvd
-    across, down = camera.fx * hand.cube_mm / 2 / d, camera.fy * hand.cube_mm / 2 / d
+    pose = hand.the_pose
+    u, v, d = pose.center_uvd
+    across, down = camera.fx * pose.cube_mm / 2 / d, camera.fy * pose.cube_mm / 2 / d
     return u + 0.5 - across, v + 0.5 - down, u + 0.5 + across, v + 0.5 + down
 
 
@@ -172,21 +173,23 @@ def percent(confidence: float) -> str:
     return ">99%" if confidence >= 0.995 else f"{confidence:.0%}"
 
 
-def spoken(hand: TrackedHand | PresentHand, gesture: str = "") -> str:
+def spoken(hand: TrackedHand) -> str:
     """``right 93%``, ``right? 49%`` while the side is assumed; ``left hand 43%``, its presence,
     without joints; ``right 93%, thumb up`` with a gesture.
 
     The number is omitted if it was not measured.
     """
-    if isinstance(hand, PresentHand):
+    if hand.pose is None:
         side, chance = f"{hand.hand} hand" if hand.hand else "hand", hand.presence
     else:
         side, chance = hand.known_side or f"{hand.hand}?", hand.confidence
     label = f"{side} {percent(chance)}" if math.isfinite(chance) else side
-    return f"{label}, {gesture.replace('_', ' ')}" if gesture else label
+    if hand.gesture is None or not hand.gesture.name:
+        return label
+    return f"{label}, {hand.gesture.name.replace('_', ' ')}"
 
 
-def spoken_loss(hand: LostHand, time: float) -> str:
+def spoken_loss(hand: TrackedHand, time: float) -> str:
     """``left hand lost 0.4 s: it left the image``."""
     return f"{f'{hand.hand} ' if hand.hand else ''}hand lost {max(time - hand.since, 0):.1f} s: {hand.reason}"
 

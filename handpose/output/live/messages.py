@@ -3,7 +3,8 @@
 The message of a frame for the page is binary; numbers are little-endian:
 
     uint32              size in bytes of the JSON that follows
-    JSON                record (the frame as JSON lines have it), middle and spread
+    JSON                record (the frame as JSON lines have it, without hands that the finder
+                        no longer sees), middle and spread
                         (mm, of the contrast), window (left, top, width and height of the part to
                         show, px), grid (left, top, step, columns, rows of the depth), capsules
                         (how many of each hand); spaces fill it up to a multiple of 4
@@ -73,19 +74,17 @@ class Messages:
 
     Every record has the bones of each hand, since a receiver may have missed the frames before.
 
-    joints, gestures  as ``open_writer`` has them
+    joints  as ``open_writer`` has them
     """
 
-    def __init__(
-        self, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False
-    ) -> None:
+    def __init__(self, header: TrackHeader, joints: FormatName | None = None) -> None:
         self.header = to_text(header_values(header, joints))
-        self._values = FrameValues(header, joints, gestures, live=True)
+        self._values = FrameValues(header, joints, live=True)
         self._camera = header.camera
         self._contrast, self._follower = Contrast(), ViewportFollower(header.camera)
 
     def record(self, frame: TrackedFrame) -> dict[str, Any]:
-        """The frame as an object; call it once per frame."""
+        """The frame as an object."""
         return self._values.values(frame)
 
     def line(self, record: dict[str, Any]) -> str:
@@ -100,10 +99,12 @@ class Messages:
         self._contrast.see(frame.time, depth, points[:, 2])
         viewport = self._follower.see(frame.time, frame.hands)
         grid = grid_of(self._camera, viewport, frame.hands)
-        surfaces = [hand.capsules for hand in frame.hands]
+        surfaces = [hand.the_pose.capsules for hand in frame.hands]
         counts = [0 if surface is None else surface.a.shape[1] for surface in surfaces]
+        unseen = {hand.id for hand in frame.every if not hand.is_seen}
+        shown = [hand for hand in record["hands"] if hand["id"] not in unseen]
         values = {
-            "record": record,
+            "record": record | {"hands": shown},
             "middle": self._contrast.middle,
             "spread": self._contrast.spread,
             "window": [round(edge, 2) for edge in viewport],

@@ -27,16 +27,17 @@ import io
 import math
 from collections.abc import Iterable, Sequence
 
-from handpose.body.gestures import GestureReader
 from handpose.body.joint_formats.formats import FormatName
 from handpose.body.model import FINGERS, has_fingers
 from handpose.frames.cameras import Camera
 from handpose.output.tracks import joint_values
 from handpose.output.tracks.json_values import free_dofs
-from handpose.tracking.track import PresentHand, TrackedFrame, TrackedHand, TrackHeader, side_name
+from handpose.tracking.track import HandPose, TrackedFrame, TrackedHand, TrackHeader, side_name
 from layers.hand.skeleton import Skeleton
 
 NO_HAND_SEEN = "no hand is seen"
+# the columns of what is known of a hand, and the digits of their values
+QUALITY = {"presence": "%.3f", "confidence": "%.4f", "error_mm": "%.2f"}
 
 
 class FrameRows:
@@ -51,7 +52,7 @@ class FrameRows:
         self, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False
     ) -> None:
         self._camera, self._columns = header.camera, HandColumns(header.skeleton, joints)
-        self._gestures = GestureReader(header.skeleton) if gestures else None
+        self._gestures = gestures
         own = [
             *self._columns.about,
             *self._columns.pose,
@@ -63,36 +64,29 @@ class FrameRows:
 
     def encoded(self, frame: TrackedFrame) -> bytes:
         """The lines of a frame."""
-        about = [frame.number, f"{frame.time:.6f}"]
         self._posed.update(hand.id for hand in frame.hands)
+        present = [one for one in frame.present if one.id in self._posed]
+        about = [frame.number, f"{frame.time:.6f}"]
         rows = [
-            [*about, hand.id, side_name(hand.known_side), "", *self._values(hand, frame.time)]
-            for hand in frame.hands
-        ]
-        rows += [
-            [*about, lost.id, side_name(lost.hand), lost.reason, *self._empty]
-            for lost in frame.lost
-        ]
-        known_hands = [one for one in frame.present if one.id in self._posed]
-        rows += [
-            [*about, one.id, side_name(one.hand), *self._without_joints(one)] for one in known_hands
+            [*about, hand.id, side_name(hand.known_side), hand.reason, *self._values(hand)]
+            for hand in (*frame.hands, *frame.lost, *present)
         ]
         return rows_of(rows or [[*about, "", "", *self._without_hands(frame)]])
-
-    def _without_joints(self, hand: PresentHand) -> list[str]:
-        chances = [known("%.3f", hand.presence), known("%.4f", hand.confidence)]
-        return [hand.reason, *chances, *self._empty[2:]]
 
     def _without_hands(self, frame: TrackedFrame) -> list[str]:
         if not frame.present:
             return [NO_HAND_SEEN, *self._empty]
-        return self._without_joints(max(frame.present, key=lambda hand: hand.presence))
+        most = max(frame.present, key=lambda hand: hand.presence)
+        return [most.reason, *self._values(most)]
 
-    def _values(self, hand: TrackedHand, time: float) -> list[str]:
-        values = self._columns.about_values(hand) + self._columns.pose_values(hand, self._camera)
+    def _values(self, hand: TrackedHand) -> list[str]:
+        values = self._columns.about_values(hand)
+        if hand.pose is None:
+            return [*values[:2], *self._empty[2:]]
+        values += self._columns.pose_values(hand.pose, self._camera)
         if self._gestures:
-            name, confidence = self._gestures.read(hand.id, hand.hand, hand.xyz, time)
-            values += [name, f"{confidence:.3f}"]
+            name, confidence = hand.gesture or ("", math.nan)
+            values += [name, known("%.3f", confidence)]
         return values
 
 
@@ -105,39 +99,30 @@ class HandColumns:
 
     def __init__(self, skeleton: Skeleton, joints: FormatName | None, angles: bool = True) -> None:
         self._skeleton, self._joints = skeleton, joints
-        self._angles = free_dofs(skeleton)[0] if angles else []
+        self._angles = free_dofs(skeleton)[0] if angles else {}
         self._fingers = FINGERS if has_fingers(skeleton) else ()
-        self.about = [
-            "presence",
-            "confidence",
-            "error_mm",
-            *(f"{finger}_error_mm" for finger in self._fingers),
-        ]
+        self.about = [*QUALITY, *(f"{finger}_error_mm" for finger in self._fingers)]
         self.pose = [f"{joint}_{axis}_mm" for joint in skeleton.joint_names for axis in "xyz"]
-        self.pose += [f"{skeleton.dof_names[d]}_rad" for d in self._angles]
+        self.pose += [f"{name}_rad" for name in self._angles]
         if joints:
             self.pose = joint_values.columns(joints)
 
     def about_values(self, hand: TrackedHand) -> list[str]:
         """The fields of ``about``; empty if unknown."""
-        values = [
-            known("%.3f", hand.presence),
-            known("%.4f", hand.confidence),
-            known("%.2f", hand.error_mm),
-        ]
+        values = [known(form, getattr(hand, name)) for name, form in QUALITY.items()]
         return values + [
             known("%.1f", error) for error, _ in zip(hand.finger_error_mm.tolist(), self._fingers)
         ]
 
-    def pose_values(self, hand: TrackedHand, camera: Camera | None) -> list[str]:
+    def pose_values(self, pose: HandPose, camera: Camera | None) -> list[str]:
         """The fields of ``pose``; empty if unknown.
 
         Without a camera, positions are from the middle of the crop.
         """
         if self._joints:
-            return joint_values.numbers(self._joints, self._skeleton, hand, camera)
-        angles = self._skeleton.theta(hand.inputs)[self._angles]
-        return [known("%.2f", x) for x in hand.xyz.ravel().tolist()] + [
+            return joint_values.numbers(self._joints, pose, camera)
+        angles = self._skeleton.theta(pose.inputs)[[*self._angles.values()]]
+        return [known("%.2f", x) for x in pose.xyz.ravel().tolist()] + [
             known("%.5f", a) for a in angles.tolist()
         ]
 

@@ -20,11 +20,10 @@ from typing import Any
 
 import numpy as np
 
-from handpose.body.joint_formats.angles import ANGLES, anatomical_angles
+from handpose.body.joint_formats.angles import ANGLES
 from handpose.body.joint_formats.formats import FORMATS, FormatName, formatted
 from handpose.frames.cameras import Camera
-from handpose.tracking.track import TrackedHand
-from layers.hand.skeleton import Skeleton
+from handpose.tracking.track import HandPose
 from netlib.blob import Array
 
 DECIMALS = {"m": 5, "mm": 2}
@@ -44,12 +43,10 @@ def format_values(name: FormatName) -> dict[str, Any]:
     }
 
 
-def hand_values(
-    name: FormatName, skeleton: Skeleton, hand: TrackedHand, camera: Camera | None
-) -> dict[str, Any]:
-    """The JSON values of a hand in a format. Raises DataError for another body than a hand."""
-    angles, digits = anatomical_angles(skeleton, hand.hand, hand.xyz), DECIMALS[FORMATS[name].unit]
-    parts = _parts(name, skeleton, hand, camera)
+def hand_values(name: FormatName, pose: HandPose, camera: Camera | None) -> dict[str, Any]:
+    """The JSON values of a pose in a format. Raises DataError for another body than a hand."""
+    angles, digits = pose.angles, DECIMALS[FORMATS[name].unit]
+    parts = _parts(name, pose, camera)
     joints = {
         key: None if values is None else _rounded(values, digits) for key, values in parts.items()
     }
@@ -71,16 +68,11 @@ def columns(name: FormatName) -> list[str]:
     return found + [f"{angle}_deg" for angle in ANGLES]
 
 
-def numbers(
-    name: FormatName, skeleton: Skeleton, hand: TrackedHand, camera: Camera | None
-) -> list[str]:
+def numbers(name: FormatName, pose: HandPose, camera: Camera | None) -> list[str]:
     """The values of a row, one for each column. Raises DataError for another body than a hand."""
-    texts, angles = (
-        [],
-        [f"{angle:.2f}" for angle in anatomical_angles(skeleton, hand.hand, hand.xyz).values()],
-    )
+    texts, angles = [], [f"{angle:.2f}" for angle in pose.angles.values()]
     digits = DECIMALS[FORMATS[name].unit]
-    for values in _parts(name, skeleton, hand, camera).values():
+    for values in _parts(name, pose, camera).values():
         if values is not None:
             texts += [f"{number:.{digits}f}" for number in values.ravel().tolist()]
         else:  # landmarks, where the size of the image is unknown
@@ -88,14 +80,12 @@ def numbers(
     return texts + angles
 
 
-def _parts(
-    name: FormatName, skeleton: Skeleton, hand: TrackedHand, camera: Camera | None
-) -> dict[str, Array | None]:
-    """The arrays of a hand in a format by their keys in JSON; without a camera,
+def _parts(name: FormatName, pose: HandPose, camera: Camera | None) -> dict[str, Array | None]:
+    """The arrays of a pose in a format by their keys in JSON; without a camera,
     those of its crop.
     """
-    cube_mm = hand.cube_mm if camera is None else None
-    found = formatted(name, skeleton, hand.hand, hand.xyz, camera, cube_mm)
+    cube_mm = pose.cube_mm if camera is None else None
+    found = formatted(name, pose.skeleton, pose.side, pose.xyz, camera, cube_mm)
     if name != "mediapipe":
         return {f"positions_{FORMATS[name].unit}": found.positions}
     center = np.asarray(found.positions.mean(axis=0))

@@ -4,6 +4,7 @@ docs/hands.schema.json has the keys.
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 from typing import Any
@@ -11,15 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from handpose.body.gestures import GestureReader
 from handpose.body.joint_formats.formats import FormatName
 from handpose.body.model import FINGERS
-from handpose.body.sides import SIDES
+from handpose.body.sides import SIDES, Side
 from handpose.fit.pose_confidence import unknown_finger_errors
 from handpose.frames.cameras import MIN_RANGE_MM, Camera
 from handpose.output.tracks import joint_values
 from handpose.output.tracks.fields import Fields
-from handpose.tracking.track import LostHand, PresentHand, TrackedFrame, TrackedHand, TrackHeader
+from handpose.tracking.track import HandPose, TrackedFrame, TrackedHand, TrackHeader
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import SkeletonParameter, text_of
 from netlib.blob import Array
@@ -90,11 +90,11 @@ def _skeleton_values(skeleton: Skeleton) -> dict[str, Any]:
     parents = [joints[parent] if parent >= 0 else None for parent in skeleton.parents]
     angles = [
         {
-            "name": skeleton.dof_names[d],
+            "name": name,
             "lower": _limit(skeleton.lower[d], skeleton.initial[d]),
             "upper": _limit(skeleton.upper[d], skeleton.initial[d]),
         }
-        for d in turning
+        for name, d in turning.items()
     ]
     return {
         "name": skeleton.name,
@@ -102,7 +102,7 @@ def _skeleton_values(skeleton: Skeleton) -> dict[str, Any]:
         "parents": parents,
         "bones": [[parent, joint] for parent, joint in zip(parents, joints) if parent is not None],
         "angles": angles,
-        "translations": [skeleton.dof_names[d] for d in sliding],
+        "translations": list(sliding),
         "prototxt": text_of(skeleton.param, skeleton.name, ""),
     }
 
@@ -159,7 +159,6 @@ class FrameValues:
         self,
         header: TrackHeader,
         joints: FormatName | None = None,
-        gestures: bool = False,
         live: bool = False,
         in_frames: bool = True,
     ) -> None:
@@ -167,13 +166,7 @@ class FrameValues:
         self._camera, self._joints = header.camera if in_frames else None, joints
         self._has_raw = header.smoothed and not live
         self._live = live
-        self._gestures = GestureReader(header.skeleton) if gestures else None
         self._turning, self._sliding = free_dofs(header.skeleton)
-        names = header.skeleton.dof_names
-        self._angles, self._slides = (
-            [names[d] for d in self._turning],
-            [names[d] for d in self._sliding],
-        )
         self._bones: dict[int, list[float] | None] = {}
 
     def values(self, frame: TrackedFrame) -> dict[str, Any]:
@@ -182,116 +175,104 @@ class FrameValues:
             {"id": int(l.id), "hand": l.hand, "since_s": rounded(l.since, 6), "reason": l.reason}
             for l in frame.lost
         ]
-        hands = [self._hand_values(hand, frame.time) for hand in frame.hands]
-        hands += [
-            {
-                "id": int(one.id),
-                "hand": one.hand,
-                "presence": rounded(one.presence, 3),
-                "confidence": rounded(one.confidence, 4),
-                "palm_mm": rounded(one.place, 1),
-                "positions_mm": None,
-                **({"raw_positions_mm": None} if self._has_raw else {}),
-                "reason": one.reason,
-            }
-            for one in frame.present
-        ]
-        hands.sort(key=lambda hand: int(hand["id"]))
         return {
             "number": int(frame.number),
             "time_s": rounded(frame.time, 6),
-            "hands": hands,
+            "hands": [self._hand_values(hand) for hand in frame.every if not hand.is_lost],
             "lost": lost,
         }
 
-    def _hand_values(self, hand: TrackedHand, time: float) -> dict[str, Any]:
-        theta = self._skeleton.theta(hand.inputs)
-        positions = hand.xyz.round(2)  # so that the palm is that of the positions in the file
-        bones = _known(hand.bones * self._unit_mm, 3)
-        same = not self._live and hand.id in self._bones and self._bones[hand.id] == bones
-        self._bones[hand.id] = bones
-        return {
-            "id": int(hand.id),
-            "hand": hand.known_side,
-            **(
-                {}
-                if hand.known_side
-                else {
-                    "assumed_hand": hand.hand,
-                    "assumed_confidence": rounded(hand.side_confidence, 3),
-                }
-            ),
-            "presence": rounded(hand.presence, 3),
-            "confidence": rounded(hand.confidence, 4),
+    def _hand_values(self, hand: TrackedHand) -> dict[str, Any]:
+        values = {"id": int(hand.id), "hand": hand.known_side}
+        if hand.side_confidence < 1:
+            values["assumed_hand"] = hand.hand
+            values["assumed_confidence"] = rounded(hand.side_confidence, 3)
+        values["presence"] = rounded(hand.presence, 3)
+        values["confidence"] = rounded(hand.confidence, 4)
+        if hand.pose is not None:
+            return values | self._pose_values(hand, hand.pose)
+        values |= {"palm_mm": rounded(hand.place, 1), "positions_mm": None}
+        if self._has_raw:
+            values["raw_positions_mm"] = None
+        return values | {"reason": hand.reason}
+
+    def _pose_values(self, hand: TrackedHand, pose: HandPose) -> dict[str, Any]:
+        """The errors and the pose of a hand, the joint format if requested, and the gesture."""
+        theta = self._skeleton.theta(pose.inputs)
+        positions = pose.xyz.round(2)  # so that the palm is that of the positions in the file
+        fingers = rounded(hand.finger_error_mm, 1)
+        values = {
             "error_mm": rounded(hand.error_mm, 2),
             "palm_mm": rounded(positions.mean(axis=0), 1),
-            "finger_error_mm": dict(zip(FINGERS, rounded(hand.finger_error_mm, 1))),
+            "finger_error_mm": dict(zip(FINGERS, fingers)),
             "positions_mm": rounded(positions, 2),
-            **(
-                {}
-                if self._live or hand.raw_xyz is None
-                else {"raw_positions_mm": rounded(hand.raw_xyz, 2)}
-            ),
-            "angles_rad": _named(self._angles, theta[self._turning], 5),
-            "origin_mm": rounded(hand.origin_mm, 3),
-            "translations_mm": _named(self._slides, theta[self._sliding] * self._unit_mm, 3),
-            **({} if same else {"bones_mm": bones}),
-            "crop": {"center_uvd": _known(hand.center_uvd, 3), "cube_mm": rounded(hand.cube_mm, 3)},
-            **self._derived_values(hand, time),
         }
-
-    def _derived_values(self, hand: TrackedHand, time: float) -> dict[str, Any]:
-        """The joint format and the gesture, if requested."""
-        found: dict[str, Any] = {}
+        if pose.raw_xyz is not None and not self._live:
+            values["raw_positions_mm"] = rounded(pose.raw_xyz, 2)
+        values |= {
+            "angles_rad": _named(self._turning, theta, 5),
+            "origin_mm": rounded(pose.origin_mm, 3),
+            "translations_mm": _named(self._sliding, theta * self._unit_mm, 3),
+        }
+        bones = _known(pose.bones * self._unit_mm, 3)
+        if self._live or hand.id not in self._bones or self._bones[hand.id] != bones:
+            values["bones_mm"] = self._bones[hand.id] = bones
+        crop = {"center_uvd": _known(pose.center_uvd, 3), "cube_mm": rounded(pose.cube_mm, 3)}
+        values["crop"] = crop
         if self._joints is not None:
-            found = joint_values.hand_values(self._joints, self._skeleton, hand, self._camera)
-        if self._gestures is not None:
-            seen = self._gestures.read(hand.id, hand.hand, hand.xyz, time)
-            sure = rounded(seen.confidence, 3)
-            found["gesture"] = {
-                "name": seen.name or None,
-                "number": seen.number,
-                "confidence": sure,
+            values |= joint_values.hand_values(self._joints, pose, self._camera)
+        if hand.gesture is not None:
+            values["gesture"] = {
+                "name": hand.gesture.name or None,
+                "number": hand.gesture.number,
+                "confidence": rounded(hand.gesture.confidence, 3),
             }
-        return found
+        return values
 
     def frame(self, fields: Fields) -> TrackedFrame:
         """The next frame from its object. Raises DataError."""
-        every = list(fields.parts("hands"))
-        hands = tuple(self._hand(hand) for hand in every if hand.has("positions_mm"))
-        present = tuple(_present(hand) for hand in every if not hand.has("positions_mm"))
-        lost = tuple(
-            LostHand(
-                of.whole("id"),
-                of.one_of("hand", SIDES) if of.has("hand") else None,
-                of.number("since_s"),
-                of.text("reason"),
-            )
-            for of in fields.parts("lost")
-        )
-        return TrackedFrame(fields.whole("number"), fields.known("time_s"), hands, lost, present)
+        every = [self._hand(hand) for hand in fields.parts("hands")]
+        every += [_lost(of) for of in fields.parts("lost")]
+        return TrackedFrame(fields.whole("number"), fields.known("time_s"), tuple(every))
 
     def _hand(self, of: Fields) -> TrackedHand:
-        assumed = not of.has("hand")
+        hand = TrackedHand(
+            of.whole("id"),
+            _side_of(of),
+            of.known("confidence"),
+            presence=of.known("presence") if "presence" in of else math.nan,
+        )
+        if not of.has("positions_mm"):
+            return hand.without_pose(hand.hand, of.numbers("palm_mm", 3), of.text("reason"))
+        side, chance = hand.hand, 1.0
+        if side is None:
+            side = of.one_of("assumed_hand", SIDES)
+            chance = of.number("assumed_confidence", 0, 1 - 1e-6)
+        return dataclasses.replace(
+            hand,
+            hand=side,
+            side_confidence=chance,
+            error_mm=of.known("error_mm"),
+            pose=self._pose(of, side),
+            finger_error_mm=_finger_errors(of),
+        )
+
+    def _pose(self, of: Fields, side: Side) -> HandPose:
         crop, joints = of.part("crop"), len(self._skeleton.joint_names)
         theta = self._skeleton.initial.copy()
-        theta[self._turning] = _by_name(of, "angles_rad", self._angles)
-        theta[self._sliding] = _by_name(of, "translations_mm", self._slides) / self._unit_mm
-        return TrackedHand(
-            of.whole("id"),
-            of.one_of("assumed_hand" if assumed else "hand", SIDES),
-            of.known("confidence"),
-            of.known("error_mm"),
+        turning, sliding = [*self._turning.values()], [*self._sliding.values()]
+        theta[turning] = _by_name(of, "angles_rad", self._turning)
+        theta[sliding] = _by_name(of, "translations_mm", self._sliding) / self._unit_mm
+        return HandPose(
+            self._skeleton,
+            side,
             theta - self._skeleton.initial,
             self._bones_of(of),
             of.numbers("origin_mm", 3),
             of.numbers("positions_mm", joints, 3),
             crop.numbers("center_uvd", 3),
             crop.positive("cube_mm"),
-            side_confidence=of.number("assumed_confidence", 0, 1 - 1e-6) if assumed else 1.0,
-            finger_error_mm=_finger_errors(of),
             raw_xyz=of.numbers("raw_positions_mm", joints, 3) if "raw_positions_mm" in of else None,
-            presence=of.known("presence") if "presence" in of else math.nan,
         )
 
     def _bones_of(self, of: Fields) -> Array:
@@ -306,17 +287,18 @@ class FrameValues:
         return np.array(self._bones[hand]) / self._unit_mm
 
 
-def _named(names: list[str], numbers: Array, decimals: int) -> dict[str, float] | None:
-    """Numbers by name; None if they are unknown."""
-    return dict(zip(names, rounded(numbers, decimals))) if np.isfinite(numbers).all() else None
+def _named(dofs: dict[str, int], values: Array, decimals: int) -> dict[str, float] | None:
+    """The values of DoFs by name; None if they are unknown."""
+    numbers = values[[*dofs.values()]]
+    return dict(zip(dofs, rounded(numbers, decimals))) if np.isfinite(numbers).all() else None
 
 
-def _by_name(of: Fields, key: str, names: list[str]) -> Array:
+def _by_name(of: Fields, key: str, dofs: dict[str, int]) -> Array:
     """The inverse of ``_named``, with NaN for unknown numbers. Raises DataError."""
     if not of.has(key):
-        return np.full(len(names), np.nan)
+        return np.full(len(dofs), np.nan)
     part = of.part(key)
-    return np.array([part.number(name) for name in names])
+    return np.array([part.number(name) for name in dofs])
 
 
 def _finger_errors(of: Fields) -> Array:
@@ -329,16 +311,13 @@ def _finger_errors(of: Fields) -> Array:
     return np.array([part.known(finger) for finger in FINGERS])
 
 
-def _present(of: Fields) -> PresentHand:
-    x, y, z = of.numbers("palm_mm", 3).tolist()
-    side = of.one_of("hand", SIDES) if of.has("hand") else None
-    return PresentHand(
-        of.whole("id"),
-        side,
-        of.known("presence"),
-        of.known("confidence"),
-        (x, y, z),
-        of.text("reason"),
+def _side_of(of: Fields) -> Side | None:
+    return of.one_of("hand", SIDES) if of.has("hand") else None
+
+
+def _lost(of: Fields) -> TrackedHand:
+    return TrackedHand(
+        of.whole("id"), _side_of(of), since=of.number("since_s"), reason=of.text("reason")
     )
 
 
@@ -347,12 +326,14 @@ def _present(of: Fields) -> PresentHand:
 NO_LIMIT = 9999.0  # rad; the packaged hand stores 10000
 
 
-def free_dofs(skeleton: Skeleton) -> tuple[list[int], list[int]]:
-    """The DoFs that are free and move something: those that turn a joint, in rad; those that
-    translate, in units.
+def free_dofs(skeleton: Skeleton) -> tuple[dict[str, int], dict[str, int]]:
+    """The DoFs that are free and move something, and their indices by name: those that turn a
+    joint, in rad; those that translate, in units.
     """
     turning = np.unique(skeleton.driven[skeleton.turns])
-    return turning.tolist(), np.setdiff1d(skeleton.driven, turning).tolist()
+    sliding = np.setdiff1d(skeleton.driven, turning)
+    names = skeleton.dof_names
+    return {names[d]: d for d in turning.tolist()}, {names[d]: d for d in sliding.tolist()}
 
 
 def _limit(limit: float, initial: float) -> float | None:

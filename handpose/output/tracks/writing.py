@@ -124,7 +124,7 @@ def open_writer(
     Raises DataError.
 
     joints    format of additional joints and angles in JSON, and of the joints in CSV
-    gestures  add the gesture of each hand to JSON and CSV
+    gestures  with the gestures of hands as columns of CSV; JSON has those that were read
     """
     place = None if str(path) == "-" else Path(path)
     ending = place.suffix.lower() if place else ".jsonl"
@@ -136,7 +136,7 @@ def open_writer(
     if ending == ".csv":
         rows = FrameRows(header, joints, gestures)
         return TrackWriter(place, rows.encoded, rows.head)
-    frames, head = FrameValues(header, joints, gestures), to_text(header_values(header, joints))
+    frames, head = FrameValues(header, joints), to_text(header_values(header, joints))
 
     def encode(frame: TrackedFrame) -> bytes:
         return to_text(frames.values(frame)).encode()

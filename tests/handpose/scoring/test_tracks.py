@@ -11,11 +11,12 @@ import pytest
 
 from handpose.frames.cameras import NYU
 from handpose.scoring.tracks import jitter, lag_s, rests, score
-from handpose.tracking.track import LEFT, PARTLY, LostHand, TrackedFrame, TrackedHand, TrackHeader
+from handpose.tracking.track import LEFT, PARTLY, HandPose, TrackedFrame, TrackedHand, TrackHeader
 from layers.hand import skeleton as skeletons
 from netlib.blob import Array
 from netlib.errors import DataError
 from tests.support.bad_input import bad_inputs
+from tests.support.tracked_hands import lost, with_pose
 
 SKELETON = skeletons.load()
 HEADER = TrackHeader("made up", NYU, SKELETON)
@@ -27,22 +28,18 @@ def hand(id: int, place: Array, side: str = "right", time: float = 0.0) -> Track
     """A hand that moves back and forth about a place."""
     xyz = BASE + place + np.array([30.0, 20, 0]) * np.sin(4 * time)
     nothing = np.zeros(3)
-    return TrackedHand(id, side, 1.0, 0.0, np.zeros(47), np.zeros(31), nothing, xyz, nothing, 300.0)
+    pose = HandPose(SKELETON, side, np.zeros(47), np.zeros(31), nothing, xyz, nothing, 300.0)
+    return TrackedHand(id, side, 1.0, 0.0, pose)
 
 
-def frames(
-    hands: Sequence[Sequence[TrackedHand]], lost: Sequence[Sequence[LostHand]] = ()
-) -> list[TrackedFrame]:
+def frames(hands: Sequence[Sequence[TrackedHand]]) -> list[TrackedFrame]:
     """Frames 0, 1, ... with these hands, at 30 frames/s."""
-    return [
-        TrackedFrame(n, n / 30, tuple(own), tuple(lost[n]) if lost else ())
-        for n, own in enumerate(hands)
-    ]
+    return [TrackedFrame(n, n / 30, tuple(own)) for n, own in enumerate(hands)]
 
 
 def moved(one: TrackedHand, *by: float) -> TrackedHand:
     """The same hand, shifted by this many mm."""
-    return replace(one, xyz=one.xyz + np.array(by))
+    return with_pose(one, xyz=one.xyz + np.array(by))
 
 
 TRUTH = frames(
@@ -64,13 +61,13 @@ def test_errors() -> None:
     31st to the mean.
     """
     tracked = [
-        frame._replace(hands=tuple(moved(one, 3, 4, 0) for one in frame.hands)) for frame in TRUTH
+        frame._replace(every=tuple(moved(one, 3, 4, 0) for one in frame.every)) for frame in TRUTH
     ]
     assert score(HEADER, tracked, TRUTH).hands[0].error_mm == pytest.approx(5)
     off = np.zeros((31, 3))
     off[1, 0] = 31
     tracked = [
-        frame._replace(hands=tuple(replace(one, xyz=one.xyz + off) for one in frame.hands))
+        frame._replace(every=tuple(with_pose(one, xyz=one.xyz + off) for one in frame.every))
         for frame in TRUTH
     ]
     assert score(HEADER, tracked, TRUTH).hands[0].error_mm == pytest.approx(1)
@@ -82,13 +79,13 @@ def test_ids_may_have_any_number_but_must_not_change() -> None:
     """
     tracked = [
         frame._replace(
-            hands=tuple(
-                replace(one, id=7 + (one.id + (frame.number >= 40)) % 2) for one in frame.hands
+            every=tuple(
+                replace(one, id=7 + (one.id + (frame.number >= 40)) % 2) for one in frame.every
             )
         )
         for frame in TRUTH
     ]
-    reversed_ = [frame._replace(hands=frame.hands[::-1]) for frame in tracked]
+    reversed_ = [frame._replace(every=frame.every[::-1]) for frame in tracked]
     for track in (tracked, reversed_):
         scores = score(HEADER, track, TRUTH)
         assert scores.found == 1
@@ -103,7 +100,7 @@ def test_sides() -> None:
 
 
 def test_a_hand_far_from_all_true_ones_counts_as_invented() -> None:
-    tracked = [frame._replace(hands=(moved(frame.hands[0], 0, 0, 120),)) for frame in TRUTH]
+    tracked = [frame._replace(every=(moved(frame.hands[0], 0, 0, 120),)) for frame in TRUTH]
     scores = score(HEADER, tracked, TRUTH)
     assert scores.found == 0 and scores.invented == 90
     assert scores.hands[0].missed == scores.hands[1].missed == 90
@@ -112,10 +109,7 @@ def test_a_hand_far_from_all_true_ones_counts_as_invented() -> None:
 
 def test_hands_partly_in_sight_are_not_scored() -> None:
     here, reasons = hand(0, RIGHT), ["", "", PARTLY, LEFT, PARTLY, "", ""]
-    truth = frames(
-        [[] if why else [here] for why in reasons],
-        [[LostHand(0, "right", 1 / 30, why)] if why else [] for why in reasons],
-    )
+    truth = frames([[lost(0, reason=why) if why else here] for why in reasons])
     tracked = frames(
         [
             [hand(5, RIGHT)] if there else []
@@ -136,7 +130,7 @@ def test_no_hands_at_all() -> None:
     assert score(HEADER, TRUTH[:2], empty).invented == 4
 
 
-SHORT = [TRUTH[0]._replace(hands=(replace(TRUTH[0].hands[0], xyz=BASE[:21]),))]
+SHORT = frames([[with_pose(TRUTH[0].hands[0], xyz=BASE[:21])]])
 
 
 @bad_inputs(

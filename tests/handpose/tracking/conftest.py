@@ -16,7 +16,7 @@ from handpose.scoring.tracks import TrackScores, score
 from handpose.sequences.acts import Act
 from handpose.sequences.recordings import Script, SyntheticRecording
 from handpose.tracking import sizing
-from handpose.tracking.track import LostHand, PresentHand, TrackedFrame, TrackedHand
+from handpose.tracking.track import TrackedFrame, TrackedHand
 from handpose.tracking.tracker import Tracker
 
 RATE = 15.0
@@ -58,19 +58,10 @@ def tracked(predictor: Predictor, take: Take, **options: object) -> Take:
 
 
 def frames_of(
-    *frames: tuple[TrackedHand | LostHand | PresentHand, ...], step: float = 1.0, first: float = 0.0
+    *frames: tuple[TrackedHand, ...], step: float = 1.0, first: float = 0.0
 ) -> list[TrackedFrame]:
     """Frames with these hands, one every ``step`` seconds from ``first`` on."""
-    return [
-        TrackedFrame(
-            number=n,
-            time=first + n * step,
-            hands=tuple(hand for hand in hands if isinstance(hand, TrackedHand)),
-            lost=tuple(hand for hand in hands if isinstance(hand, LostHand)),
-            present=tuple(hand for hand in hands if isinstance(hand, PresentHand)),
-        )
-        for n, hands in enumerate(frames)
-    ]
+    return [TrackedFrame(n, first + n * step, hands) for n, hands in enumerate(frames)]
 
 
 def error_of(hand: TrackedHand, truth: TrackedFrame) -> float:

@@ -18,7 +18,7 @@ from handpose.frames.cameras import ICVL
 from handpose.frames.recording import DepthFrame
 from handpose.sequences.acts import Act
 from handpose.sequences.recordings import Script, SyntheticRecording
-from handpose.tracking.track import HIDDEN, TrackedFrame, TrackedHand
+from handpose.tracking.track import HIDDEN, HandPose, TrackedFrame
 from handpose.tracking.tracker import Tracker
 from tests.handpose.tracking.conftest import Take, copied, error_of, played
 
@@ -48,7 +48,7 @@ def own_pixels(take: Take, number: int) -> NDArray[np.bool_]:
     """The pixels of the hand and of a part of its arm."""
     depth, hand = take.frames[number].depth, take.truth[number].hands[0]
     columns, rows = np.arange(ICVL.width), np.arange(ICVL.height)[:, None]
-    u, v, d = hand.center_uvd
+    u, v, d = hand.pose.center_uvd
     reach = 110 * ICVL.fx / d
     return np.asarray((abs(columns - u) < reach) & (abs(rows - v) < reach) & (abs(depth - d) < 130))
 
@@ -60,7 +60,7 @@ def covered(take: Take, number: int, share: float, value: float) -> DepthFrame:
     own, frame = own_pixels(take, number), take.frames[number]
     last = np.quantile(np.argwhere(own)[:, 1], min(share, 1))
     where = own & (np.arange(ICVL.width) <= last) if share <= 1 else np.ones_like(own)
-    near = value * take.truth[number].hands[0].center_uvd[2] if 0 < value < 1 else value
+    near = value * take.truth[number].hands[0].pose.center_uvd[2] if 0 < value < 1 else value
     return frame._replace(depth=np.where(where, np.float32(near), frame.depth))
 
 
@@ -138,13 +138,13 @@ def moving(side: Side, velocity: tuple[float, float, float], seed: int) -> Take:
     (movement,) = recording.movements
     at_rest = movement.pose_at
 
-    def pose_at(time: float) -> TrackedHand:
+    def pose_at(time: float) -> HandPose:
         pose, way = (
             at_rest(time),
             1000 * np.array(velocity) * np.clip(time - (BEGUN - 0.5) / 30, 0, 5 / 30),
         )
-        capsules = pose.capsules._replace(a=pose.capsules.a + way, b=pose.capsules.b + way)
-        return replace(pose, xyz=pose.xyz + way, capsules=capsules)
+        surface = pose.capsules._replace(a=pose.capsules.a + way, b=pose.capsules.b + way)
+        return replace(pose, xyz=pose.xyz + way, surface=lambda: surface)
 
     movement.pose_at = pose_at
     return Take(recording, list(recording), list(recording.truths()))

@@ -43,7 +43,7 @@ def frame(shown: Take) -> SideView:
 @pytest.fixture
 def center(shown: Take) -> np.ndarray:
     """The hand's place, (3,) px, px, mm."""
-    return shown.truth[20].hands[0].center_uvd
+    return shown.truth[20].hands[0].pose.center_uvd
 
 
 def error(estimate: Hand | None, shown: Take) -> float:
@@ -153,7 +153,7 @@ def test_a_left_hand_is_the_mirror_image() -> None:
     recording = SyntheticRecording(
         Script(3, {"right": (Act("gestures", 3),)}), ASIDE, rate=15, seed=2
     )
-    depth, center = recording.frame(20).depth, recording.truth(20).hands[0].center_uvd
+    depth, center = recording.frame(20).depth, recording.truth(20).hands[0].pose.center_uvd
     in_mirror = ASIDE.mirrored()
     right, left = (load_predictor(own, fit="accurate").estimator for own in (ASIDE, in_mirror))
     (one,) = right.in_regions(frame_of(depth, ASIDE), [SearchRegion(center, "right")])

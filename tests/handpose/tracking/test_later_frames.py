@@ -21,9 +21,9 @@ from handpose.tracking.later_frames import (
     LaterFrames,
 )
 from handpose.tracking.smoothing import PoseFilter
-from handpose.tracking.track import PresentHand, TrackedFrame, TrackedHand, TrackedPoses, joints_of
+from handpose.tracking.track import TrackedFrame, TrackedHand, TrackedPoses, joints_of
 from tests.handpose.tracking.conftest import frames_of
-from tests.support.tracked_hands import HEADER, tracked
+from tests.support.tracked_hands import HEADER, present, tracked, with_pose
 
 RATE = 30.0
 ORIGIN = np.array([20.0, -30, 700])
@@ -43,7 +43,7 @@ def take(
     for n in (n for n in range(len(poses)) if n not in missing):
         fitted = world_pose(model, poses[n], ORIGIN * mirror_of(side))
         followed = TrackedPoses(fitted, one(fitted, n / RATE), 5.0, size)
-        hands[n] = replace(tracked(side), origin_mm=ORIGIN, poses=followed)
+        hands[n] = with_pose(tracked(side), origin_mm=ORIGIN, followed=followed)
     return frames_of(*((hands[n],) if n in hands else () for n in range(len(poses))), step=1 / RATE)
 
 
@@ -57,8 +57,8 @@ def smoothed(model: CapsuleModel, frames: list[TrackedFrame]) -> list[TrackedFra
 
 def variables_of(model: CapsuleModel, hand: TrackedHand) -> np.ndarray:
     """The variables (1, V) of the smoothed pose of a hand."""
-    assert hand.poses is not None
-    return crop_variables(model, hand.poses.smoothed, ORIGIN * mirror_of(hand.hand))[None]
+    smooth = hand.pose.followed.smoothed
+    return crop_variables(model, smooth, ORIGIN * mirror_of(hand.hand))[None]
 
 
 def joints(model: CapsuleModel, frames: list[TrackedFrame]) -> tuple[np.ndarray, np.ndarray]:
@@ -125,12 +125,8 @@ def test_the_end_of_a_recording(model: CapsuleModel, right: float, side: Side | 
 @pytest.mark.parametrize("later", ["sure", "posed", "neither"])
 def test_a_hand_is_present_that_is_sure_later(model: CapsuleModel, later: str) -> None:
     """It is reported beside a hand with joints from its first frame on."""
-    doubtful = PresentHand(
-        7, None, 0.5, 0.0, (0.0, 0.0, 700.0), "no pose was found there", None, False
-    )
-    last = {"sure": doubtful._replace(is_sure=True), "posed": tracked(id=7), "neither": doubtful}[
-        later
-    ]
+    doubtful, sure = (present(7, 0.5, 0.0, is_sure=is_sure) for is_sure in (False, True))
+    last = {"sure": sure, "posed": tracked(id=7), "neither": doubtful}[later]
     one = LaterFrames[None](model, min_confidence=0.3)
     for frame in frames_of((tracked(), doubtful), (tracked(), last), step=1 / RATE):
         assert not one.add(None, frame)
@@ -168,18 +164,18 @@ def test_the_values_of_a_hand_agree(model: CapsuleModel, side: Side) -> None:
     frames = smoothed(model, take(model, swinging(model), side, size=0.9))
     for frame in frames[::40]:
         (hand,) = frame.hands
+        pose = hand.pose
         own = joints_of(
-            HEADER.skeleton, HEADER.unit_mm, side, hand.inputs, hand.bones, hand.origin_mm
+            HEADER.skeleton, HEADER.unit_mm, side, pose.inputs, pose.bones, pose.origin_mm
         )
         np.testing.assert_allclose(hand.xyz, own, atol=1e-6)
-        np.testing.assert_allclose(hand.bones, 0.9 * model.skeleton.bones)
+        np.testing.assert_allclose(pose.bones, 0.9 * model.skeleton.bones)
         x = variables_of(model, hand)
         x[:, SIZE_INDEX] = np.log(0.9)
         expected = model.capsules(x, (ORIGIN * mirror_of(side))[None]).mirrored(
             mirror_of(side)[None]
         )
-        assert hand.capsules is not None
-        np.testing.assert_allclose(hand.capsules.a, expected.a, atol=1e-4)
+        np.testing.assert_allclose(pose.capsules.a, expected.a, atol=1e-4)
 
 
 def test_frames_are_held_for_a_limited_time(model: CapsuleModel) -> None:
@@ -187,7 +183,7 @@ def test_frames_are_held_for_a_limited_time(model: CapsuleModel) -> None:
     for rate, most in ((RATE, 2 * LOOKAHEAD_S * RATE + 1), (1000.0, 2 * LOOKAHEAD_FRAMES)):
         one, waiting = LaterFrames[int](model), 0
         for n in range(400):
-            waiting += 1 - len(one.add(n, TrackedFrame(n, n / rate, ())))
+            waiting += 1 - len(one.add(n, TrackedFrame(n, n / rate)))
             assert waiting <= most
     assert len(one.finish()) == waiting and one.finish() == []
 

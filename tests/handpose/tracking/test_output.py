@@ -1,7 +1,9 @@
-"""handpose/tracking/output.py: from an estimated pose to the values of a track"""
+"""handpose/tracking/output.py: from estimates to the hands of tracks and of single images"""
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,8 +16,11 @@ from handpose.fit.body import SIZE_INDEX, CapsuleModel
 from handpose.fit.depth_fit import DepthFit
 from handpose.frames.cameras import NYU
 from handpose.sequences.recordings import render_image
-from handpose.tracking.output import tracked_hand
+from handpose.tracking.output import predicted_hand, tracked_hand
+from handpose.tracking.reasons import uncertain
 from handpose.tracking.track import TrackedHand, joints_of
+from netlib.errors import DataError
+from tests.support.made_tracks import any_skeleton
 from tests.support.views import frame_of
 
 CENTER = np.array([350.0, 200, 650])  # px, px, mm
@@ -65,11 +70,7 @@ def state(
 
 
 def output(
-    model: CapsuleModel,
-    *states: Any,
-    smooth: bool = False,
-    surface: bool = False,
-    size: float | None = None,
+    model: CapsuleModel, *states: Any, smooth: bool = False, size: float | None = None
 ) -> TrackedHand:
     """The output for a track with these states of its sides, the likelier one first."""
     sides = {one.estimate.hand: one for one in states}
@@ -83,7 +84,7 @@ def output(
         time=0.0,
         presence=0.5,
     )
-    return tracked_hand(track, model, smooth=smooth, surface=surface)
+    return tracked_hand(track, model, smooth=smooth)
 
 
 @pytest.mark.parametrize("side", SIDES)
@@ -92,22 +93,23 @@ def test_a_hand(model: CapsuleModel, side: Side, apart: float | None) -> None:
     """The joints are those of the body, smoothed if asked for, and of the reported inputs; all else
     is as estimated.
     """
-    hand = output(model, state(model, side, apart or 9.0), smooth=apart is not None, surface=True)
+    hand = output(model, state(model, side, apart or 9.0), smooth=apart is not None)
     origin, raw = NYU.unproject(CENTER), model.joints(variables(model)[None])[0]
     xyz = (raw + (apart or 0.0, 0, 0)) * mirror_of(side) + origin
     np.testing.assert_allclose(hand.xyz, xyz, atol=1e-4)
-    again = joints_of(model.skeleton, 150.0, side, hand.inputs, hand.bones, hand.origin_mm)
+    pose = hand.pose
+    again = joints_of(model.skeleton, 150.0, side, pose.inputs, pose.bones, pose.origin_mm)
     np.testing.assert_allclose(again, hand.xyz, atol=1e-9)
-    np.testing.assert_allclose(hand.bones, 0.95 * model.skeleton.bones)
-    np.testing.assert_allclose(hand.origin_mm, origin)
-    assert (hand.id, hand.hand, hand.cube_mm) == (4, side, 300)
-    np.testing.assert_allclose(hand.center_uvd, CENTER)
+    np.testing.assert_allclose(pose.bones, 0.95 * model.skeleton.bones)
+    np.testing.assert_allclose(pose.origin_mm, origin)
+    assert (hand.id, hand.hand, pose.side, pose.cube_mm) == (4, side, side, 300)
+    np.testing.assert_allclose(pose.center_uvd, CENTER)
     assert (hand.side_confidence, hand.other, hand.presence) == (1, None, max(0.5, hand.confidence))
-    assert (hand.raw_xyz is None) == (hand.poses is None) == (apart is None)
-    if hand.raw_xyz is not None:
-        np.testing.assert_allclose(hand.raw_xyz, raw * mirror_of(side) + origin, atol=1e-4)
-    assert hand.capsules is not None and (hand.capsules.radius_a > 0).all()
-    ends = np.concatenate([hand.capsules.a[0], hand.capsules.b[0]])
+    assert (pose.raw_xyz is None) == (pose.followed is None) == (apart is None)
+    if pose.raw_xyz is not None:
+        np.testing.assert_allclose(pose.raw_xyz, raw * mirror_of(side) + origin, atol=1e-4)
+    assert pose.capsules is pose.capsules and (pose.capsules.radius_a > 0).all()
+    ends = np.concatenate([pose.capsules.a[0], pose.capsules.b[0]])
     # the surface is around them
     assert np.median(np.linalg.norm(hand.xyz[:, None] - ends, axis=2).min(axis=1)) < 10
 
@@ -115,8 +117,37 @@ def test_a_hand(model: CapsuleModel, side: Side, apart: float | None) -> None:
 def test_a_known_size(model: CapsuleModel) -> None:
     """A known size determines the bones, regardless of the size found in this frame."""
     hand = output(model, state(model, "right"), smooth=True, size=1.08)
-    np.testing.assert_allclose(hand.bones, 1.08 * model.skeleton.bones)
-    assert hand.capsules is None
+    np.testing.assert_allclose(hand.pose.bones, 1.08 * model.skeleton.bones)
+
+
+def test_a_hand_of_a_single_image(model: CapsuleModel) -> None:
+    """Its values are those of the estimate; without a frame, positions are from the crop's centre;
+    below the minimum confidence it has a place and the reason in place of its pose.
+    """
+    found = replace(state(model, "left", readings=image_of(model, "left")).estimate, presence=0.5)
+    hand = predicted_hand(found, model.skeleton)
+    assert (hand.id, hand.known_side, hand.pose.side, hand.presence) == (0, "left", "left", 0.5)
+    assert (hand.confidence, hand.error_mm) == (found.confidence, found.error_mm)
+    np.testing.assert_array_equal(hand.xyz, found.xyz)
+    np.testing.assert_array_equal(hand.pose.inputs, found.inputs)
+    crop = predicted_hand(replace(found, in_frame=False), model.skeleton)
+    np.testing.assert_array_equal(crop.xyz, found.joints_mm)
+    assert not crop.pose.origin_mm.any() and np.isnan(crop.pose.center_uvd).all()
+    unsure = predicted_hand(found.given(1.0), model.skeleton)
+    assert unsure.pose is None and unsure.place == tuple(found.center_mm)
+    assert unsure.reason == uncertain(found.confidence)
+    with pytest.raises(DataError, match=rf"hand 0 has no pose: {re.escape(unsure.reason)}"):
+        assert unsure.xyz
+
+
+def test_another_body_of_a_single_image() -> None:
+    """It has no side; what only a fit determines is unknown."""
+    skeleton = any_skeleton(2)
+    joints, crop = np.zeros((7, 3)), np.zeros((128, 128), np.float32)
+    body = predicted_hand(Hand("right", crop, CENTER, 300.0, NYU, joints), skeleton)
+    assert (body.hand, body.known_side, body.pose.side) == (None, None, "right")
+    assert np.isnan([*body.pose.inputs, *body.pose.bones, body.confidence]).all()
+    np.testing.assert_allclose(body.xyz, NYU.unproject(CENTER) + joints)
 
 
 def test_a_hand_of_an_undecided_side(model: CapsuleModel) -> None:

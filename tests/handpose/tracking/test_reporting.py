@@ -13,30 +13,29 @@ from handpose.body.sides import Side
 from handpose.output.tracks.json_values import FrameValues
 from handpose.output.tracks.writing import open_writer
 from handpose.tracking.reporting import MIN_GIVEN, RECENT_S, SureHands
-from handpose.tracking.track import LostHand, PresentHand, TrackedFrame, TrackedHand
+from handpose.tracking.track import TrackedFrame, TrackedHand
 from tests.handpose.tracking.conftest import frames_of
-from tests.support.tracked_hands import HEADER, tracked
+from tests.support.tracked_hands import HEADER, facts, lost, present, tracked
 
 SURE, UNSURE = (
     replace(tracked(id=0, confidence=0.3), presence=0.8),
     replace(tracked(id=0, confidence=0.299), presence=0.7),
 )
-GONE = LostHand(0, "right", 1.0, "left the image")
+GONE = lost(0, since=1.0)
 
 
-def present(hand: TrackedHand, side: Side | None = "right") -> PresentHand:
-    """A hand without its joints."""
-    x, y, z = hand.palm_mm.tolist()
+def withheld(hand: TrackedHand) -> TrackedHand:
+    """A right hand without its joints."""
     reason = f"the pose is uncertain (confidence {hand.confidence:.0%})"
-    return PresentHand(hand.id, side, hand.presence, hand.confidence, (x, y, z), reason)
+    return hand.without_pose("right", hand.xyz.mean(axis=0), reason)
 
 
-def reported(*frames: tuple[TrackedHand | LostHand, ...]) -> list[TrackedFrame]:
+def reported(*frames: tuple[TrackedHand, ...]) -> list[TrackedFrame]:
     """Frames with these hands, one per second, after the rule."""
     return [*map(SureHands(0.3), frames_of(*frames))]
 
 
-def ids(hands: tuple[TrackedHand | LostHand | PresentHand, ...]) -> list[int]:
+def ids(hands: tuple[TrackedHand, ...]) -> list[int]:
     return [hand.id for hand in hands]
 
 
@@ -49,16 +48,9 @@ def test_a_hand_that_becomes_unsure() -> None:
         len(before) :
     ]
     assert [frame.hands for frame in frames] == [(SURE,), (), (), (SURE,), (), ()]
-    assert [frame.present for frame in frames] == [
-        (),
-        *[(present(UNSURE),)] * 2,
-        (),
-        (present(UNSURE),),
-        (),
-    ]
-    assert [frame.lost for frame in frames] == [()] * 5 + [
-        (GONE._replace(since=len(before) + 4.0),)
-    ]
+    unsure, gone = facts([withheld(UNSURE)]), lost(0, since=len(before) + 4.0)
+    assert [facts(frame.present) for frame in frames] == [[], unsure, unsure, [], unsure, []]
+    assert [facts(frame.lost) for frame in frames] == [[]] * 5 + [facts([gone])]
 
 
 def test_a_hand_that_was_never_sure() -> None:
@@ -67,7 +59,7 @@ def test_a_hand_that_was_never_sure() -> None:
     """
     first, second = reported((UNSURE,), (GONE,))
     assert not first.hands and first.present[0].place == tuple(UNSURE.xyz.mean(axis=0))
-    assert second == TrackedFrame(1, 1.0, ())
+    assert second == TrackedFrame(1, 1.0)
 
 
 @pytest.mark.parametrize("frames", [MIN_GIVEN - 1, MIN_GIVEN])
@@ -76,17 +68,18 @@ def test_only_a_hand_that_had_joints_for_some_frames_is_lost(frames: int) -> Non
     assert ids(last.lost) == [0] * (frames == MIN_GIVEN)
 
 
-PLACE = PresentHand(2, None, 0.6, 0.0, (0.0, 0.0, 700.0), "no pose was found there", None, False)
+PLACE = present(2, 0.6, 0.0, is_sure=False)
 
 
 def test_a_hand_with_joints_hides_present_ones_unless_they_are_sure() -> None:
-    sure = PLACE._replace(id=1, is_sure=True)
+    sure = replace(PLACE, id=1, is_sure=True)
     frames = reported((SURE, PLACE, sure), (UNSURE, PLACE), (PLACE,))
-    assert [frame.present for frame in frames] == [(sure,), (present(UNSURE), PLACE), (PLACE,)]
+    expected = [sure], [withheld(UNSURE), PLACE], [PLACE]
+    assert [facts(frame.present) for frame in frames] == [facts(hands) for hands in expected]
 
 
 @pytest.mark.parametrize("later", [(UNSURE,), (GONE,)])
-def test_a_recent_hand_with_joints_hides_present_ones(later: tuple[TrackedHand | LostHand]) -> None:
+def test_a_recent_hand_with_joints_hides_present_ones(later: tuple[TrackedHand]) -> None:
     """If it had joints for some frames; a hand that had them once hides others only in that
     frame.
     """
@@ -109,16 +102,13 @@ def test_the_side_that_was_known(before: TrackedHand, side: Side | None) -> None
 
 def test_each_hand_by_itself() -> None:
     a, b, c = (tracked(id=id) for id in (0, 1, 2))
-    other, unsure = present(tracked(id=3)), replace(b, confidence=0.4)
+    other, unsure = withheld(tracked(id=3)), replace(b, confidence=0.4)
     sure = SureHands(0.5)
-    *before, last = frames_of(
-        *[(a, b, c)] * MIN_GIVEN, (unsure, c, LostHand(0, "right", 0.0, "x"), other)
-    )
+    *before, last = frames_of(*[(a, b, c)] * MIN_GIVEN, (unsure, c, lost(0), other))
     assert [*map(sure, before)] == before and not sure.note
     found = sure(last)
-    assert (
-        found.hands == (c,) and ids(found.lost) == [0] and found.present == (present(unsure), other)
-    )
+    assert found.hands == (c,) and ids(found.lost) == [0]
+    assert facts(found.present) == facts([withheld(unsure), other])
     assert sure.frames == 1 and sure.note.startswith(
         "1 frames have a hand with a confidence below 50%"
     )
@@ -130,7 +120,7 @@ def test_a_confidence_that_is_unknown_is_not_below() -> None:
 
 
 def test_a_minimum_confidence_of_0_removes_nothing() -> None:
-    other = present(tracked(id=1))
+    other = withheld(tracked(id=1))
     [frame] = frames_of((tracked(id=0, confidence=0.0), other))
     assert SureHands(0)(frame) == frame
 
@@ -138,9 +128,8 @@ def test_a_minimum_confidence_of_0_removes_nothing() -> None:
 @pytest.mark.parametrize("minimum", [0, 0.3])
 def test_ids_are_counted_in_the_order_of_first_reports(minimum: float) -> None:
     """In one frame a hand with joints comes before one without; a hand that returns has its id."""
-    sure, first, second = PLACE._replace(id=1, is_sure=True), tracked(id=5), tracked(id=3)
-    gone = LostHand(5, "right", 0.0, "hidden")
-    frames = frames_of(*[(first, sure)] * MIN_GIVEN, (second, sure, gone), (first, second, sure))
+    sure, first, second = replace(PLACE, id=1, is_sure=True), tracked(id=5), tracked(id=3)
+    frames = frames_of(*[(first, sure)] * MIN_GIVEN, (second, sure, lost(5)), (first, second, sure))
     *_, before, without, after = map(SureHands(minimum), frames)
     assert ids(before.hands) == [0] and ids(before.present) == [1]
     assert ids(without.hands) == [2] and ids(without.lost) == [0]
@@ -149,9 +138,9 @@ def test_ids_are_counted_in_the_order_of_first_reports(minimum: float) -> None:
 
 def test_unreported_hands_have_no_id() -> None:
     """Neither a place that is hidden by a hand with joints, nor a hand that is lost at once."""
-    found = reported((SURE, PLACE), (SURE, tracked(id=9), GONE._replace(id=7)))
+    found = reported((SURE, PLACE), (SURE, tracked(id=9), replace(GONE, id=7)))
     assert ids(found[1].hands) == [0, 1] and not found[1].lost
-    [frame] = frames_of((GONE._replace(id=7),))
+    [frame] = frames_of((replace(GONE, id=7),))
     assert not SureHands(0)(frame).lost
 
 

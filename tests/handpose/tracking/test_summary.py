@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 
 import pytest
 
 from handpose.tracking.summary import Summary
-from handpose.tracking.track import LostHand, PresentHand, TrackedHand
+from handpose.tracking.track import TrackedHand
 from tests.handpose.tracking.conftest import frames_of
-from tests.support.tracked_hands import HEADER, tracked
+from tests.support.tracked_hands import HEADER, lost, present, tracked, with_pose
 
 HERE = tracked()
 
 
-def summed(*hands: tuple[TrackedHand | LostHand | PresentHand, ...]) -> Summary:
+def summed(*hands: tuple[TrackedHand, ...]) -> Summary:
     """The summary of frames with these hands, two per second from 3 s on."""
     found = Summary(HEADER.skeleton)
     for frame in frames_of(*hands, step=0.5, first=3.0):
@@ -23,9 +22,9 @@ def summed(*hands: tuple[TrackedHand | LostHand | PresentHand, ...]) -> Summary:
     return found
 
 
-def gone(since: float) -> LostHand:
-    """A lost hand."""
-    return LostHand(1, "right", since, "hidden")
+def gone(since: float) -> TrackedHand:
+    """The hand while it is lost."""
+    return lost(1, since=since)
 
 
 @pytest.mark.parametrize(("frames", "seconds"), [(0, 0), (3, 1.0)])
@@ -44,7 +43,7 @@ def test_losses() -> None:
 
 def test_each_hand_by_itself() -> None:
     """Hands are summarised by id, with their last side and size."""
-    left, grown = tracked("left", id=2), replace(HERE, bones=HEADER.skeleton.bones * 1.1)
+    left, grown = tracked("left", id=2), with_pose(HERE, bones=HEADER.skeleton.bones * 1.1)
     found = summed((tracked(hand="left"), left), (grown, left), (grown,))
     assert found.rows == [
         ["hand", "frames", "confidence", "size", "lost", "longest"],
@@ -62,8 +61,7 @@ def test_the_confidence_is_the_median_of_the_known_ones() -> None:
 def test_why_nothing_was_found() -> None:
     """The hands without a sure pose are counted by reason, without the figures in it."""
     cold, colder, late = (
-        PresentHand(0, None, 0.5, 0.1, (0, 0, 700), said)
-        for said in ("cold (12%)", "cold (3%)", "late")
+        present(0, 0.5, 0.1, reason=said) for said in ("cold (12%)", "cold (3%)", "late")
     )
     assert summed().nothing_found == "no hand was found: no place looked like one"
     assert summed((cold, late), (colder,)).nothing_found.endswith(": cold (2); late (1)")
@@ -88,7 +86,7 @@ def test_why_nothing_was_found() -> None:
 def test_a_size_that_shows_wrong_focal_lengths(
     size: float, confidence: float, frames: int, doubt: str
 ) -> None:
-    hand = replace(tracked(confidence=confidence), bones=HEADER.skeleton.bones * size)
+    hand = with_pose(tracked(confidence=confidence), bones=HEADER.skeleton.bones * size)
     found = summed(*[(hand,)] * frames).doubts
     assert len(found) == bool(doubt)
     assert all(re.fullmatch(f"hand 1: it has {doubt.replace('...', '.*')}", line) for line in found)

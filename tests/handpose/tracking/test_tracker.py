@@ -20,11 +20,12 @@ from handpose.frames.recording import DepthFrame
 from handpose.tracking.hand_track import HandTrack
 from handpose.tracking.reasons import NO_HAND
 from handpose.tracking.reporting import MIN_GIVEN
-from handpose.tracking.track import LEFT, LostHand, TrackedFrame
+from handpose.tracking.track import LEFT, TrackedFrame
 from handpose.tracking.tracker import Tracker, load_tracker
 from netlib.errors import DataError, NetlibError
 from tests.handpose.estimate.conftest import Said
 from tests.handpose.tracking.conftest import RATE, Take, copied, error_of, tracked
+from tests.support.tracked_hands import facts, lost
 
 
 def again(predictor: Predictor, take: Take, frames: int = 8, **options: Any) -> list[TrackedFrame]:
@@ -70,9 +71,11 @@ def test_a_hand_is_followed(shown: Take) -> None:
 
 def test_the_size_is_found_and_kept(shown: Take, raw: Take, predictor: Predictor) -> None:
     """The size is determined once, after some time, and bones are constant from then on."""
-    true = np.median(shown.truth[0].hands[0].bones[1:]) / np.median(predictor.skeleton.bones[1:])
+    true = np.median(shown.truth[0].hands[0].pose.bones[1:]) / np.median(
+        predictor.skeleton.bones[1:]
+    )
     for take in (shown, raw):
-        bones = np.array([frame.hands[0].bones for frame in take.reported])
+        bones = np.array([frame.hands[0].pose.bones for frame in take.reported])
         same = np.isclose(bones, bones[-1], rtol=1e-9).all(axis=1)
         first = int(same.argmax())
         assert RATE / 2 < first < len(bones) - 2 and same[first:].all()
@@ -80,12 +83,10 @@ def test_the_size_is_found_and_kept(shown: Take, raw: Take, predictor: Predictor
         assert take.tracker.known[0].size == pytest.approx(true, rel=0.1)
 
 
-def test_a_size_that_is_given_and_a_surface(shown: Take, predictor: Predictor) -> None:
-    """A given size is used from the first frame on; only with ``surface`` there are capsules."""
-    for frame in again(predictor, shown, 3, size=1.02, smooth=False, surface=True):
-        np.testing.assert_allclose(frame.hands[0].bones, 1.02 * predictor.skeleton.bones)
-        assert frame.hands[0].capsules is not None
-    assert all(frame.hands[0].capsules is None for frame in shown.reported)
+def test_a_size_that_is_given(shown: Take, predictor: Predictor) -> None:
+    """It is used from the first frame on."""
+    for frame in again(predictor, shown, 3, size=1.02, smooth=False):
+        np.testing.assert_allclose(frame.hands[0].pose.bones, 1.02 * predictor.skeleton.bones)
 
 
 def test_raw_and_smoothed(shown: Take, raw: Take) -> None:
@@ -93,11 +94,11 @@ def test_raw_and_smoothed(shown: Take, raw: Take) -> None:
     reported, too.
     """
     for one, other in zip(shown.reported, raw.reported):
-        assert (one.number, one.lost) == (other.number, other.lost)
+        assert (one.number, facts(one.lost)) == (other.number, facts(other.lost))
         for own, same in zip(one.hands, other.hands, strict=True):
-            assert (own.id, own.hand) == (same.id, same.hand) and same.raw_xyz is None
-            np.testing.assert_array_equal(own.center_uvd, same.center_uvd)
-            np.testing.assert_allclose(own.raw_xyz, same.xyz, atol=1e-6)
+            assert (own.id, own.hand) == (same.id, same.hand) and same.pose.raw_xyz is None
+            np.testing.assert_array_equal(own.pose.center_uvd, same.pose.center_uvd)
+            np.testing.assert_allclose(own.pose.raw_xyz, same.xyz, atol=1e-6)
     moves = [
         np.linalg.norm(
             np.diff([frame.hands[0].xyz for frame in take.reported], 2, axis=0), axis=2
@@ -130,9 +131,9 @@ def test_unsure_hands_are_followed_without_their_joints(predictor: Predictor, sh
             )
             assert len(frame.present) == (hand.confidence < minimum)
             assert all(
-                np.array_equal(getattr(one, name), getattr(hand, name))
+                np.array_equal(getattr(one.pose, name), getattr(hand.pose, name))
                 for one in frame.hands
-                for name in ("xyz", "raw_xyz", "inputs", "bones", "finger_error_mm")
+                for name in ("xyz", "raw_xyz", "inputs", "bones")
             )
 
 
@@ -191,9 +192,8 @@ def test_after_a_gap_in_time(shown: Take, begun: Callable[[], Tracker]) -> None:
     tracker = begun()
     reported = tracker.step(plain(6, 0))
     assert not reported.hands and len(tracker.tracks) == 1
-    assert reported.lost == (
-        LostHand(0, reported.lost[0].hand, 5 / RATE, "no depth in this frame"),
-    )
+    gone = lost(0, reported.lost[0].hand, 5 / RATE, "no depth in this frame")
+    assert facts(reported.lost) == facts([gone])
     reported = tracker.step(plain(99, 1500))
     assert not reported.hands and not tracker.tracks
     assert reported.lost[0].reason.startswith("only background at its last position")
@@ -234,7 +234,7 @@ def test_a_hand_that_only_the_finder_sees_is_present_without_joints(
         [present] = tracker.step(plain(n)).present
         assert not present.is_seen and present.mask is None
     found = tracker.step(plain(16))
-    assert found == TrackedFrame(16, 16 / RATE, (), ()) and not tracker.tracks
+    assert found == TrackedFrame(16, 16 / RATE) and not tracker.tracks
 
 
 def test_a_place_out_of_sight(
@@ -310,7 +310,7 @@ def test_no_more_hands_than_are_wanted(two: Take, predictor: Predictor) -> None:
     assert {len(frame.hands) for frame in reported[1:]} == {1} and not any(
         frame.lost for frame in reported
     )
-    places = np.array([frame.hands[0].origin_mm for frame in reported[1:]])
+    places = np.array([frame.hands[0].pose.origin_mm for frame in reported[1:]])
     assert np.ptp(places, axis=0).max() < 60
 
 
@@ -349,7 +349,7 @@ def test_of_two_hands_at_one_place_one_is_lost(shown: Take, begun: Callable[[], 
 
 
 def test_a_hand_that_is_found_twice_at_once_is_one(shown: Take, predictor: Predictor) -> None:
-    x, y, z = shown.truth[0].hands[0].palm_mm
+    x, y, z = shown.truth[0].hands[0].xyz.mean(axis=0)
     tracker = seeing(Tracker(predictor), (x - 40, y, z, 0.8), (x + 40, y, z, 0.7))
     for frame in shown.frames[:3]:
         reported = tracker.step(frame)
@@ -442,14 +442,14 @@ def test_no_hand_is_tracked_without_readings_or_on_a_plane(
     new, tracker = Tracker(predictor), begun()
     for n in range(6, 21):
         assert (
-            new.step(plain(n, mm)) == TrackedFrame(n, n / RATE, (), ())
+            new.step(plain(n, mm)) == TrackedFrame(n, n / RATE)
             and not tracker.step(plain(n, mm)).hands
         )
 
 
 def test_a_masked_frame_has_no_hands(shown: Take, predictor: Predictor) -> None:
     frame = DepthFrame(0, 0.0, np.ma.array(shown.frames[0].depth, mask=True))
-    assert Tracker(predictor).step(frame) == TrackedFrame(0, 0.0, (), ())
+    assert Tracker(predictor).step(frame) == TrackedFrame(0, 0.0)
 
 
 # ----------------------------------------------------------------------------------------- mistakes

@@ -29,7 +29,7 @@ from tests.support.tracked_hands import HEADER, seen, tracked
 from tests.tools.conftest import COUNT, ROOT
 from tools.common import track_outputs
 from tools.common.progress import StoppedError
-from tools.common.track_outputs import LiveOutput, Outputs, add_output_options, is_drawn
+from tools.common.track_outputs import LiveOutput, Outputs, add_output_options
 
 LONGEST_S = 300  # for which a process is waited
 ALL = ["--json", "a.json", "--csv", "a.csv", "--sheet", "a.png"]
@@ -56,19 +56,6 @@ def written(*argv: str, count: int = 4) -> list[str]:
         for depth, frame in frames(count):
             outputs.write(depth, frame)
     return outputs.written
-
-
-@pytest.mark.parametrize(
-    ("argv", "drawn"),
-    [
-        (["--json", "-"], False),
-        (["--csv", "a.csv"], False),
-        (["--sheet", "a.jpg"], True),
-        (["--video", "a.mp4"], True),
-    ],
-)
-def test_only_pictures_and_videos_need_the_surface(argv: list[str], drawn: bool) -> None:
-    assert is_drawn(parsed(*argv)) == drawn
 
 
 @pytest.mark.parametrize("stopped", [False, True])

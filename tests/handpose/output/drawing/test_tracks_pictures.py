@@ -8,13 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from handpose.body.gestures import Gesture
 from handpose.frames.cameras import CAMERAS, Camera
 from handpose.output.drawing import hands
 from handpose.output.drawing.strokes import Image
 from handpose.output.drawing.tracks import HEAD, LOST_S, MAX_HEIGHT, MAX_WIDTH, Painter
 from handpose.output.drawing.view import ViewportFollower, box_of, colour_of
-from handpose.tracking.track import LostHand, PresentHand, TrackedFrame, TrackedHand, TrackHeader
-from tests.support.tracked_hands import CAMERA, HEADER, seen, tracked
+from handpose.tracking.track import TrackedFrame, TrackedHand, TrackHeader
+from tests.support.tracked_hands import CAMERA, HEADER, lost, present, seen, tracked, with_pose
 
 RIGHT = tracked("right", (-120, 0, 600), 1, 0.93)
 LEFT = tracked("left", (120, 0, 640), 2, 0.71)
@@ -28,8 +29,8 @@ def annotated(depth: np.ndarray, frame: TrackedFrame, header: TrackHeader = HEAD
     return Painter(header).picture(depth, frame)
 
 
-def of(*found: TrackedHand, lost: tuple[LostHand, ...] = (), time: float = 1.0) -> TrackedFrame:
-    return TrackedFrame(30, time, found, lost)
+def of(*found: TrackedHand, time: float = 1.0) -> TrackedFrame:
+    return TrackedFrame(30, time, found)
 
 
 def where(one: Image, other: Image) -> tuple[slice, slice]:
@@ -63,7 +64,7 @@ def test_joints_are_where_the_camera_sees_them() -> None:
 
 def test_surface_lies_over_the_depth_that_it_explains() -> None:
     """The hand's pixels are skin-coloured, and nearly all others are unchanged."""
-    without = replace(RIGHT, capsules=None)
+    without = with_pose(RIGHT, surface=None)
     depth = seen([RIGHT])
     bare, with_surface = (
         Painter(HEADER).seen(depth, of(hand)).astype(int) for hand in (without, RIGHT)
@@ -100,7 +101,8 @@ def test_each_hand_has_its_label_in_its_colour() -> None:
 def test_the_gesture_is_in_the_label() -> None:
     """Only the label is wider."""
     plain, shown = (
-        Painter(HEADER).seen(DEPTH, of(RIGHT, LEFT), gestures) for gestures in (None, {1: "open"})
+        Painter(HEADER).seen(DEPTH, of(hand, LEFT))
+        for hand in (RIGHT, replace(RIGHT, gesture=Gesture("open", 0.9)))
     )
     rows, columns = where(plain, shown)
     assert rows.stop - rows.start <= 22 and columns.stop - columns.start < 100
@@ -112,20 +114,20 @@ def test_a_lost_hand_is_said_to_be_lost_and_why() -> None:
     """The reason is written in the hand's colour in the lower left corner, and the
     hand is not drawn.
     """
-    lost = LostHand(2, "left", 0.6, "left the image")
-    picture = annotated(DEPTH, of(RIGHT, lost=(lost,)))[HEAD:]
+    gone = lost(2, "left", 0.6, "left the image")
+    picture = annotated(DEPTH, of(RIGHT, gone))[HEAD:]
     corner = picture[-22:, :200]
     assert (corner == colour_of(2)).all(axis=2).mean() > 0.3
     assert not (picture[:-22] == colour_of(2)).all(axis=2).any()
-    other = lost._replace(reason="hidden by a nearer object")
-    rows, columns = where(picture, annotated(DEPTH, of(RIGHT, lost=(other,)))[HEAD:])
+    other = replace(gone, reason="hidden by a nearer object")
+    rows, columns = where(picture, annotated(DEPTH, of(RIGHT, other))[HEAD:])
     assert rows.start >= MAX_HEIGHT - 22 and columns.stop < 500
 
 
 def test_a_lost_hand_is_listed_for_three_seconds() -> None:
-    lost = LostHand(2, "left", 0.5, "left the image")
+    gone = lost(2, "left", 0.5)
     for time, is_listed in ((0.5 + LOST_S, True), (0.6 + LOST_S, False)):
-        picture = annotated(DEPTH, of(RIGHT, lost=(lost,), time=time))
+        picture = annotated(DEPTH, of(RIGHT, gone, time=time))
         assert (picture == colour_of(2)).all(axis=2).any() == is_listed
 
 
@@ -135,13 +137,9 @@ def test_a_hand_without_joints_is_outlined_or_marked() -> None:
     """
     mask = np.zeros((120, 160), bool)
     mask[40:80, 30:70] = True
-    hand = PresentHand(
-        2, None, 0.43, 0.0, (0.0, 0.0, 600.0), "the pose is uncertain (confidence 0%)", mask
-    )
+    hand = present(2, 0.43, 0.0, place=(0.0, 0.0, 600.0), mask=mask)
     zoom = MAX_WIDTH / 160
-    pictures = [
-        annotated(DEPTH, of()._replace(present=(one,))) for one in (hand, hand._replace(mask=None))
-    ]
+    pictures = [annotated(DEPTH, of(one)) for one in (hand, replace(hand, mask=None))]
     coloured = [(picture[HEAD:] == colour_of(2)).all(axis=2) for picture in pictures]
     edge, inside = ((round(60 * zoom), round(column * zoom)) for column in (30, 50))
     assert coloured[0][edge[0], edge[1] - 3 : edge[1] + 4].any() and not coloured[0][inside]
@@ -153,8 +151,7 @@ def test_a_hand_without_joints_is_outlined_or_marked() -> None:
 
 
 def test_a_hand_that_the_finder_no_longer_sees_is_not_drawn() -> None:
-    hand = PresentHand(2, None, 0.4, 0.0, (0.0, 0.0, 600.0), "no pose", is_seen=False)
-    picture = annotated(DEPTH, of()._replace(present=(hand,)))
+    picture = annotated(DEPTH, of(present(2, 0.4, 0.0, is_seen=False)))
     assert np.array_equal(picture, annotated(DEPTH, of()))
 
 

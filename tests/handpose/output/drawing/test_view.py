@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from handpose.body.gestures import Gesture
 from handpose.output.drawing.view import (
     MARGIN,
     MAX_ZOOM,
@@ -23,8 +24,7 @@ from handpose.output.drawing.view import (
     spoken,
     spoken_loss,
 )
-from handpose.tracking.track import LostHand, PresentHand
-from tests.support.tracked_hands import CAMERA, tracked
+from tests.support.tracked_hands import CAMERA, lost, present, tracked
 
 NEAR, FAR, BESIDE = (
     tracked("right", (0, 0, 600)),
@@ -140,21 +140,15 @@ def test_labels_have_the_side_and_the_confidence() -> None:
     assert spoken(tracked("right", confidence=0.934)) == "right 93%"
     assert spoken(tracked("left", confidence=float("nan"))) == "left"
     assert spoken(replace(tracked("left", confidence=0.49), side_confidence=0.7)) == "left? 49%"
-    assert spoken(tracked("right", confidence=0.934), "thumb_up") == "right 93%, thumb up"
-    present = PresentHand(1, "left", 0.43, 0.1, (0.0, 0.0, 600.0), "no pose")
-    assert [spoken(one) for one in (present, present._replace(hand=None))] == [
+    for name, label in (("thumb_up", "right 93%, thumb up"), ("", "right 93%")):
+        assert spoken(replace(tracked(confidence=0.934), gesture=Gesture(name, 0.9))) == label
+    assert [spoken(present(1, 0.43, 0.1, hand=side)) for side in ("left", None)] == [
         "left hand 43%",
         "hand 43%",
     ]
     assert [percent(sure) for sure in (0.0, 0.994, 0.996, 1.0)] == ["0%", "99%", ">99%", ">99%"]
-    assert (
-        spoken_loss(LostHand(1, "left", 2.0, "left the image"), 2.43)
-        == "left hand lost 0.4 s: left the image"
-    )
-    assert (
-        spoken_loss(LostHand(1, None, 2.0, "left the image"), 2.43)
-        == "hand lost 0.4 s: left the image"
-    )
+    assert spoken_loss(lost(1, "left", 2.0), 2.43) == "left hand lost 0.4 s: hidden"
+    assert spoken_loss(lost(1, None, 2.0), 2.43) == "hand lost 0.4 s: hidden"
 
 
 @given(PLACES)

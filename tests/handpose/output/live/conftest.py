@@ -9,13 +9,13 @@ import pytest
 from handpose.output.live.messages import Messages
 from handpose.output.live.page import page
 from handpose.output.live.server import LiveServer
-from handpose.tracking.track import LostHand, TrackedFrame
-from tests.support.tracked_hands import HEADER, seen, tracked
+from handpose.tracking.track import TrackedFrame
+from tests.support.tracked_hands import HEADER, lost, seen, tracked
 
 RIGHT, LEFT = tracked("right", (-75, 0, 600), 1), tracked("left", (75, 0, 640), 2, 0.42)
 DEPTH = seen([RIGHT, LEFT])
 BOTH = TrackedFrame(0, 0.0, (RIGHT, LEFT))
-ONE = TrackedFrame(1, 0.1, (RIGHT,), (LostHand(2, "left", 0.0, "left the image"),))
+ONE = TrackedFrame(1, 0.1, (RIGHT, lost(2, "left", reason="left the image")))
 
 
 @pytest.fixture

@@ -16,10 +16,10 @@ from handpose.output.drawing.view import Contrast, ViewportFollower
 from handpose.output.live.messages import VIEWS_PATH, Messages
 from handpose.output.live.page import page
 from handpose.output.live.server import LiveServer
-from handpose.tracking.track import LostHand, TrackedFrame
+from handpose.tracking.track import TrackedFrame
 from tests.handpose.output.live.conftest import BOTH, DEPTH, LEFT, ONE, RIGHT
 from tests.support.chromium_tabs import picture
-from tests.support.tracked_hands import CAMERA, HEADER
+from tests.support.tracked_hands import CAMERA, HEADER, lost
 
 Visit = Callable[..., Any]
 
@@ -60,8 +60,8 @@ def test_both_hands_of_a_frame(shown: Shown) -> None:
     joints = np.array(shown.tab.evaluate("live.scene.joints"))
     np.testing.assert_allclose(joints, np.concatenate([RIGHT.xyz, LEFT.xyz]), atol=0.01)
     ends = np.array(shown.tab.evaluate("live.scene.capsules.map(({ a, rb }) => [...a, rb])"))
-    assert RIGHT.capsules is not None and LEFT.capsules is not None
-    expected = [np.c_[hand.capsules.a[0], hand.capsules.radius_b[0]] for hand in (RIGHT, LEFT)]
+    surfaces = [hand.pose.capsules for hand in (RIGHT, LEFT)]
+    expected = [np.c_[surface.a[0], surface.radius_b[0]] for surface in surfaces]
     np.testing.assert_allclose(ends, np.concatenate(expected), rtol=1e-5)
     points = np.array(shown.tab.evaluate("live.scene.points")).reshape(-1, 3)
     u, v, d = CAMERA.project(points).T
@@ -102,18 +102,13 @@ def test_the_depth_image(shown: Shown) -> None:
 
 def test_a_side_that_is_assumed(shown: Shown) -> None:
     """While the side is undecided, list and tag have the assumed one with a question mark."""
-    shown.show(
-        BOTH._replace(
-            hands=(replace(RIGHT, side_confidence=0.7),), lost=(LostHand(2, None, 0.0, "hidden"),)
-        )
-    )
+    shown.show(TrackedFrame(0, 0.0, (replace(RIGHT, side_confidence=0.7), lost(2, None))))
     texts = shown.tab.locator("#hands li").all_inner_texts()
     assert texts[0].startswith("right? 93%, ") and texts[1] == "hand lost 0.0 s: hidden"
 
 
 def test_a_lost_hand_is_listed_for_three_seconds(shown: Shown) -> None:
-    lost = (LostHand(2, "left", 0.0, "hidden"), LostHand(3, "right", -0.2, "hidden"))
-    shown.show(TrackedFrame(1, 2.9, (), lost))
+    shown.show(TrackedFrame(1, 2.9, (lost(2, "left"), lost(3, since=-0.2))))
     assert shown.tab.locator("#hands li").all_inner_texts() == ["left hand lost 2.9 s: hidden"]
 
 

@@ -9,26 +9,27 @@ import struct
 
 import numpy as np
 
+from handpose.body.gestures import GestureReader
 from handpose.frames.cameras import CAMERAS
 from handpose.output.drawing.view import Viewport, ViewportFollower
 from handpose.output.live.messages import MAX_SAMPLES, Grid, Messages, grid_of
 from handpose.output.tracks.json_values import FrameValues, header_values
 from handpose.tracking.track import TrackedFrame
-from tests.handpose.output.live.conftest import BOTH, ONE, RIGHT
+from tests.handpose.output.live.conftest import BOTH, DEPTH, ONE, RIGHT
 from tests.support import json_schema
 from tests.support.running import ROOT
-from tests.support.tracked_hands import CAMERA, HEADER, tracked
+from tests.support.tracked_hands import CAMERA, HEADER, present, tracked, with_pose
 
 
 def test_records_are_those_of_a_track_with_the_bones_in_each() -> None:
     """Every record has the bones, because a receiver may have missed some; joints before smoothing
     are for files.
     """
-    raw = dataclasses.replace(ONE.hands[0], raw_xyz=ONE.hands[0].xyz)
+    raw = with_pose(RIGHT, raw_xyz=RIGHT.xyz)
     messages, values = Messages(HEADER), FrameValues(HEADER)
     assert json.loads(messages.header) == json.loads(json.dumps(header_values(HEADER)))
     assert not json_schema.faults(json.loads(messages.header), "header")
-    for frame in (BOTH, ONE, ONE._replace(number=2, time=0.2, hands=(raw,))):
+    for frame in (BOTH, ONE, TrackedFrame(2, 0.2, (raw,))):
         assert not json_schema.faults(messages.record(frame), "frame")
         found, expected = json.loads(messages.line(messages.record(frame))), values.values(frame)
         assert all(len(hand.pop("bones_mm")) == 31 for hand in found["hands"])
@@ -40,9 +41,10 @@ def test_records_are_those_of_a_track_with_the_bones_in_each() -> None:
 
 
 def test_joints_and_gestures() -> None:
-    messages = Messages(HEADER, "mano", gestures=True)
+    messages = Messages(HEADER, "mano")
     assert json.loads(messages.header)["joint_format"]["name"] == "mano"
-    hand = messages.record(BOTH)["hands"][0]
+    read = BOTH.with_gestures(GestureReader(HEADER.skeleton))
+    hand = messages.record(read)["hands"][0]
     assert len(hand["mano"]["positions_m"]) == 21 and hand["gesture"]["name"] == "open"
 
 
@@ -76,10 +78,22 @@ def test_the_part_around_a_hand_is_sent_with_all_its_pixels() -> None:
     viewport = Viewport(700.5, 500.5, 200.0, 150.0)
     assert grid_of(camera, viewport, ()) == Grid(700, 500, 1, 201, 151)
     # a crop of 735 px, partly outside
-    hand = dataclasses.replace(RIGHT, center_uvd=np.array([100.0, 600.0, 600.0]))
+    hand = with_pose(RIGHT, center_uvd=np.array([100.0, 600.0, 600.0]))
     grid = grid_of(camera, viewport, [hand])
     assert (grid.left, grid.left + grid.step * grid.columns) == (0, 903) and grid.step == 3
     assert grid.of(np.zeros((1200, 1600))).shape == (grid.rows, grid.columns)
+
+
+def test_the_page_has_no_hand_that_the_finder_no_longer_sees() -> None:
+    """Other programs have all."""
+    unseen = present(2, 0.4, 0.0, is_seen=False)
+    messages, frame = Messages(HEADER), TrackedFrame(0, 0.0, (RIGHT, unseen, present(3, 0.9, 0.0)))
+    record = messages.record(frame)
+    assert [hand["id"] for hand in record["hands"]] == [1, 2, 3]
+    message = messages.view(record, DEPTH, frame)
+    (size,) = struct.unpack_from("<I", message)
+    shown = json.loads(message[4 : 4 + size])["record"]
+    assert [hand["id"] for hand in shown["hands"]] == [1, 3]
 
 
 def test_the_documented_size_of_a_frame_for_the_page() -> None:
@@ -93,10 +107,8 @@ def test_the_documented_size_of_a_frame_for_the_page() -> None:
         HEADER.camera, width=640, height=480, fx=588.0, fy=588.0, u0=320.0, v0=240.0
     )
     edges = [tracked("right", (-300, 200, 600), 1), tracked("left", (300, -200, 600), 2)]
-    hands = tuple(
-        dataclasses.replace(hand, center_uvd=camera.project(hand.origin_mm)) for hand in edges
-    )
-    frame = TrackedFrame(0, 0.0, hands)
-    messages = Messages(dataclasses.replace(HEADER, camera=camera), "mano", gestures=True)
+    hands = tuple(with_pose(hand, center_uvd=camera.project(hand.pose.origin_mm)) for hand in edges)
+    frame = TrackedFrame(0, 0.0, hands).with_gestures(GestureReader(HEADER.skeleton))
+    messages = Messages(dataclasses.replace(HEADER, camera=camera), "mano")
     message = messages.view(messages.record(frame), np.full((480, 640), 1000, np.float32), frame)
     assert 0.9 * int(most) < len(message) / 1000 <= int(most)

@@ -12,9 +12,10 @@ import pytest
 
 from handpose.output.tracks import csv_file
 from handpose.output.tracks.writing import open_writer
-from handpose.tracking.track import LostHand, PresentHand, TrackedFrame, TrackHeader
+from handpose.tracking.track import TrackedFrame, TrackHeader
 from layers.hand.skeleton import load
 from tests.support.made_tracks import any_hand, any_skeleton, any_track, header_of
+from tests.support.tracked_hands import lost, present
 
 HAND = header_of(load())
 
@@ -51,12 +52,12 @@ def test_a_row_per_frame_and_hand(tmp_path: Path, header: TrackHeader) -> None:
             assert errors == pytest.approx(
                 hand.finger_error_mm.tolist() if header is HAND else [], abs=0.0501
             )
-            theta = sk.theta(hand.inputs)
+            theta = sk.theta(hand.pose.inputs)
             for dof in set(sk.driven[sk.turns]):
                 assert float(row[f"{sk.dof_names[dof]}_rad"]) == pytest.approx(theta[dof], abs=1e-5)
-        for lost in frame.lost:
+        for gone in frame.lost:
             row = next(rows)
-            assert (row["id"], row["hand"], row["lost"]) == (str(lost.id), lost.hand, lost.reason)
+            assert (row["id"], row["hand"], row["lost"]) == (str(gone.id), gone.hand, gone.reason)
             assert not any(list(row.values())[5:])
     assert next(rows, None) is None
 
@@ -66,27 +67,23 @@ def test_unknown_values_are_empty(tmp_path: Path) -> None:
     hand = replace(any_hand(HAND, np.random.default_rng(0)), confidence=np.nan, error_mm=np.nan)
     hand.finger_error_mm[1] = np.nan
     reason = 'it is "dark", 3 mm'
-    present = PresentHand(2, None, 0.5, 0.25, (0, 0, 700), reason)
     before = TrackedFrame(0, 0, (replace(hand, id=2),))
-    frame = TrackedFrame(1, 1, (hand,), (LostHand(1, "left", 0, reason),), (present,))
-    _, seen, lost, there = written(tmp_path / "a.csv", HAND, [before, frame])
+    others = lost(1, "left", reason=reason), present(2, 0.5, 0.25, reason=reason)
+    frame = TrackedFrame(1, 1, (hand, *others))
+    _, seen, gone, there = written(tmp_path / "a.csv", HAND, [before, frame])
     assert seen["confidence"] == seen["error_mm"] == seen["index_error_mm"] == ""
-    assert lost["lost"] == reason
+    assert gone["lost"] == reason
     assert list(there.values())[2:8] == ["2", "unknown", reason, "0.500", "0.2500", ""]
-
-
-def present(id: int, presence: float, reason: str) -> PresentHand:
-    return PresentHand(id, None, presence, 0.1, (0, 0, 700), reason)
 
 
 def test_a_hand_has_no_row_before_its_first_joints(tmp_path: Path) -> None:
     hand = replace(any_hand(HAND, np.random.default_rng(0)), id=1)
-    other, same = present(0, 0.9, "a cup"), present(1, 0.8, "uncertain")
+    other, same = present(0, 0.9, 0.1, reason="a cup"), present(1, 0.8, 0.1, reason="uncertain")
     frames = [
-        TrackedFrame(0, 0.0, (), (), (other, same)),
-        TrackedFrame(1, 1.0, (hand,), (), (other,)),
-        TrackedFrame(2, 2.0, (), (), (other, same)),
-        TrackedFrame(3, 3.0, (), (), (other,)),
+        TrackedFrame(0, 0.0, (other, same)),
+        TrackedFrame(1, 1.0, (hand, other)),
+        TrackedFrame(2, 2.0, (other, same)),
+        TrackedFrame(3, 3.0, (other,)),
     ]
     rows = written(tmp_path / "a.csv", HAND, frames)
     assert [row["id"] for row in rows] == ["", "1", "1", ""]
@@ -95,8 +92,8 @@ def test_a_hand_has_no_row_before_its_first_joints(tmp_path: Path) -> None:
 
 def test_a_frame_without_a_hand_has_a_row_with_the_reason(tmp_path: Path) -> None:
     """It is that of the most present hand."""
-    places = present(0, 0.4, "a cup"), present(1, 0.6, "no pose")
-    frames = [TrackedFrame(0, 0.0, ()), TrackedFrame(1, 1.0, (), (), places)]
+    places = present(0, 0.4, 0.1, reason="a cup"), present(1, 0.6, 0.1, reason="no pose")
+    frames = [TrackedFrame(0, 0.0), TrackedFrame(1, 1.0, places)]
     none, best = (list(row.values()) for row in written(tmp_path / "a.csv", HAND, frames))
     assert none[2:8] == ["", "", "no hand is seen", "", "", ""]
     assert best[2:8] == ["", "", "no pose", "0.600", "0.1000", ""]

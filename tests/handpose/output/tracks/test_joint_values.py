@@ -94,9 +94,11 @@ def test_gestures(tmp_path: Path) -> None:
     """Each hand's gesture is written to JSON and, in the last columns, to CSV,
     with equal values.
     """
+    reader = GestureReader(HEADER.skeleton)
+    frames = [frame.with_gestures(reader) for frame in FRAMES]
     for name in ("a.json", "a.csv"):
         with open_writer(tmp_path / name, HEADER, gestures=True) as writer:
-            for frame in FRAMES:
+            for frame in frames:
                 writer.write(frame)
     rows = [
         row

@@ -18,12 +18,13 @@ from handpose.frames.cameras import Camera
 from handpose.output.tracks.json_file import Track, read_track
 from handpose.output.tracks.json_values import rounded
 from handpose.output.tracks.writing import open_writer
-from handpose.tracking.track import LostHand, PresentHand, TrackedFrame, TrackHeader, joints_of
+from handpose.tracking.track import TrackedFrame, TrackHeader, joints_of
 from layers.hand.skeleton import load
 from netlib.errors import DataError, PrototxtError
 from tests.support import json_schema
 from tests.support.bad_input import bad_inputs
 from tests.support.made_tracks import any_hand, any_skeleton, any_track, header_of
+from tests.support.tracked_hands import facts, lost, present, with_pose
 
 HAND = header_of(load())
 both = pytest.mark.parametrize("layout", ["json", "jsonl"])
@@ -53,7 +54,7 @@ def check_same(track: Track, header: TrackHeader, frames: list[TrackedFrame]) ->
         ]
         assert [l.since for l in got.lost] == pytest.approx([l.since for l in frame.lost], abs=1e-6)
         for a, b in zip(got.hands, frame.hands, strict=True):
-            assert (a.id, a.hand, a.cube_mm) == (b.id, b.hand, b.cube_mm)
+            assert (a.id, a.hand, a.pose.cube_mm) == (b.id, b.hand, b.pose.cube_mm)
             assert (a.confidence, a.error_mm) == pytest.approx(
                 (b.confidence, b.error_mm), abs=0.006, nan_ok=True
             )
@@ -62,11 +63,12 @@ def check_same(track: Track, header: TrackHeader, frames: list[TrackedFrame]) ->
                 ("origin_mm", 5e-4),
                 ("center_uvd", 5e-4),
                 ("bones", 5e-6),
-                ("finger_error_mm", 0.0501),
             ):
-                assert np.abs(getattr(a, name) - getattr(b, name)).max() <= digits
+                assert np.abs(getattr(a.pose, name) - getattr(b.pose, name)).max() <= digits
+            assert np.abs(a.finger_error_mm - b.finger_error_mm).max() <= 0.0501
+            pose = a.pose
             again = joints_of(
-                track.header.skeleton, header.unit_mm, a.hand, a.inputs, a.bones, a.origin_mm
+                pose.skeleton, header.unit_mm, pose.side, pose.inputs, pose.bones, pose.origin_mm
             )
             assert np.abs(again - b.xyz).max() < 0.05
 
@@ -122,7 +124,7 @@ def test_keys_and_units(tmp_path: Path) -> None:
     assert got["confidence"] is got["error_mm"] is None
     fingers = dict(zip(("thumb", "index", "middle", "ring", "little"), hand.finger_error_mm))
     assert got["finger_error_mm"] == pytest.approx(fingers, abs=0.0501)
-    theta = HAND.skeleton.theta(hand.inputs)
+    theta = HAND.skeleton.theta(hand.pose.inputs)
     assert got["angles_rad"]["index_dip_rot_x"] == pytest.approx(theta[46], abs=1e-5)
     assert got["translations_mm"]["palm_x"] == pytest.approx(theta[0] * 150, abs=1e-3)
     assert np.allclose(got["positions_mm"], hand.xyz, atol=0.0051)
@@ -133,7 +135,8 @@ def test_values_that_a_hand_may_lack(tmp_path: Path) -> None:
     in older tracks.
     """
     hand = any_hand(HAND, np.random.default_rng(0))
-    full = replace(hand, raw_xyz=hand.xyz + 7.125, finger_error_mm=np.array([7, np.nan, 8, 9, 10]))
+    full = with_pose(hand, raw_xyz=hand.xyz + 7.125)
+    full = replace(full, finger_error_mm=np.array([7, np.nan, 8, 9, 10]))
     written(
         tmp_path / "a.json", HAND, [TrackedFrame(7, 0.25, (full,)), TrackedFrame(8, 0.5, (hand,))]
     )
@@ -152,7 +155,8 @@ def test_values_that_a_hand_may_lack(tmp_path: Path) -> None:
     for name, errors in (("a", [7, np.nan, 8, 9, 10]), ("older", [np.nan] * 5)):
         first, second = (frame.hands[0] for frame in read_track(tmp_path / f"{name}.json").frames)
         np.testing.assert_array_equal(first.finger_error_mm, errors)
-        assert np.allclose(first.raw_xyz, full.raw_xyz, atol=0.0051) and second.raw_xyz is None
+        assert np.allclose(first.pose.raw_xyz, full.pose.raw_xyz, atol=0.0051)
+        assert second.pose.raw_xyz is None
 
 
 @both
@@ -170,9 +174,9 @@ def test_a_track_that_was_read_is_written_as_before(
     frames = any_track(header, seed)
     undecided = replace(any_hand(header, rng, 7), side_confidence=0.625, presence=0.5)
     if smoothed:
-        undecided = replace(undecided, raw_xyz=undecided.xyz + 1)
-    place = PresentHand(8, None, 0.5, 0.125, (1.5, 2.5, 600.0), "covered")
-    frames.append(TrackedFrame(len(frames), 1.0, (undecided,), (), (place,)))
+        undecided = with_pose(undecided, raw_xyz=undecided.xyz + 1)
+    place = present(8, 0.5, 0.125, place=(1.5, 2.5, 600.0))
+    frames.append(TrackedFrame(len(frames), 1.0, (undecided, place)))
     first, second = folder / f"a.{layout}", folder / f"b.{layout}"
     found = written(first, header, frames)
     written(second, found.header, found.frames)
@@ -192,9 +196,7 @@ def test_a_track_without_the_minimum_range(tmp_path: Path) -> None:
 @pytest.mark.parametrize("smoothed", [True, False])
 def test_joints_before_smoothing_of_a_hand_without_joints(tmp_path: Path, smoothed: bool) -> None:
     """Null in smoothed tracks, as the joints themselves; not in others."""
-    frame = TrackedFrame(
-        0, 0.0, (), (), (PresentHand(8, None, 0.5, 0.125, (1.5, 2.5, 600.0), "covered"),)
-    )
+    frame = TrackedFrame(0, 0.0, (present(8, 0.5, 0.125),))
     written(tmp_path / "a.json", replace(HAND, smoothed=smoothed), [frame])
     found = json.loads((tmp_path / "a.json").read_text())
     assert not json_schema.faults(found)
@@ -344,17 +346,14 @@ def test_an_undecided_side(tmp_path: Path, layout: str) -> None:
     """The side is null until it is decided, and the assumed one, of which the angles are, returns
     from the file.
     """
-    hand = replace(any_hand(HAND, np.random.default_rng(0)), hand="left", side_confidence=0.75)
-    present = PresentHand(5, None, 0.4, 0.1, (1.0, 2.0, 700.0), "a cup")
-    frame = TrackedFrame(0, 0.0, (hand,), (LostHand(4, None, 0.0, "hidden"),), (present,))
+    hand = replace(any_hand(HAND, np.random.default_rng(0), hand="left"), side_confidence=0.75)
+    frame = TrackedFrame(0, 0.0, (hand, lost(4, None), present(5, 0.4, 0.1)))
     track = written(tmp_path / f"a.{layout}", HAND, [frame])
     (found,) = track.frames
-    assert (
-        found.hands[0].hand == "left"
-        and found.hands[0].known_side is None
-        and found.hands[0].side_confidence == 0.75
-    )
-    assert found.lost[0].hand is None and found.present == frame.present
+    (one,) = found.hands
+    assert (one.hand, one.pose.side, one.known_side) == ("left", "left", None)
+    assert one.side_confidence == 0.75
+    assert facts(found.lost) == facts(frame.lost) and facts(found.present) == facts(frame.present)
     if layout == "json":
         assert not json_schema.faults(json.loads((tmp_path / "a.json").read_text()))
     assert '"hand": null' in (tmp_path / f"a.{layout}").read_text().replace(
