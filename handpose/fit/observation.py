@@ -17,8 +17,6 @@ from handpose.frames.crops import FAR_FACE, crop_scale, window
 from netlib.blob import Array
 from netlib.errors import DataError
 
-# sampling is denser near the outline, 1 / (THIN_PX + distance in px), because limbs are thin
-THIN_PX = 3.0
 _CROSS = np.ones((3, 3), np.uint8)
 
 
@@ -104,9 +102,9 @@ class HandCrops:
         """(N, S, S): what the network is shown."""
         return self.crops if self.shown is None else self.shown
 
-    def observe(self, points: int) -> Observation:
-        """The crops as observations, sampled at this number of points. Raises DataError."""
-        return observe(self.crops, self.center_uvd, self.cameras, self.cube_mm, points)
+    def observe(self, points: int, thin_px: float) -> Observation:
+        """The crops as observations (``observe``). Raises DataError."""
+        return observe(self.crops, self.center_uvd, self.cameras, self.cube_mm, points, thin_px)
 
 
 def observe(
@@ -114,13 +112,16 @@ def observe(
     center_uvd: ArrayLike,
     cameras: Camera | Sequence[Camera],
     cube_mm: ArrayLike,
-    points: int = 400,
+    points: int,
+    thin_px: float,
 ) -> Observation:
     """The observations of crops (N, S, S) in [-1, 1]. Raises DataError.
 
     center_uvd  (N, 3) crop centres in px, px, mm
     cameras     one, or N that differ in the principal point alone
     cube_mm     edges of their cubes, one or (N,)
+    points      number of points that are sampled in each
+    thin_px     (``FitSettings``)
     """
     if crops.ndim != 3 or crops.shape[1] != crops.shape[2]:
         raise DataError(f"crops of shape {crops.shape}, expected (N, size, size)")
@@ -145,7 +146,7 @@ def observe(
         outline = _outside(crops[n])
         seen = np.flatnonzero(inside[n])
         if len(seen) > points:
-            share = np.cumsum(1 / (THIN_PX + np.maximum(-outline.reshape(-1)[seen], 0)))
+            share = np.cumsum(1 / (thin_px + np.maximum(-outline.reshape(-1)[seen], 0)))
             seen = seen[np.searchsorted(share, (np.arange(points) + 0.5) * (share[-1] / points))]
         row, column = np.divmod(seen, S)
         z = crops[n].reshape(-1)[seen] * half[n] + center[n, 2]

@@ -9,7 +9,7 @@ import numpy as np
 
 from handpose.body.sides import mirror_of
 from handpose.fit.body import SIZE_INDEX, CapsuleModel, WorldPose, crop_variables
-from handpose.fit.pose_confidence import Evidence, Judged, judged
+from handpose.fit.pose_confidence import Evidence, Judged
 from handpose.tracking.hand_track import HandTrack, SideState
 from handpose.tracking.track import TrackedHand, TrackedPoses
 from netlib.blob import Array
@@ -56,7 +56,7 @@ def _as_sides(
     evidence = [hand.evidence for hand in found if hand.evidence is not None]
     if len(evidence) == len(found):  # the errors of the network were measured
         fitted = np.stack([hand.the_fit.joints[0] for hand in found])
-        quality = judged(Evidence.concatenate(evidence).lagging(model, joints, fitted))
+        quality = track.judge.judged(Evidence.concatenate(evidence).lagging(model, joints, fitted))
     else:
         quality = Judged(
             *(np.array([getattr(hand, name) for hand in found]) for name in Judged._fields)
