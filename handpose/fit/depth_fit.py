@@ -21,7 +21,7 @@ import numpy as np
 from handpose.fit.body import SIZE_INDEX, THICKNESS_INDEX, CapsuleModel
 from handpose.fit.network_errors import NetworkErrors, read_errors, unknown_errors
 from handpose.fit.objective import Objective
-from handpose.fit.observation import HandCrops, Observation
+from handpose.fit.observation import HandCrops, Observation, observe
 from handpose.fit.rounding import NETWORK_STEP, rounded
 from handpose.fit.search import Search, SearchResult, drawn
 from handpose.fit.settings import FitSettings, Plan
@@ -116,7 +116,7 @@ class DepthFitter:
 
     def observe(self, hands: HandCrops, plan: Plan) -> Observation:
         """Crops as observations for a plan. Raises DataError."""
-        return hands.observe(plan.points, self.settings.thin_px)
+        return observe(hands, plan.points, self.settings.thin_px)
 
     def fit(
         self,

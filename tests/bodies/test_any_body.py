@@ -13,7 +13,7 @@ from handpose.estimate.predictor import Predictor
 from handpose.fit.body import CapsuleModel
 from handpose.fit.depth_fit import DepthFitter
 from handpose.fit.joints.fit_joints import fit_joints
-from handpose.fit.observation import observe
+from handpose.fit.observation import HandCrops, observe
 from handpose.fit.settings import SearchSettings
 from handpose.frames.cameras import KINECT2
 from handpose.frames.crops import crop_pixels, restore_joints
@@ -157,7 +157,7 @@ def test_fits_to_depth(tmp_path: Path, seed: int) -> None:
     rng = np.random.default_rng(seed)
     start = scene.bodies.inputs[:n] + rng.normal(0, 0.12, scene.bodies.inputs[:n].shape)
     start[:, :3] = scene.bodies.inputs[:n, :3] + rng.normal(0, 0.02, (n, 3))
-    seen = observe(scene.depth[:n], scene.center_uvd[:n], KINECT2, 2 * HALF, 300, 3.0)
+    seen = observe(HandCrops(scene.depth[:n], scene.center_uvd[:n], KINECT2, 2 * HALF), 300, 3.0)
     fit = DepthFitter(model).fit(seen, [model.variables_of(start)], SearchSettings().fast)
     before = np.linalg.norm(model.joints(model.variables_of(start)) - truth, axis=2).mean(axis=1)
     after = np.linalg.norm(fit.joints - truth, axis=2).mean(axis=1)

@@ -8,7 +8,7 @@ import pytest
 from handpose.fit.body import SIZE_INDEX, CapsuleModel
 from handpose.fit.depth_fit import DepthFitter
 from handpose.fit.network_errors import NetworkErrors
-from handpose.fit.observation import observe
+from handpose.fit.observation import HandCrops, observe
 from handpose.fit.rounding import NETWORK_STEP, rounded
 from handpose.fit.settings import FitSettings, Plan, SearchSettings, SteadySettings
 from handpose.frames.cameras import NYU
@@ -80,7 +80,9 @@ def test_an_empty_crop_and_a_speck_have_infinite_signs_and_cost(
     crops = np.ones((2, 128, 128), np.float32)
     crops[1, 60:70, 60:70] = 0
     found = fitter.fit(
-        observe(crops, scene.center_uvd[:2], NYU, 300.0, 400, 3.0), [scene.truth[:2]], FAST
+        observe(HandCrops(crops, scene.center_uvd[:2], NYU, 300.0), 400, 3.0),
+        [scene.truth[:2]],
+        FAST,
     )
     assert np.isinf(found.signs).all() and np.isinf(found.cost).all()
 
@@ -89,7 +91,7 @@ def test_the_wrong_hand_explains_less(fitter: DepthFitter, scene: Scene) -> None
     """From the true pose, every right hand costs less as a right hand than as its mirror image."""
     right = fitter.fit(scene.seen, [scene.truth] * 4, ACCURATE)
     uvd = scene.center_uvd * (-1, 1, 1) + (NYU.width - 1, 0, 0)
-    in_mirror = observe(scene.crops[:, :, ::-1], uvd, NYU.mirrored(), 300.0, 400, 3.0)
+    in_mirror = observe(HandCrops(scene.crops[:, :, ::-1], uvd, NYU.mirrored(), 300.0), 400, 3.0)
     left = fitter.fit(in_mirror, [scene.truth] * 4, ACCURATE)
     assert (right.cost < left.cost).all()
 
