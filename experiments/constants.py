@@ -282,9 +282,12 @@ def run(args: argparse.Namespace) -> int:
     settings = settings_of(args.set)
     if not args.recording:
         numbers = numbers_of(settings)
-        for group, own in itertools.groupby(numbers, lambda name: name.rpartition(".")[0]):
-            values = [f"{name.rpartition('.')[2]}={numbers[name]:g}" for name in own]
-            print(f"{group:30}{len(values):3}  {' '.join(values)}")
+        groups: dict[str, list[str]] = {}
+        for name, number in numbers.items():
+            group, _, field = name.rpartition(".")
+            groups.setdefault(group, []).append(f"{field}={number:g}")
+        for group, values in groups.items():
+            print(f"{group:34}{len(values):3}  {' '.join(values)}")
         say(f"{len(numbers)} tuned numbers")
         return DONE
     takes = [

@@ -55,7 +55,7 @@ PLACE = np.array([10.0, 20.0, 700.0])
 
 
 def test_numbers_are_counted() -> None:
-    """Those of groups and of tables one by one; a name or a switch is none."""
+    """Those of groups and of tables one by one; a name is none."""
     plan = Plan("fast", 300, 6, Trials(4, 6, 4, Stage(15.0, 5), 2))
     found = numbers_of((plan, JudgeSettings(unseen_error=(1, 2, 3))))
     assert found["0.trials.stage.robust"] == 15 and found["1.unseen_error.2"] == 3
