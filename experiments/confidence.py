@@ -41,18 +41,19 @@ from handpose.fit.pose_confidence import (
     LOST_MM,
     SIGNS,
     Evidence,
+    Judge,
     Regression,
     Regressions,
     finger_signs,
-    judged,
-    judged_as_wholes,
     mean_log_error,
     read_weights,
 )
+from handpose.fit.settings import FitSettings
 from handpose.frames.recording import Recording
 from handpose.sequences.recordings import SCRIPTS, SyntheticRecording
-from handpose.tracking.hand_track import ENOUGH, HandTrack
+from handpose.tracking.hand_track import HandTrack
 from handpose.tracking.output import variables_of
+from handpose.tracking.settings import TrackSettings
 from netlib.blob import Array
 from netlib.errors import DataError
 from netlib.files import atomic
@@ -195,7 +196,8 @@ def fitted(takes: Sequence[Poses], in_use: Regressions, keep: float = KEEP) -> R
     )
     of_fingers = np.concatenate([take.fingers_mm for take in takes])
     known = np.isfinite(of_fingers)
-    signs = finger_signs(judged_as_wholes(evidence, hand)[0], evidence)[known]
+    judge = Judge(FitSettings())
+    signs = finger_signs(judge.as_wholes(evidence, hand)[0], evidence)[known]
     finger_share = np.repeat(share[:, None], known.shape[1], axis=1)[known]
     finger_share = finger_share / finger_share.sum() * len(takes)
     log_error = np.log(of_fingers[known])
@@ -247,7 +249,8 @@ def text_of(weights: Regressions, comment: str) -> str:
 
 def cells_of(name: str, takes: Sequence[Poses], weights: Regressions) -> list[str]:
     """The columns of recordings, judged by these weights."""
-    found = judged(Evidence.concatenate([take.evidence for take in takes]), weights)
+    evidence = Evidence.concatenate([take.evidence for take in takes])
+    found = Judge(FitSettings()).judged(evidence, weights)
     is_hand = np.concatenate([take.is_hand for take in takes])
     error, expected = (
         np.concatenate([take.error_mm for take in takes])[is_hand],
@@ -257,7 +260,8 @@ def cells_of(name: str, takes: Sequence[Poses], weights: Regressions) -> list[st
     off = f"{(error[sure] > OFF_MM).mean():.1%}" if sure.any() else ""
     correlation = f"{np.corrcoef(expected, error)[0, 1]:.2f}" if len(error) > 1 else ""
     means = f"{expected.mean():.1f}", f"{error.mean():.1f}"
-    of_others = str(len(others)), str((others >= ENOUGH).sum())
+    enough = TrackSettings().follow.enough
+    of_others = str(len(others)), str((others >= enough).sum())
     return [name, str(len(error)), str(sure.sum()), off, correlation, *means, *of_others]
 
 

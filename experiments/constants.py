@@ -1,13 +1,13 @@
-"""The tracker's tuned numbers: how many there are, and the errors on labelled recordings with other
-values of some.
+"""The tuned numbers of fits and of the tracker: how many there are, and the errors on labelled
+recordings with other values of some.
 
     python -m experiments constants
     python -m experiments constants --recording take joints.npy --recording other other.npy \\
         --seeds 0 1 2 3 4 --mirrored
-    python -m experiments constants ... --set tracking.hand_track.KEPT=1 tracking.hand_track.NEW=1
+    python -m experiments constants ... --set track.follow.kept=1 track.follow.new=1
 
-Without recordings the tuned numbers that modules of handpose/fit, handpose/tracking and
-handpose/estimate name are listed.
+Without recordings the numbers are listed: the fields of ``handpose.fit.settings`` and of
+``handpose.tracking.settings``, those of tables one by one.
 
 Labels are joints (frames, 5 fingers from the thumb on, MCP PIP DIP tip, 3) of a right hand in mm, x
 right, y down, z away, NaN where there are none. The error is the mean over PIP, DIP and tip of all
@@ -20,87 +20,60 @@ What rules gain, as mean errors in mm over P1, P4 and hpx (docs/fit.md), as reco
 seeds 0 to 2: 13.38 with all. The means of other seeds differ by up to 0.3.
 
     switched off                          error   and
-    KEPT=0 NEW=1 MAX_JUMP_MM=1e9          13.19   a synthetic hand, 15 frames/s: 3.9 to 5.1 mm,
+    track.follow.kept=0 .new=1 .max_jump_mm=1e9
+                                          13.19   a synthetic hand, 15 frames/s: 3.9 to 5.1 mm,
                                                   found 96 to 89%
-    UNREAD=2 HIDING=2                     13.70   wrong poses of covered hands
-    STAY=1 HOLD=1                         13.43   jitter at rest 0.87 to 1.12 mm
-    FURTHER=1 MOMENTUM=0 MIN_GAIN=0       14.72
-    THIN_PX=1e9                           13.57   hpx mirrored 12.7 to 13.8 mm
-    EVERY=0 CONFIDENT=0                   13.30   as good; for hands that rest at first
-    FIRST_CREDIT=1 SURE=0.5 CLEAR=0       13.52   P1 up to 19.7 mm
-    COVERED=0 MAX_RATIO=1e9 SELF_MM=0     13.52   covered hands are sure
-    MAX_MOVE_MM=1e9 NEAREST_MM=0 LEAVING=1
+    fit.expected.unread=2 .hiding=2       13.70   wrong poses of covered hands
+    fit.steady.stay=1 .hold=1             13.43   jitter at rest 0.87 to 1.12 mm
+    fit.search.further=1 .momentum=0 .min_gain=0
+                                          14.72
+    fit.thin_px=1e9                       13.57   hpx mirrored 12.7 to 13.8 mm
+    track.size.every_s=0 .confident=0     13.30   as good; for hands that rest at first
+    track.follow.first_credit=1 .sure=0.5 track.sides.clear=0
+                                          13.52   P1 up to 19.7 mm
+    fit.judge.covered=0 .max_ratio=1e9 fit.support.self_mm=0
+                                          13.52   covered hands are sure
+    fit.crops.max_move_mm=1e9 fit.expected.leaving=1, any distance from the camera
                                           13.47   a wrong side in hpx
-    BESIDE=0 ENOUGH_BOTH=0 ENOUGH_FIRST=0 LOOK=1 STILL=1 MAX_PAUSE=0.2
+    track.start.beside=0 .both=0 .first=0 track.present.look=1 .still=1 .max_pause_s=0.2
                                           13.32   one hand only; for scenes
-    fit/joint_starts.py                   +0.38   hpx mirrored 12.6 to 14.0 mm, a wrong
+    handpose/fit/joint_starts.py          +0.38   hpx mirrored 12.6 to 14.0 mm, a wrong
                                                   side in 20% of P7
 """
 
 from __future__ import annotations
 
 import argparse
-import ast
 import dataclasses
-import dis
-import importlib
 import io
 import itertools
-import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from types import CodeType, ModuleType
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from handpose import Recording, Tracker, load_tracker, open_recording
+from handpose.fit.settings import FitSettings
+from handpose.tracking.settings import TrackSettings
+from handpose.tracking.track import TrackedHand
 from netlib import files
 from netlib.blob import Array
-from netlib.errors import DataError
-from netlib.files.paths import ROOT
+from netlib.errors import DataError, did_you_mean
 from tools.common.arguments import seed
 from tools.common.console import DONE, aligned, say
 from tools.common.progress import ProgressBar
 
-if TYPE_CHECKING:
-    from handpose.frames.recording import Recording
-    from handpose.tracking.track import TrackedHand
-    from handpose.tracking.tracker import Tracker
-
-ROOMS = ("fit", "tracking", "estimate")
-# Numbers that are not tuned: indices, units, and what a measure or a format is by
-# definition; bounds of rounding and of convergence; sizes of blocks, and limits of what is
-# held, tried or accepted.
-NOT_TUNED = {
-    module: names.split()
-    for module, names in {
-        "fit.body": "SIZE_INDEX THICKNESS_INDEX",
-        "fit.depth_fit": "EMPTY_CROP STARTS_TOGETHER",
-        "fit.joint_starts": "START_RIDGE",
-        "fit.joints.companions": "ANGLES_VERSION",
-        "fit.joints.fit_joints": "CHUNK GRID_STEP MAX_ITERATIONS COST_TOLERANCE EXACT MIN_MU DEFAULT_RIDGE",
-        "fit.joints.particle_swarm": "CONSTRICTION ATTRACTION",
-        "fit.objective": "MIN_SIZE_STD",
-        "fit.observation": "_CROSS",
-        "fit.pose_confidence": "GOOD_MM LOST_MM MAX_SIGN",
-        "fit.residuals": "_TINY POSITION_BITS DIRECTION_STEP _UPPER _DIAGONAL _FULL",
-        "fit.rounding": "NETWORK_STEP PLACE_STEP_MM FIT_STEP",
-        "fit.search": "MAX_MU EXACT_COST LOW_MU HIGH_MU DESCENT_RIDGE",
-        "fit.support": "ALONG ACROSS",
-        "tracking.hand_track": "MOST_FOUND MAX_SIDE_CONFIDENCE",
-        "tracking.later_frames": "MAX_UNDECIDED LOOKAHEAD_FRAMES",
-        "tracking.sizing": "POPULATION",
-        "tracking.smoothing": "NO_SPEED",
-        "tracking.summary": "LENGTH_MM",
-        "tracking.tracker": "MAX_HANDS AGAIN ARM_PLACES",
-        "estimate.crop_fits": "MAX_CROPS",
-        "estimate.finder": "FOCAL_PX VOTE_MM BEYOND_MM MIDDLE_MM STRIDE MAX_PIXELS CHANCE_STEP MIN_VOTES OUTPUTS",
-        "estimate.nets": "SIZES",
-        "estimate.predictor": "CROP_DEPTH_MM MOST MAX_REFINE",
-    }.items()
-}
 SURE, OFF_MM = 0.9, 30.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Settings:
+    """All tuned numbers."""
+
+    fit: FitSettings = FitSettings()
+    track: TrackSettings = TrackSettings()
 
 
 class Seen(NamedTuple):
@@ -113,96 +86,54 @@ class Seen(NamedTuple):
     is_right_side: bool
 
 
-def numbers_of(path: Path) -> list[str]:
-    """The names of the constants with numbers in a module: in capitals, of literals alone."""
-    names = []
-    for node in ast.parse(path.read_text(encoding="utf-8")).body:
-        if not isinstance(node, ast.Assign) or not any(
-            _is_number(part) for part in ast.walk(node.value)
-        ):
-            continue
-        for target in node.targets:
-            parts = target.elts if isinstance(target, ast.Tuple) else [target]
-            names += [part.id for part in parts if isinstance(part, ast.Name) and part.id.isupper()]
-    return names
-
-
-def _is_number(node: ast.AST) -> bool:
-    return isinstance(node, ast.Constant) and type(node.value) in (int, float)
-
-
-def constants() -> dict[str, list[str]]:
-    """The constants of every module that has some, by its name after ``handpose.``."""
-    found = {}
-    for room in ROOMS:
-        for path in sorted((ROOT / "handpose" / room).rglob("*.py")):
-            if names := numbers_of(path):
-                found[".".join(path.relative_to(ROOT / "handpose").with_suffix("").parts)] = names
+def numbers_of(settings: Any, name: str = "") -> dict[str, float]:
+    """The numbers in settings by their names; an entry of a table is named by its index."""
+    if isinstance(settings, (int, float)):
+        return {name: settings}
+    found: dict[str, float] = {}
+    for key, part in parts_of(settings).items():
+        found |= numbers_of(part, f"{name}.{key}" if name else key)
     return found
 
 
-def tuned() -> dict[str, list[str]]:
-    """Those of ``constants`` that were chosen by their effect."""
-    every = {
-        module: [name for name in names if name not in NOT_TUNED.get(module, ())]
-        for module, names in constants().items()
-    }
-    return {module: names for module, names in every.items() if names}
+def parts_of(settings: object) -> dict[str, Any]:
+    """The fields of a group, or the entries of a table, by their names; empty for all else."""
+    if dataclasses.is_dataclass(settings):
+        return vars(settings)
+    if isinstance(settings, tuple):
+        names = getattr(settings, "_fields", map(str, range(len(settings))))
+        return dict(zip(names, settings))
+    return {}
 
 
-def set_constants(texts: Sequence[str]) -> None:
-    """Set every MODULE.NAME=VALUE before other modules import it. Raises DataError."""
-    if "handpose.tracking.tracker" in sys.modules:
-        raise DataError("--set: the tracker is already loaded, with the old values")
+def changed(settings: Any, name: str, value: float) -> Any:
+    """The settings with another value of one of their numbers."""
+    first, _, rest = name.partition(".")
+    parts = dict(parts_of(settings))
+    parts[first] = changed(parts[first], rest, value) if rest else value
+    if dataclasses.is_dataclass(settings):
+        return dataclasses.replace(settings, **parts)  # type: ignore[type-var]
+    return settings._make(parts.values()) if hasattr(settings, "_make") else (*parts.values(),)
+
+
+def settings_of(texts: Sequence[str]) -> Settings:
+    """The settings with every NAME=VALUE. Raises DataError."""
+    settings = Settings()
+    known = numbers_of(settings)
     for text in texts:
         name, _, value = text.partition("=")
-        module, _, constant = name.rpartition(".")
-        if constant not in constants().get(module, ()):
+        if name not in known:
             raise DataError(
-                f"--set {text}: no such constant; python -m experiments constants lists them"
+                f"--set {text}: no such number{did_you_mean(name, known)}; python -m experiments "
+                "constants lists them"
             )
         try:
-            number = float(value)
+            number = type(known[name])(value)
         except ValueError:
-            raise DataError(f"--set {text}: {value!r} is no number") from None
-        owner = importlib.import_module(f"handpose.{module}")
-        if not isinstance(vars(owner)[constant], (int, float)):
-            raise DataError(f"--set {text}: its value is more than a number; edit {owner.__file__}")
-        for loaded in [owner, *_importers(owner.__name__, constant)]:
-            used = [step.argval for step in _steps(_code_of(loaded)) if step.opname == "LOAD_NAME"]
-            if constant in used:
-                raise DataError(
-                    f"--set {text}: {loaded.__file__} has used its value on import; edit it there"
-                )
-            setattr(loaded, constant, number)
-
-
-def _importers(owner: str, constant: str) -> list[ModuleType]:
-    """The loaded modules that import a constant from its module."""
-    found = []
-    for module in [loaded for name, loaded in sys.modules.items() if name.startswith("handpose.")]:
-        source = ""
-        for step in _steps(_code_of(module)):
-            source = step.argval if step.opname == "IMPORT_NAME" else source
-            if step.opname == "IMPORT_FROM" and (source, step.argval) == (owner, constant):
-                found.append(module)
-    return found
-
-
-def _code_of(module: ModuleType) -> CodeType:
-    """What Python runs to import a module: in it and in its classes, but not in functions, names
-    are LOAD_NAME.
-    """
-    return compile(
-        files.read_text(str(module.__file__), "the module"), str(module.__file__), "exec"
-    )
-
-
-def _steps(code: CodeType) -> Iterator[dis.Instruction]:
-    yield from dis.get_instructions(code)
-    for inner in code.co_consts:
-        if isinstance(inner, CodeType):
-            yield from _steps(inner)
+            kind = "whole number" if isinstance(known[name], int) else "number"
+            raise DataError(f"--set {text}: {value!r} is no {kind}") from None
+        settings = changed(settings, name, number)
+    return settings
 
 
 def array_in(path: Path) -> object:
@@ -248,7 +179,12 @@ class TrackedLabels(NamedTuple):
 
 
 def tracked_labels(
-    recording: Recording, labels: Array, seed: int, mirrored: bool, **options: Any
+    recording: Recording,
+    labels: Array,
+    seed: int,
+    mirrored: bool,
+    settings: Settings = Settings(),
+    **options: Any,
 ) -> Iterator[TrackedLabels]:
     """Track a recording, or its mirror image; yields its labelled frames.
 
@@ -257,12 +193,12 @@ def tracked_labels(
     labels   (frames, 5, 3, 3) of PIP, DIP and tip, y up
     options  of the tracker
     """
-    from handpose.tracking.tracker import load_tracker  # imported here, after constants are set
-
     camera, flip = recording.camera, -1 if mirrored else 1
     if mirrored:
         camera = dataclasses.replace(camera, u0=camera.width - 1 - camera.u0)
-    tracker = load_tracker(camera, seed=seed, **options)
+    tracker = load_tracker(
+        camera, seed=seed, fit_settings=settings.fit, settings=settings.track, **options
+    )
     fingers = tracker.model.fingers
     assert fingers is not None  # the packaged body is a hand
     for frame, label in itertools.zip_longest(recording, labels):
@@ -276,15 +212,15 @@ def tracked_labels(
             yield TrackedLabels(tracker, frame.depth, label, hands, apart)
 
 
-def followed(source: str, labels: Array, seed: int, mirrored: bool) -> Iterator[Seen | None]:
+def followed(
+    source: str, labels: Array, seed: int, mirrored: bool, settings: Settings
+) -> Iterator[Seen | None]:
     """Track a recording; for every labelled frame its nearest hand, None without one.
 
     Raises NetlibError.
     """
-    from handpose.frames.formats import open_recording  # imported here, after constants are set
-
     with open_recording(source) as recording:
-        for found in tracked_labels(recording, labels, seed, mirrored):
+        for found in tracked_labels(recording, labels, seed, mirrored, settings):
             near = [(float(apart.mean()), hand) for apart, hand in zip(found.apart, found.hands)]
             error, hand = min(near, key=lambda one: one[0], default=(np.nan, None))
             yield (
@@ -337,24 +273,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--mirrored", action="store_true", help="also each recording's mirror image, of a left hand"
     )
     parser.add_argument(
-        "--set",
-        nargs="+",
-        default=[],
-        metavar="MODULE.NAME=VALUE",
-        help="other values of constants",
+        "--set", nargs="+", default=[], metavar="NAME=VALUE", help="other values of numbers"
     )
 
 
 def run(args: argparse.Namespace) -> int:
-    """List the constants, or measure. Raises NetlibError."""
+    """List the numbers, or measure. Raises NetlibError."""
+    settings = settings_of(args.set)
     if not args.recording:
-        found = tuned()
-        for module, names in found.items():
-            print(f"{module:26}{len(names):3}  {', '.join(names)}")
-        say(f"{sum(map(len, found.values()))} tuned numbers in {len(found)} modules")
+        numbers = numbers_of(settings)
+        groups: dict[str, list[str]] = {}
+        for name, number in numbers.items():
+            group, _, field = name.rpartition(".")
+            groups.setdefault(group, []).append(f"{field}={number:g}")
+        for group, values in groups.items():
+            print(f"{group:34}{len(values):3}  {' '.join(values)}")
+        say(f"{len(numbers)} tuned numbers")
         return DONE
-    if args.set:
-        set_constants(args.set)
     takes = [
         (source, labels_of(Path(path)), flip)
         for source, path in args.recording
@@ -365,7 +300,7 @@ def run(args: argparse.Namespace) -> int:
         for source, labels, flip in takes:
             runs = []
             for number in args.seeds:
-                runs.append(list(followed(source, labels, number, flip)))
+                runs.append(list(followed(source, labels, number, flip, settings)))
                 progress(1)
             rows.append([Path(source).name + " mirrored" * flip, *cells_of(runs)])
     print(

@@ -33,7 +33,7 @@ from handpose.estimate.nets import refuse_other_bodies, skeleton_to_fit
 from handpose.estimate.packaged import SYNTHETIC_HAND, checked_content, read_card
 from handpose.fit.depth_fit import DepthFitter
 from handpose.fit.pose_confidence import GOOD_MM
-from handpose.fit.search import PLANS, Plan
+from handpose.fit.settings import PLANS, FitSettings, Plan
 from handpose.scoring.metrics import mean_errors_14
 from handpose.synthetic import recipes
 from handpose.synthetic.generator import BLOCK, Generator, Scene
@@ -102,7 +102,7 @@ def measure(
     for scene in scenes:
         unit = scene.cube_mm / 2
         fitter, joints = fitter_of(unit), scene.bodies.joints * unit
-        x = fit_starts(net, fitter.model, scene.depth, (0,))[0]
+        x = fit_starts(net, fitter, scene.depth, (0,))[0]
         truth, limbs = fitter.model.variables_of(scene.bodies.inputs), fitter.model.limbs
         error_mm = mean_errors_14(fitter.model.joints(x), joints)
         networks.append((error_mm, (x - truth)[:, limbs], truth[:, limbs]))
@@ -221,7 +221,7 @@ def run(args: argparse.Namespace) -> int:
         for recipe in args.recipes:
             scenes = scenes_of(Generator(args.seed, "test", recipes.recipe(recipe)), args.frames)
             fitter_of = functools.partial(DepthFitter.of_file, skeleton, weights)
-            plans = [PLANS[name] for name in args.plans]
+            plans = [FitSettings().search.plans[name] for name in args.plans]
             found = measure(net, fitter_of, scenes, plans, hands=args.hands, progress=progress)
             rows.append([recipe, "network", *_errors(found.network), *[""] * 5])
             rows += [

@@ -52,7 +52,7 @@ from handpose.body.sides import SOUGHT_SIDES
 from handpose.estimate.hand import Hand
 from handpose.estimate.packaged import predictor_of
 from handpose.estimate.predictor import MAX_REFINE, Predictor
-from handpose.fit.search import PLANS
+from handpose.fit.settings import PLANS
 from handpose.frames.images import UnitError, read_crop, read_frame
 from handpose.frames.inspection import checked
 from netlib.errors import DataError

@@ -38,7 +38,7 @@ import numpy as np
 import netlib
 from handpose.datasets.frames import spread
 from handpose.estimate.nets import hand_layer
-from handpose.fit.search import PLANS
+from handpose.fit.settings import PLANS, FitSettings
 from handpose.output.drawing import hands
 from handpose.scoring import held_out
 from handpose.scoring.held_out import data_layer, errors_by_joint, figures_of
@@ -129,7 +129,8 @@ def run(args: argparse.Namespace) -> int:
             with ProgressBar(
                 data_layer(net).rows, what=f"{Path(snapshot).name} {args.fit}"
             ) as progress:
-                joints = held_out.fit_all(net, deploy, snapshot, PLANS[args.fit], progress.reach)
+                plan = FitSettings().search.plans[args.fit]
+                joints = held_out.fit_all(net, deploy, snapshot, plan, progress.reach)
             predictions = replace(predictions, joints=joints, skeleton=joints, dof=None)
             rows[-1] |= {
                 f"fit_{name}": value for name, value in figures_of(predictions, skeleton).items()

@@ -145,7 +145,7 @@ def run(args: argparse.Namespace) -> int:
         summary, begun = Summary(predictor.skeleton), time.perf_counter()
         outputs, status = Outputs(args, tracker.header(recording.name), recording.rate), DONE
         at_once = recording.live or args.serve is not None
-        later = LaterFrames[Floats](tracker.model, args.min_confidence, at_once)
+        later = LaterFrames[Floats](tracker.model, args.min_confidence, at_once, tracker.settings)
         try:
             with Stopper() as stopper:
                 _track(seen, tracker, later, outputs, summary, stopper, args.frames)

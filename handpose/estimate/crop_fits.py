@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.estimate.nets import hand_poses
-from handpose.fit.body import SIZE_INDEX, CapsuleModel
+from handpose.fit.body import SIZE_INDEX
 from handpose.fit.depth_fit import DepthFit, DepthFitter
 from handpose.fit.joint_starts import near_joints
 from handpose.fit.observation import HandCrops
 from handpose.fit.rounding import NETWORK_STEP, rounded
-from handpose.fit.search import Plan, turned_back
+from handpose.fit.search import turned_back
+from handpose.fit.settings import Plan
 from netlib.blob import Array, blocks
 from netlib.net import Net
 
@@ -38,10 +39,10 @@ def fit_crops(
     found = []
     for rows in blocks(len(hands), MAX_CROPS):
         part = hands.take(rows)
-        starts = fit_starts(net, fitter.model, part.network_input, plan.quarters)
+        starts = fit_starts(net, fitter, part.network_input, plan.quarters)
         found.append(
             fitter.fit(
-                part.observe(plan.points),
+                fitter.observe(part, plan),
                 starts,
                 plan,
                 size=None if size is None else np.broadcast_to(size, len(hands))[rows],
@@ -52,7 +53,7 @@ def fit_crops(
 
 
 def fit_starts(
-    net: Net, model: CapsuleModel, crops: NDArray[np.floating], quarters: Sequence[int]
+    net: Net, fitter: DepthFitter, crops: NDArray[np.floating], quarters: Sequence[int]
 ) -> list[Array]:
     """The variables (N, V) predicted in crops (N, S, S) of right hands, one array per quarter turn.
 
@@ -62,11 +63,13 @@ def fit_starts(
     poses = hand_poses(
         net, np.concatenate([np.rot90(crops, quarter, (1, 2)) for quarter in quarters])
     )
+    model = fitter.model
     x = model.variables_of(rounded(poses.inputs, NETWORK_STEP))
     size = rounded(np.log(poses.size), NETWORK_STEP)
     x[:, SIZE_INDEX] = np.clip(size, model.lower[SIZE_INDEX], model.upper[SIZE_INDEX])
     if poses.joints is not None:
-        x = near_joints(model, x, rounded(poses.joints, NETWORK_STEP) * model.unit_mm)
+        joints = rounded(poses.joints, NETWORK_STEP) * model.unit_mm
+        x = near_joints(model, x, joints, fitter.settings.joint_starts)
     return [
         turned_back(model, rounded(turned, NETWORK_STEP), quarter)
         for turned, quarter in zip(np.split(x, len(quarters)), quarters)

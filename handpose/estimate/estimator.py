@@ -32,17 +32,13 @@ from handpose.estimate.palm import recenter
 from handpose.fit.body import CapsuleModel, crop_variables
 from handpose.fit.depth_fit import DepthFitter
 from handpose.fit.observation import HandCrops
-from handpose.fit.search import FAST, Plan
+from handpose.fit.pose_confidence import Judge
+from handpose.fit.settings import FitSettings, Plan
 from handpose.frames.cameras import Camera
 from handpose.frames.crops import clear_crop
 from netlib.blob import Array
 from netlib.errors import DataError
 from netlib.net import Net
-
-# A crop moves no farther than this from its start, which is in the hand: a prediction farther
-# away is wrong. A finder's place is the middle of the joints, in two real frames of NYU 92 and
-# 103 mm from the place of NYU's crops, near the wrist.
-MAX_MOVE_MM, FROM_MIDDLE_MM = 60.0, 120.0
 
 
 class HandEstimator:
@@ -54,6 +50,8 @@ class HandEstimator:
     refine   maximum number of moves of a crop to the palm predicted in it
     fitter   of the net's body; None leaves the joints to the network
     plan     of the fit; None without a fitter
+    settings  tuned numbers; with a fitter its own
+    judge    of the hands
     """
 
     def __init__(
@@ -64,15 +62,18 @@ class HandEstimator:
         refine: int = 0,
         fitter: DepthFitter | None = None,
         plan: Plan | None = None,
+        settings: FitSettings = FitSettings(),
     ) -> None:
         self.net, self.cube_mm, self.sides = net, cube_mm, sides
         self.skeleton = the_hand_layer(net).skeleton
         self.refine, self.fitter, self.plan = refine, fitter, plan
+        self.settings = fitter.settings if fitter else settings
+        self.judge = Judge(self.settings)
 
     @cached_property
     def expected(self) -> ExpectedBodies:
         """The bodies that are expected from earlier frames; an error without a fitter."""
-        return ExpectedBodies(self.the_fitter.model, self.cube_mm)
+        return ExpectedBodies(self.the_fitter.model, self.cube_mm, self.settings)
 
     @property
     def the_fitter(self) -> DepthFitter:
@@ -112,7 +113,8 @@ class HandEstimator:
         outside the image.
         """
         try:
-            return self._moved_to_palm(view, self._candidate(view, start)).center_uvd
+            most = self.settings.crops.max_move_mm
+            return self._moved_to_palm(view, self._candidate(view, start), most).center_uvd
         except DataError:
             return start
 
@@ -124,7 +126,8 @@ class HandEstimator:
     def _candidates(self, frame: SideView, place: Array, is_middle: bool) -> list[Candidate]:
         """The crops about the palms that are predicted from a place, once for each side."""
         candidates: list[Candidate] = []
-        most = FROM_MIDDLE_MM if is_middle else MAX_MOVE_MM
+        crops = self.settings.crops
+        most = crops.from_middle_mm if is_middle else crops.max_move_mm
         for side in self.sides:
             view = frame.of(side)
             unmoved = self._candidate(view, frame.pixel_in(side, place))
@@ -133,9 +136,7 @@ class HandEstimator:
             candidates += [unmoved, moved] if both else [moved]
         return candidates
 
-    def _moved_to_palm(
-        self, view: SideView, candidate: Candidate, most: float = MAX_MOVE_MM
-    ) -> Candidate:
+    def _moved_to_palm(self, view: SideView, candidate: Candidate, most: float) -> Candidate:
         """The candidate with its crop centred on the palm that is predicted in it, at most ``most``
         mm from its start; unchanged if the crop is already there.
         """
@@ -159,9 +160,10 @@ class HandEstimator:
         camera = camera_of(frame.camera, frame.side)
         if self.plan is None or len(candidates) == 1:
             return self.estimate(candidates[:1], camera, self.plan, frame)[0]
-        fast = list(zip(self.estimate(candidates, camera, FAST, frame), candidates))
+        plan = self.settings.search.fast
+        fast = list(zip(self.estimate(candidates, camera, plan, frame), candidates))
         best = min(fast, key=lambda found: found[0].uncertainty)[1]
-        hands = {_key(candidate): hand for hand, candidate in fast} if self.plan is FAST else {}
+        hands = {_key(candidate): hand for hand, candidate in fast} if self.plan == plan else {}
         view = frame.of(best.side)
         sides = [
             best
@@ -229,7 +231,7 @@ class HandEstimator:
                 rows, self._fitted([candidates[i] for i in rows], camera, self.fitter, plan)
             )
         hands = [found[i] for i in range(len(candidates))]
-        return judge(hands, view) if self.fitter.errors.is_measured else hands
+        return judge(hands, view, self.judge) if self.fitter.errors.is_measured else hands
 
     def _predicted(self, candidate: Candidate, camera: Camera) -> Hand:
         """The hand by the network alone."""
@@ -249,7 +251,7 @@ class HandEstimator:
         before = self._expected(candidates, camera, fitter.model) if known.any() else None
         if before is not None and first.moved_mm is not None:
             moved = np.array([candidate.moved_mm for candidate in candidates])
-            fit = fitter.follow(hands.observe(plan.points), before, moved, plan, size=sizes)
+            fit = fitter.follow(fitter.observe(hands, plan), before, moved, plan, size=sizes)
             is_tracked = known
         else:
             fit = fit_crops(self.net, fitter, hands, plan, size=sizes, before=before)

@@ -9,31 +9,23 @@ from handpose.body.render import Capsules, in_front, normalise_depth, render_cro
 from handpose.body.sides import SideView
 from handpose.estimate.palm import recenter
 from handpose.fit.body import CapsuleModel, WorldPose, crop_variables, world_pose
-from handpose.fit.support import SURFACE_TOLERANCE_MM, support
+from handpose.fit.settings import FitSettings
+from handpose.fit.support import ImageSupport
 from handpose.frames.cameras import NYU, Camera, Floats
 from handpose.frames.crops import BACKGROUND, SIZE, unread, with_hidden
 from netlib.blob import Array
 
-# The minimum share of an expected surface without a reading, and the minimum share of the crop's
-# readings that it explains: otherwise the hand itself has moved. In the ordinary frames of CVAR's
-# P1, P3, P4, P7 and of hpx the first is below 0.06 in 99% and at most 0.15, though 75% of a crop
-# are background without readings. The second was chosen on frames of P1, P4 and P6 of which a
-# part was not read.
-UNREAD, EXPLAINED = 0.15, 0.5
-AROUND_MM = 15.0  # pixels without a reading this close to it may be of it
-# minimum share of the expected surface behind nearer readings: fewer are reflections,
-# mostly next to it
-HIDING = 0.08
-# share of its surface outside the image: what is not read of the hand may be there, too
-LEAVING = 0.05
-
 
 class ExpectedBodies:
-    """Bodies of a model, in crops with cubes of edge ``cube_mm``."""
+    """Bodies of a model, in crops with cubes of edge ``cube_mm``.
 
-    def __init__(self, model: CapsuleModel, cube_mm: float) -> None:
+    support  compares them with images
+    """
+
+    def __init__(self, model: CapsuleModel, cube_mm: float, settings: FitSettings) -> None:
         self.model, self.cube_mm = model, cube_mm
-        reach = 2 * round(AROUND_MM * SIZE / cube_mm) + 1
+        self.settings, self.support = settings.expected, ImageSupport(settings.support)
+        reach = 2 * round(self.settings.around_mm * SIZE / cube_mm) + 1
         self._around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))
         self._middle = self._middle_of_crops()
 
@@ -59,11 +51,12 @@ class ExpectedBodies:
         """
         limbs, readings, camera = self.model.surface.limbs, view.readings, view.camera
         body = self.capsules(pose)
-        crop, seen = shown, support(body, limbs, np.asarray(readings, np.float32), camera)
-        if seen.hidden[0] >= HIDING:
+        s, image = self.settings, np.asarray(readings, np.float32)
+        crop, seen = shown, self.support.support(body, limbs, image, camera)
+        if seen.hidden[0] >= s.hiding:
             crop = with_hidden(crop, readings, uvd, self.cube_mm, camera)
-        missing = seen.missing[0] >= UNREAD and seen.outside[0] < LEAVING
-        if missing and self._explained(shown, body, uvd, camera) >= EXPLAINED:
+        missing = seen.missing[0] >= s.unread and seen.outside[0] < s.leaving
+        if missing and self._explained(shown, body, uvd, camera) >= s.explained:
             own = self._rendered(body.chosen(~limbs), uvd, camera) < 1
             around = cv2.dilate(own.astype(np.uint8), self._around) > 0
             is_unread = unread(readings, uvd, self.cube_mm, camera)
@@ -76,7 +69,7 @@ class ExpectedBodies:
         """
         seen = crop < BACKGROUND
         apart = np.abs(crop - self._rendered(body, center_uvd, camera))
-        on = seen & (apart <= SURFACE_TOLERANCE_MM / (self.cube_mm / 2))
+        on = seen & (apart <= self.support.settings.tolerance_mm / (self.cube_mm / 2))
         return float(on.sum() / max(seen.sum(), 1))
 
     def _rendered(self, capsules: Capsules, center_uvd: Array, camera: Camera) -> Floats:

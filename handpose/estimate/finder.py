@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from handpose.body.sides import MIRROR, Side, SideView
 from handpose.estimate.hand import MIN_PRESENCE
 from handpose.fit.rounding import PLACE_STEP_MM, rounded
+from handpose.fit.settings import FinderSettings
 from handpose.frames.cameras import Camera, Floats
 from handpose.frames.crops import check_size
 from handpose.frames.images import depth_image
@@ -31,13 +32,10 @@ NEAREST_MM = 100.0  # minimum range of depth cameras
 BEYOND_MM, MIDDLE_MM = 4000.0, 600.0  # farther readings are ignored; depth with logarithm 0
 STRIDE = 32  # heights and widths of the net's input are multiples
 MAX_PIXELS = 1 << 19  # of the net's input; larger frames are seen smaller
-SURE_SIDE = 0.8
 CHANCE_STEP = 2.0**-10  # to which probabilities are rounded, so that processors agree
 MIN_VOTES = 1e-4  # sum of the weights around a maximum
-APART_MM = 70.0  # middles closer than this are one hand
-REACH_MM = 150.0  # from the middle to the farthest part of a hand
-VOTERS_MM = 60.0  # pixels whose votes end this close to a middle decide the side
 # channels, part of the resolution
+MIRRORED: dict[Side | None, Side | None] = {"right": "left", "left": "right", None: None}
 OUTPUTS = {"class": (3, 2), "presence": (1, 4), "votes": (3, 4), "right": (1, 4)}
 
 
@@ -46,34 +44,30 @@ class FoundHand(NamedTuple):
 
     presence  from 0 to 1: how sure it is that this is a hand
     middle    (3,) mm, the mean of its joints without the wrist, camera axes
-    right     probability of a right hand
+    side      None if it is not clear
     mask      (height, width) the hand's pixels in the frame
     """
 
     presence: float
     middle: Array
-    right: float
+    side: Side | None
     mask: NDArray[np.bool_]
-
-    @property
-    def side(self) -> Side | None:
-        """The side, or None if it is not clear."""
-        if self.right >= SURE_SIDE:
-            return "right"
-        return "left" if self.right <= 1 - SURE_SIDE else None
 
     def mirrored(self) -> FoundHand:
         """The hand in the mirror image of its frame."""
-        return FoundHand(self.presence, self.middle * MIRROR, 1 - self.right, self.mask[:, ::-1])
+        side = MIRRORED[self.side]
+        return FoundHand(self.presence, self.middle * MIRROR, side, self.mask[:, ::-1])
 
 
 class Finder:
     """A net with the input frame (N, 4, H, W) and the outputs of ``OUTPUTS``.
 
+    settings  tuned numbers
+
     Raises NetlibError.
     """
 
-    def __init__(self, net: Net) -> None:
+    def __init__(self, net: Net, settings: FinderSettings = FinderSettings()) -> None:
         if "frame" not in net.blobs or net.blobs["frame"].shape[1:2] != (4,):
             raise NetlibError(
                 f"{net.source}: no blob 'frame' of shape (N, 4, H, W), the input of a finder"
@@ -86,7 +80,7 @@ class Finder:
                     f"{net.source}: blob {name!r} of shape {found} an item, expected "
                     f"{(channels, height // part, width // part)} of a finder"
                 )
-        self.net = net
+        self.net, self.settings = net, settings
 
     def hands_in(
         self, frame: SideView, min_presence: float = MIN_PRESENCE, most: int = 4
@@ -131,7 +125,7 @@ class Finder:
         weight = (z > 0) * np.maximum(hand[::2, ::2], 1e-3)
         peaks = [
             (chance, middle)
-            for chance, middle in _peaks(presence, votes, weight, min_presence, most)
+            for chance, middle in self._peaks(presence, votes, weight, min_presence, most)
             if _in_sight(middle, camera)
         ]
         if not peaks:
@@ -139,15 +133,89 @@ class Finder:
         middles = np.stack([middle for _, middle in peaks])
         # of the votes of pixels from middles
         apart = np.linalg.norm(votes[:, :, None] - middles, axis=-1)
-        owner, near = apart.argmin(-1), apart.min(-1) < VOTERS_MM
-        masks = _masks(image, camera, scale, hand, owner, middles)
+        owner, near = apart.argmin(-1), apart.min(-1) < self.settings.voters_mm
+        masks = self._masks(image, camera, scale, hand, owner, middles)
         found = []
         for k, (chance, middle) in enumerate(peaks):
             voters = weight * (near & (owner == k)) + 1e-9 * (weight > 0)
-            found.append(
-                FoundHand(chance, middle, float((voters * right).sum() / voters.sum()), masks[k])
-            )
+            side = self._side(float((voters * right).sum() / voters.sum()))
+            found.append(FoundHand(chance, middle, side, masks[k]))
         return found
+
+    def _side(self, right: float) -> Side | None:
+        """The side of a hand that is a right one with this probability, or None."""
+        if right >= self.settings.sure_side:
+            return "right"
+        return "left" if right <= 1 - self.settings.sure_side else None
+
+    def _peaks(
+        self, presence: Floats, votes: Array, weight: Array, min_presence: float, most: int
+    ) -> list[tuple[float, Array]]:
+        """The highest maxima of the presence (h, w) and the middles (3,) that the votes (h, w, 3)
+        around them mean.
+        """
+        highest = cv2.dilate(presence, np.ones((3, 3), np.uint8))
+        rows, columns = np.nonzero((presence == highest) & (presence >= min_presence))
+        kept: list[tuple[float, Array]] = []
+        for n in np.argsort(-presence[rows, columns], kind="stable"):
+            around = tuple(slice(max(at - 2, 0), at + 3) for at in (int(rows[n]), int(columns[n])))
+            own = weight[around].ravel()
+            if own.sum() < MIN_VOTES:
+                continue
+            middle = self._agreed(votes[around].reshape(-1, 3), own)
+            if all(np.linalg.norm(middle - other) > self.settings.apart_mm for _, other in kept):
+                kept.append((float(presence[rows[n], columns[n]]), middle))
+            if len(kept) == most:
+                break
+        return kept
+
+    def _agreed(self, votes: Array, weight: Array) -> Array:
+        """The mean (3,) of the votes (n, 3) near their median, so that those of a wall behind a
+        hand do not count.
+        """
+        order = votes.argsort(axis=0)
+        half = weight[order].cumsum(axis=0) >= weight.sum() / 2
+        median = np.take_along_axis(votes, order, axis=0)[half.argmax(axis=0), range(3)]
+        near = weight * (np.linalg.norm(votes - median, axis=1) < self.settings.apart_mm)
+        return np.asarray(near @ votes / near.sum()) if near.any() else median
+
+    def _masks(
+        self,
+        image: Floats,
+        camera: Camera,
+        scale: Array,
+        hand: Floats,
+        owner: NDArray[np.intp],
+        middles: Array,
+    ) -> NDArray[np.bool_]:
+        """The pixels (K, height, width) of the frame that belong to each middle.
+
+        hand   (H/2, W/2) probability of hands
+        owner  (H/4, W/4) number of the middle that a pixel votes for
+        """
+        u, v = (
+            np.arange(size, dtype=np.float32) * np.float32(part)
+            for size, part in zip((camera.width, camera.height), scale)
+        )
+        x, y = np.meshgrid(u / 2, v / 2)
+        chance = cv2.remap(
+            np.ascontiguousarray(hand), x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        )
+        is_hand = (chance > 0.5) & (image > 0) & (image < BEYOND_MM)
+        rows, columns = np.nonzero(is_hand)
+        quarter = [
+            np.minimum(np.rint(line[index] / 4).astype(int), size - 1)
+            for line, index, size in ((v, rows, owner.shape[0]), (u, columns, owner.shape[1]))
+        ]
+        own = owner[quarter[0], quarter[1]]
+        points = camera.unproject(np.stack([columns, rows, image[rows, columns]], axis=-1))
+        own = np.where(
+            np.linalg.norm(points - middles[own], axis=1) < self.settings.reach_mm, own, -1
+        )
+        masks = np.zeros((len(middles), *image.shape), bool)
+        for k in range(len(middles)):
+            masks[k, rows[own == k], columns[own == k]] = True
+        return masks
 
 
 def channels_of(depth: Floats, focal: float = FOCAL_PX) -> Floats:
@@ -206,72 +274,3 @@ def _in_sight(middle: Array, camera: Camera) -> bool:
         return False
     u, v, _ = camera.project(middle)
     return bool(0 <= u < camera.width and 0 <= v < camera.height)
-
-
-def _peaks(
-    presence: Floats, votes: Array, weight: Array, min_presence: float, most: int
-) -> list[tuple[float, Array]]:
-    """The highest maxima of the presence (h, w) and the middles (3,) that the votes (h, w, 3)
-    around them mean.
-    """
-    highest = cv2.dilate(presence, np.ones((3, 3), np.uint8))
-    rows, columns = np.nonzero((presence == highest) & (presence >= min_presence))
-    kept: list[tuple[float, Array]] = []
-    for n in np.argsort(-presence[rows, columns], kind="stable"):
-        around = tuple(slice(max(at - 2, 0), at + 3) for at in (int(rows[n]), int(columns[n])))
-        own = weight[around].ravel()
-        if own.sum() < MIN_VOTES:
-            continue
-        middle = _agreed(votes[around].reshape(-1, 3), own)
-        if all(np.linalg.norm(middle - other) > APART_MM for _, other in kept):
-            kept.append((float(presence[rows[n], columns[n]]), middle))
-        if len(kept) == most:
-            break
-    return kept
-
-
-def _agreed(votes: Array, weight: Array) -> Array:
-    """The mean (3,) of the votes (n, 3) near their median, so that those of a wall behind a
-    hand do not count.
-    """
-    order = votes.argsort(axis=0)
-    half = weight[order].cumsum(axis=0) >= weight.sum() / 2
-    median = np.take_along_axis(votes, order, axis=0)[half.argmax(axis=0), range(3)]
-    near = weight * (np.linalg.norm(votes - median, axis=1) < APART_MM)
-    return np.asarray(near @ votes / near.sum()) if near.any() else median
-
-
-def _masks(
-    image: Floats,
-    camera: Camera,
-    scale: Array,
-    hand: Floats,
-    owner: NDArray[np.intp],
-    middles: Array,
-) -> NDArray[np.bool_]:
-    """The pixels (K, height, width) of the frame that belong to each middle.
-
-    hand   (H/2, W/2) probability of hands
-    owner  (H/4, W/4) number of the middle that a pixel votes for
-    """
-    u, v = (
-        np.arange(size, dtype=np.float32) * np.float32(part)
-        for size, part in zip((camera.width, camera.height), scale)
-    )
-    x, y = np.meshgrid(u / 2, v / 2)
-    chance = cv2.remap(
-        np.ascontiguousarray(hand), x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-    )
-    is_hand = (chance > 0.5) & (image > 0) & (image < BEYOND_MM)
-    rows, columns = np.nonzero(is_hand)
-    quarter = [
-        np.minimum(np.rint(line[index] / 4).astype(int), size - 1)
-        for line, index, size in ((v, rows, owner.shape[0]), (u, columns, owner.shape[1]))
-    ]
-    own = owner[quarter[0], quarter[1]]
-    points = camera.unproject(np.stack([columns, rows, image[rows, columns]], axis=-1))
-    own = np.where(np.linalg.norm(points - middles[own], axis=1) < REACH_MM, own, -1)
-    masks = np.zeros((len(middles), *image.shape), bool)
-    for k in range(len(middles)):
-        masks[k, rows[own == k], columns[own == k]] = True
-    return masks

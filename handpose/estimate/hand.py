@@ -13,15 +13,7 @@ from handpose.body.render import Capsules
 from handpose.body.sides import SIDES, Side, SideView, as_right, camera_of, mirror_of, pixel_of
 from handpose.fit.body import SIZE_INDEX, THICKNESS_INDEX, CapsuleModel, WorldPose, world_pose
 from handpose.fit.depth_fit import DepthFit
-from handpose.fit.pose_confidence import (
-    Evidence,
-    Judged,
-    evidence_of,
-    judged,
-    side_chance,
-    side_log_ratio,
-    unknown_finger_errors,
-)
+from handpose.fit.pose_confidence import Evidence, Judge, Judged, unknown_finger_errors
 from handpose.frames.cameras import Camera
 from handpose.frames.crops import crop_scale
 from netlib.blob import Array
@@ -218,7 +210,7 @@ class Hand:
         return self.model
 
 
-def judge(hands: Sequence[Hand], view: SideView | None) -> list[Hand]:
+def judge(hands: Sequence[Hand], view: SideView | None, by: Judge) -> list[Hand]:
     """Fitted hands of one body and cube with the error and the confidence of their poses, by what
     the frame of all of them shows; each by its crop alone without one.
     """
@@ -227,19 +219,21 @@ def judge(hands: Sequence[Hand], view: SideView | None) -> list[Hand]:
         rows = [n for n, hand in enumerate(hands) if hand.hand == side]
         own = [hands[n] for n in rows]
         if view is None:
-            found |= {n: _judge([hand], *_as_frame(hand))[0] for n, hand in zip(rows, own)}
+            found |= {n: _judge([hand], *_as_frame(hand), by)[0] for n, hand in zip(rows, own)}
         elif own:
             seen = view.of(side)
-            found |= zip(rows, _judge(own, np.asarray(seen.readings, np.float32), seen.camera))
+            found |= zip(rows, _judge(own, np.asarray(seen.readings, np.float32), seen.camera, by))
     return [found[n] for n in range(len(hands))]
 
 
-def _judge(hands: Sequence[Hand], readings: NDArray[np.float32], camera: Camera) -> list[Hand]:
+def _judge(
+    hands: Sequence[Hand], readings: NDArray[np.float32], camera: Camera, by: Judge
+) -> list[Hand]:
     """Hands of one side, by an image in their view."""
     fits = DepthFit.concatenate([hand.the_fit for hand in hands])
     center = np.stack([hand.view_center_mm for hand in hands])
-    evidence = evidence_of(hands[0].the_model, fits, center, readings, camera)
-    found = judged(evidence)
+    evidence = by.evidence_of(hands[0].the_model, fits, center, readings, camera)
+    found = by.judged(evidence)
     return [
         replace(with_quality(hand, found, n), evidence=evidence.take(slice(n, n + 1)))
         for n, hand in enumerate(hands)
@@ -268,7 +262,7 @@ def _as_frame(hand: Hand) -> tuple[NDArray[np.float32], Camera]:
     )
 
 
-def as_one_side(hand: Hand) -> Hand:
+def as_one_side(hand: Hand, judge: Judge) -> Hand:
     """A hand that was fitted as either side, with the errors and the confidence if the
     side may be wrong.
 
@@ -279,7 +273,7 @@ def as_one_side(hand: Hand) -> Hand:
     other = hand.other
     if other is None or np.isnan(hand.confidence):
         return hand
-    chance = side_chance(side_log_ratio(hand.cost, other.cost))
+    chance = judge.side_chance(judge.side_log_ratio(hand.cost, other.cost))
     apart = np.linalg.norm(hand.xyz - other.xyz, axis=1)
     error_mm = chance * hand.error_mm + (1 - chance) * max(float(apart.mean()), hand.error_mm)
     of_fingers, fingers = hand.finger_error_mm, hand.the_model.fingers

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.body.nyu import CUBE_MM
-from handpose.fit.search import Fit
+from handpose.fit.settings import Fit
 from layers.hand.hand_model import HandModel
 from layers.hand.sized_hand_model import SizedHandModel
 from layers.hand.skeleton import Skeleton

@@ -19,7 +19,7 @@ from handpose.estimate.hand import MIN_CONFIDENCE
 from handpose.estimate.nets import best_fit, cube_of, hand_layer
 from handpose.estimate.predictor import Predictor, check_options
 from handpose.fit.depth_fit import DepthFitter
-from handpose.fit.search import Fit
+from handpose.fit.settings import FinderSettings, Fit, FitSettings
 from handpose.frames.cameras import NYU, Camera
 from netlib import files
 from netlib.errors import NetlibError, WeightsError
@@ -101,10 +101,15 @@ def _check(path: Path, content: bytes, expected: str) -> None:
         )
 
 
-def load_finder(folder: Path = HAND_FINDER, *, engine: str | None = None) -> Finder:
+def load_finder(
+    folder: Path = HAND_FINDER,
+    *,
+    engine: str | None = None,
+    settings: FinderSettings = FinderSettings(),
+) -> Finder:
     """The packaged finder. Raises NetlibError."""
     card = read_card(folder)
-    return Finder(trained(checked_net(card), checked_content(card), engine))
+    return Finder(trained(checked_net(card), checked_content(card), engine), settings)
 
 
 def load_predictor(
@@ -118,6 +123,7 @@ def load_predictor(
     engine: str | None = None,
     min_confidence: float = MIN_CONFIDENCE,
     seed: int = 0,
+    settings: FitSettings = FitSettings(),
 ) -> Predictor:
     """A predictor with a packaged model; for the options see ``Predictor`` and ``DepthFitter``.
 
@@ -136,6 +142,7 @@ def load_predictor(
         engine=engine,
         min_confidence=min_confidence,
         seed=seed,
+        settings=settings,
     )
 
 
@@ -151,6 +158,7 @@ def predictor_of(
     engine: str | None = None,
     min_confidence: float = MIN_CONFIDENCE,
     seed: int = 0,
+    settings: FitSettings = FitSettings(),
 ) -> Predictor:
     """A predictor with any net and its weights. Raises NetlibError.
 
@@ -172,9 +180,8 @@ def predictor_of(
     hand = hand or ("right" if fit == "no" else "either")
     layer, fitter = hand_layer(net), None
     if fit != "no" and layer is not None:
-        fitter = DepthFitter.of_file(
-            layer.skeleton, content, cube_of(layer.skeleton, cube_mm) / 2, seed=seed
-        )
+        half = cube_of(layer.skeleton, cube_mm) / 2
+        fitter = DepthFitter.of_file(layer.skeleton, content, half, seed, settings)
     return Predictor(
         net,
         camera,
@@ -183,6 +190,7 @@ def predictor_of(
         refine=refine,
         fit=fit,
         fitter=fitter,
-        finder=functools.partial(load_finder, engine=engine),
+        finder=functools.partial(load_finder, engine=engine, settings=settings.finder),
         min_confidence=min_confidence,
+        settings=settings,
     )

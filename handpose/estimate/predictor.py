@@ -25,7 +25,7 @@ from handpose.estimate.hand import MIN_CONFIDENCE, Hand, as_one_side
 from handpose.estimate.nets import cube_of, is_hand, the_hand_layer
 from handpose.fit.body import CapsuleModel
 from handpose.fit.depth_fit import DepthFitter
-from handpose.fit.search import PLANS, Fit
+from handpose.fit.settings import Fit, FitSettings
 from handpose.frames.cameras import NYU, Camera
 from handpose.frames.crops import CUBES_MM, SIZE, numbers
 from handpose.frames.images import check_unit, depth_image, without_dropouts
@@ -56,6 +56,7 @@ class Predictor:
     finder   finds hands in frames, or a function that loads one when it is first used; without it,
              ``in_frame`` needs the hand's centre
     min_confidence  below it a hand has no joints (``Hand.given``); 0 for all joints
+    settings  tuned numbers; with a fitter its own
 
     Nets know the hand of their training data, which is a right hand in NYU and in the synthetic
     frames. A body other than a hand has no side and is not searched for: ``in_frame`` needs its
@@ -77,6 +78,7 @@ class Predictor:
         fitter: DepthFitter | None = None,
         finder: Finder | Callable[[], Finder] | None = None,
         min_confidence: float = MIN_CONFIDENCE,
+        settings: FitSettings = FitSettings(),
     ) -> None:
         check_options(
             cube_mm=cube_mm, hand=hand, refine=refine, fit=fit, min_confidence=min_confidence
@@ -101,11 +103,13 @@ class Predictor:
         self.sides: tuple[Side, ...] = (
             (hand,) if hand != "either" else SIDES if self.is_hand else ("right",)
         )
-        self.plan, self.fitter = PLANS.get(fit), None
+        self.settings = fitter.settings if fitter else settings
+        self.plan, self.fitter = self.settings.search.plans.get(fit), None
         if self.plan is not None:
-            self.fitter = fitter or DepthFitter(CapsuleModel(self.skeleton, self.cube_mm / 2))
+            model = CapsuleModel(self.skeleton, self.cube_mm / 2)
+            self.fitter = fitter or DepthFitter(model, settings=self.settings)
         self.estimator = HandEstimator(
-            net, self.cube_mm, self.sides, self.refine, self.fitter, self.plan
+            net, self.cube_mm, self.sides, self.refine, self.fitter, self.plan, self.settings
         )
         self.min_confidence = min_confidence
         self._finder = finder
@@ -134,7 +138,7 @@ class Predictor:
                 camera, width=round(2 * camera.u0), height=round(2 * camera.v0)
             )
         center = np.array([camera.u0, camera.v0, CROP_DEPTH_MM * max(1.0, self.cube_mm / CUBE_MM)])
-        found = as_one_side(self.estimator.in_crop(crop, camera, center))
+        found = as_one_side(self.estimator.in_crop(crop, camera, center), self.estimator.judge)
         return dataclasses.replace(found, in_frame=False).given(self.min_confidence)
 
     def in_frame(
@@ -176,7 +180,7 @@ class Predictor:
     ) -> Hand:
         """The hand at a place (3,) in a frame, px, px, mm in its view, as one side."""
         found = self.estimator.in_frame(frame, place, is_middle=is_middle)
-        return dataclasses.replace(as_one_side(found), presence=presence)
+        return dataclasses.replace(as_one_side(found, self.estimator.judge), presence=presence)
 
     def _found(self, frame: SideView) -> list[FoundHand]:
         """The hands that the finder finds, the most certain first.

@@ -3,8 +3,8 @@
 The fit halves the error of the network. What remains is judged by the image: ``pose_confidence``.
 
 fitter = DepthFitter(CapsuleModel(skeleton, CUBE_MM / 2), errors)
-# plan: search.FAST or search.ACCURATE
-seen = observe(crops, center_uvd, camera, CUBE_MM, plan.points)
+plan = fitter.settings.search.accurate
+seen = fitter.observe(HandCrops(crops, center_uvd, camera, CUBE_MM), plan)
 # starts: the network's predictions, one per quarter turn of the plan
 found = fitter.fit(seen, starts, plan)
 found.joints  # (N, K, 3) mm from the crops' centres
@@ -20,10 +20,11 @@ import numpy as np
 
 from handpose.fit.body import SIZE_INDEX, THICKNESS_INDEX, CapsuleModel
 from handpose.fit.network_errors import NetworkErrors, read_errors, unknown_errors
-from handpose.fit.objective import Objective, Weights
-from handpose.fit.observation import Observation
+from handpose.fit.objective import Objective
+from handpose.fit.observation import HandCrops, Observation, observe
 from handpose.fit.rounding import NETWORK_STEP, rounded
-from handpose.fit.search import Plan, SearchResult, drawn, search
+from handpose.fit.search import Search, SearchResult, drawn
+from handpose.fit.settings import FitSettings, Plan
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array, blocks
 from netlib.engine import for_each
@@ -31,13 +32,6 @@ from netlib.errors import DataError
 from netlib.files import Content
 
 EMPTY_CROP = 0.01  # share of foreground; in a crop with less, the signs are infinite
-# factor of the cost at the expected pose, so that fits do not jump between two equally good poses
-STAY = 0.9
-HOLD = 5.0  # precision of the expected limbs in ``follow``, relative to that of the network's limbs
-# The uncertainty is a weighted geometric mean of 1 + each sign: a limb outside the silhouette is a
-# worse sign than a thick body. The weights are means of those that best separate failed fits from
-# others (logistic regression), of two networks and both plans, on synthetic frames.
-SIGN_WEIGHTS = np.array([0.16, 0.13, 0.13, 0.31, 0.27])
 STARTS_TOGETHER = 80  # fits per batch, so that their arrays stay in the cache
 
 
@@ -86,28 +80,43 @@ class DepthFit:
 class DepthFitter:
     """Fits one body.
 
-    errors  of the network that predicts the starts; by default those of an unknown network
-    seed    of the drawn starts
+    errors    of the network that predicts the starts; by default those of an unknown network
+    seed      of the drawn starts
+    settings  tuned numbers
     """
 
     def __init__(
-        self, model: CapsuleModel, errors: NetworkErrors | None = None, seed: int = 0
+        self,
+        model: CapsuleModel,
+        errors: NetworkErrors | None = None,
+        seed: int = 0,
+        settings: FitSettings = FitSettings(),
     ) -> None:
-        self.model, self.seed = model, seed
+        self.model, self.seed, self.settings = model, seed, settings
         self.errors = errors or unknown_errors(self.model)
-        self.objective = Objective(self.model, Weights(), self.errors.poses)
+        self.objective = Objective(self.model, settings.objective, self.errors.poses)
+        self.search = Search(settings.search)
         self.precision = np.linalg.inv(self.errors.limbs)
 
     @classmethod
     def of_file(
-        cls, skeleton: Skeleton, path: str | Path | Content, unit_mm: float, seed: int = 0
+        cls,
+        skeleton: Skeleton,
+        path: str | Path | Content,
+        unit_mm: float,
+        seed: int = 0,
+        settings: FitSettings = FitSettings(),
     ) -> DepthFitter:
         """A fitter for crops of two such units, with the network's errors of a weights file.
 
         Raises DataError.
         """
         model = CapsuleModel(skeleton, unit_mm)
-        return cls(model, read_errors(path, model), seed)
+        return cls(model, read_errors(path, model), seed, settings)
+
+    def observe(self, hands: HandCrops, plan: Plan) -> Observation:
+        """Crops as observations for a plan. Raises DataError."""
+        return observe(hands, plan.points, self.settings.thin_px)
 
     def fit(
         self,
@@ -142,11 +151,12 @@ class DepthFitter:
             unknown = np.isnan(before[:, :1])
             tried.append(np.where(unknown, first, before)[None])
             priors.append(np.where(unknown, first, self._expected(before))[None])
-            cost_factors.append(np.where(unknown, np.inf, STAY).T)
-        if plan.draws:
-            tried.append(drawn(model, first, self.errors.limbs, plan.draws, self.seed))
-            priors.append(np.tile(first, (plan.draws, 1, 1)))
-            cost_factors.append(np.ones((plan.draws, len(seen))))
+            cost_factors.append(np.where(unknown, np.inf, self.settings.steady.stay).T)
+        if plan.trials is not None:
+            draws = plan.trials.draws
+            tried.append(drawn(model, first, self.errors.limbs, draws, self.seed))
+            priors.append(np.tile(first, (draws, 1, 1)))
+            cost_factors.append(np.ones((draws, len(seen))))
         found = self._searched(
             seen,
             np.concatenate(tried),
@@ -168,20 +178,20 @@ class DepthFitter:
     ) -> DepthFit:
         """Refine x (N, V) expected from earlier frames by a few iterations, without the network.
 
-        Limbs that are hardly visible are held at their expected pose (``HOLD``), because they would
-        jitter otherwise. The signs are computed without that, as for any other fit.
+        Limbs that are hardly visible are held at their expected pose, because they would jitter
+        otherwise. The signs are computed without that, as for any other fit.
 
         moved_mm  (N,) distance of the last fit from the network's joints, which stays
                   one of the signs
         """
-        network = self.model.joints(before)
-        priors = self._expected(before)[None]
+        network, hold = self.model.joints(before), self.settings.steady.hold
+        priors, plan = self._expected(before)[None], self.search.refining(plan)
         found = self._searched(
-            seen, before[None].copy(), priors, plan.refining(), size, np.ones((1, len(seen))), HOLD
+            seen, before[None].copy(), priors, plan, size, np.ones((1, len(seen))), hold
         )
         off = (found.x - priors[0])[:, self.model.limbs]
         found.parts[:, 3] -= (
-            (HOLD - 1) * self.objective.weights.limbs * ((off @ self.precision) * off).sum(axis=1)
+            (hold - 1) * self.objective.weights.limbs * ((off @ self.precision) * off).sum(axis=1)
         )
         return self._results(found, seen, network, moved_mm)
 
@@ -217,7 +227,7 @@ class DepthFitter:
         found = SearchResult(np.zeros((N, V)), np.zeros((N, 4)), np.zeros(N, int))
 
         def job(rows: slice) -> None:
-            part = search(
+            part = self.search.best(
                 objective,
                 seen.take(rows),
                 priors[:, rows],
@@ -245,7 +255,7 @@ class DepthFitter:
             joints=joints,
             network=network,
             cost=signs[:, :4].sum(axis=1),
-            uncertainty=np.exp(np.log1p(signs) @ SIGN_WEIGHTS),
+            uncertainty=np.exp(np.log1p(signs) @ np.array(self.settings.sign_weights)),
             x=found.x,
             start=found.start,
             signs=signs,

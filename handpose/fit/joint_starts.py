@@ -4,10 +4,10 @@ Joints predicted one by one are more accurate than those of predicted angles, bu
 joints of the body. So the body with the predicted angles is moved to the predicted joints of its
 palm (Kabsch), and the start is the x that minimises, with x_0 from the predicted angles and size,
 
-    |X(x) - joints|^2 / JOINT_MM^2  +  sum over limbs of (x - x_0)^2 / LIMB^2
-        +  (log size - log size_0)^2 / SIZE_STD^2
+    |X(x) - joints|^2 / joint_mm^2  +  sum over limbs of (x - x_0)^2 / limb^2
+        +  (log size - log size_0)^2 / size_std^2
 
-by Levenberg-Marquardt. The result depends little on these constants. Without the alignment,
+by Levenberg-Marquardt. Without the alignment,
 Levenberg-Marquardt converges slowly where the predicted rotation is far off: after twice as many
 steps it is farther from the joints.
 """
@@ -19,14 +19,16 @@ from numpy.typing import NDArray
 
 from handpose.fit.body import SIZE_INDEX, CapsuleModel
 from handpose.fit.search import minimise
+from handpose.fit.settings import JointStartSettings
 from netlib.blob import Array
 from netlib.errors import NetlibError
 
-JOINT_MM, LIMB, SIZE_STD = 10.0, 0.6, 0.1
-START_STEPS, START_RIDGE = 4, 1e-9
+START_RIDGE = 1e-9
 
 
-def near_joints(model: CapsuleModel, x: Array, joints: Array) -> Array:
+def near_joints(
+    model: CapsuleModel, x: Array, joints: Array, settings: JointStartSettings
+) -> Array:
     """Fit bodies x (N, V) to joints (N, K, 3) in mm; variables that the surface alone has
     are not changed.
     """
@@ -35,9 +37,9 @@ def near_joints(model: CapsuleModel, x: Array, joints: Array) -> Array:
     sums = (skeleton.driven[:, None] == free).astype(float)
     columns = np.append(np.searchsorted(model.free, free), model.variables + SIZE_INDEX)
     lower, upper = model.lower[columns], model.upper[columns]
-    unit, diagonal = JOINT_MM / model.unit_mm, np.arange(len(columns))
-    precision = np.where(np.isin(columns, model.limbs), LIMB**-2.0, 0.0)
-    precision[-1] = SIZE_STD**-2.0
+    unit, diagonal = settings.joint_mm / model.unit_mm, np.arange(len(columns))
+    precision = np.where(np.isin(columns, model.limbs), settings.limb**-2.0, 0.0)
+    precision[-1] = settings.size_std**-2.0
     goal, root = joints / model.unit_mm, int(np.flatnonzero(skeleton.parents < 0)[0])
     found = aligned(model, x, joints)
     start = found[:, columns]
@@ -57,7 +59,9 @@ def near_joints(model: CapsuleModel, x: Array, joints: Array) -> Array:
         b = (J @ r)[..., 0] + precision * off
         return (r * r).sum(axis=(1, 2)) + (precision * off * off).sum(axis=1), A, b
 
-    found[:, columns], _ = minimise(evaluate, start, lower, upper, START_STEPS, ridge=START_RIDGE)
+    found[:, columns], _ = minimise(
+        evaluate, start, lower, upper, settings.steps, ridge=START_RIDGE
+    )
     return found
 
 

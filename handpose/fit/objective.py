@@ -14,7 +14,7 @@ prior    limbs near the start's angles (covariance of the network's errors) and 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -24,33 +24,11 @@ from handpose.fit.body import CapsuleModel, Posed
 from handpose.fit.network_errors import Poses
 from handpose.fit.observation import Observation
 from handpose.fit.residuals import Residuals, normal_equations, residuals_of
+from handpose.fit.settings import Weights
 from handpose.frames.cameras import Floats
 from netlib.blob import Array
 
 MIN_SIZE_STD = 1e-4  # deviation of the logarithm of a size that is known
-
-
-@dataclass(frozen=True)
-class Weights:
-    """The weights of the terms, chosen on synthetic frames that are in no reported result;
-    ``outline``, ``beyond`` and ``poses`` also on real recordings: docs/fit.md.
-
-    For a body in a cube larger than a hand's, lengths in mm and the robust distance are
-    scaled accordingly.
-    """
-
-    # mm, deviation of capsules from a real surface: the unit of the first three terms
-    sigma: float = 4.0
-    independent: float = 150.0  # effective number of independent points in a frame
-    outline: float = 2.0
-    front: float = 0.1
-    slack: float = 3.0  # mm that a sphere may extend into free space
-    beyond: float = 0.3  # of points on capsules beyond the skeleton's joints
-    limbs: float = 1.0
-    poses: float = 0.5  # of natural poses
-    rigid: float = 14.0  # mm, deviation of each coordinate of the ends that move with the root
-    size: float = 0.08  # deviation of the logarithm of the size; 0: it is known
-    thickness: float = 0.08  # deviation of the logarithm of the thickness
 
 
 class Prior(NamedTuple):

@@ -10,15 +10,13 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from handpose.frames.cameras import Camera, Floats
 from handpose.frames.crops import FAR_FACE, crop_scale, window
 from netlib.blob import Array
 from netlib.errors import DataError
 
-# sampling is denser near the outline, 1 / (THIN_PX + distance in px), because limbs are thin
-THIN_PX = 3.0
 _CROSS = np.ones((3, 3), np.uint8)
 
 
@@ -104,33 +102,23 @@ class HandCrops:
         """(N, S, S): what the network is shown."""
         return self.crops if self.shown is None else self.shown
 
-    def observe(self, points: int) -> Observation:
-        """The crops as observations, sampled at this number of points. Raises DataError."""
-        return observe(self.crops, self.center_uvd, self.cameras, self.cube_mm, points)
 
+def observe(hands: HandCrops, points: int, thin_px: float) -> Observation:
+    """The observations of crops. Raises DataError.
 
-def observe(
-    crops: NDArray[np.floating],
-    center_uvd: ArrayLike,
-    cameras: Camera | Sequence[Camera],
-    cube_mm: ArrayLike,
-    points: int = 400,
-) -> Observation:
-    """The observations of crops (N, S, S) in [-1, 1]. Raises DataError.
-
-    center_uvd  (N, 3) crop centres in px, px, mm
-    cameras     one, or N that differ in the principal point alone
-    cube_mm     edges of their cubes, one or (N,)
+    points   number of points that are sampled in each
+    thin_px  as in ``FitSettings``
     """
+    crops, cameras = hands.crops, hands.cameras
     if crops.ndim != 3 or crops.shape[1] != crops.shape[2]:
         raise DataError(f"crops of shape {crops.shape}, expected (N, size, size)")
     N, S, _ = crops.shape
-    uvd = np.asarray(center_uvd, dtype=np.float64).reshape(N, 3)
+    uvd = np.asarray(hands.center_uvd, dtype=np.float64)
     each = [cameras] * N if isinstance(cameras, Camera) else cameras
     camera = each[0]
     u0, v0 = (np.array([getattr(own, name) for own in each]) for name in ("u0", "v0"))
     center = np.stack([own.unproject(at) for own, at in zip(each, uvd)])
-    half = np.broadcast_to(np.asarray(cube_mm, dtype=np.float64) / 2, N)
+    half = np.full(N, hands.cube_mm / 2)
     picked = window(uvd, 2 * half, camera, S)
     first, scale = crop_scale(uvd, 2 * half, camera, S)
     x = ((picked.columns - u0[:, None]) / camera.fx).astype(np.float32)
@@ -145,7 +133,7 @@ def observe(
         outline = _outside(crops[n])
         seen = np.flatnonzero(inside[n])
         if len(seen) > points:
-            share = np.cumsum(1 / (THIN_PX + np.maximum(-outline.reshape(-1)[seen], 0)))
+            share = np.cumsum(1 / (thin_px + np.maximum(-outline.reshape(-1)[seen], 0)))
             seen = seen[np.searchsorted(share, (np.arange(points) + 0.5) * (share[-1] / points))]
         row, column = np.divmod(seen, S)
         z = crops[n].reshape(-1)[seen] * half[n] + center[n, 2]

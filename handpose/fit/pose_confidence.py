@@ -24,9 +24,9 @@ reported pose can be better than that. So
     whole = exp(mean + spread² / 2)
     confidence = P(error < 30 mm) = Φ((log 30 - mean) / spread)
 
-Where less of the hand's own surface was seen at its place, the rest is a guess, whatever the signs:
-UNSEEN. The expected error of a hand is the geometric mean of ``whole`` and of the mean of its
-fingers' expected errors, because what is wrong with a hand that is found is mostly a finger;
+Where less of the hand's own surface was seen at its place, the rest is a guess, whatever the signs
+(``JudgeSettings``). The expected error of a hand is the geometric mean of ``whole`` and of the mean
+of its fingers' expected errors, because what is wrong with a hand that is found is mostly a finger;
 without fingers it is ``whole``. It is at least 30 mm times the probability of a larger one
 (Markov's inequality).
 
@@ -40,7 +40,7 @@ normally distributed, too, with the mean
            + constant
 
     behind, before  mm, by which the joints are behind and in front of the readings
-                    (``support.joint_depths``)
+                    (``ImageSupport.joint_depths``)
     lag             mm, distance of the reported joints from those of the fit
     seen            share of the finger's own surface that was seen at its place; 0 if the hand
                     itself covers all of it
@@ -66,7 +66,8 @@ from numpy.typing import NDArray
 from handpose.body.model import FINGERS
 from handpose.fit.body import CapsuleModel
 from handpose.fit.depth_fit import DepthFit
-from handpose.fit.support import JointDepths, Support, joint_depths, support_of_parts
+from handpose.fit.settings import FitSettings
+from handpose.fit.support import ImageSupport, JointDepths, Support
 from handpose.frames.cameras import Camera
 from netlib.blob import Array
 from netlib.errors import PrototxtError
@@ -89,20 +90,6 @@ SIGNS = (
     "guessed",
 )
 FINGER_SIGNS = ("whole", "behind", "before", "lag", "unseen")
-# Share of the surface that faces the camera and was not seen at its place; factors of
-# confidence and expected error. Chosen, as the next two, on recordings of which a part of the
-# hand was covered.
-UNSEEN, UNSEEN_CONFIDENCE, UNSEEN_ERROR = (
-    (0.15, 0.3, 0.45, 0.6),
-    (1.0, 0.7, 0.3, 0.1),
-    (1.0, 1.3, 2.0, 3.0),
-)
-# covered or unread shares above it count three times: other poses explain the rest
-COVERED, MIN_COVERED = 2.0, 0.1
-# The side of a hand is judged by the log-ratio of the costs of the fits as either side; chosen on
-# P3, P7 and hpx.
-MAX_RATIO = 0.5  # maximum contribution of one frame
-SIDE_SLOPE = 8.0  # of the log-odds of a side by the mean ratio
 MAX_SIGN = 1e6  # instead of the infinite signs of an empty crop
 
 
@@ -273,74 +260,91 @@ class Judged(NamedTuple):
     finger_error_mm: Array
 
 
-def judged_as_wholes(evidence: Evidence, hand: Regression) -> tuple[Array, Array]:
-    """Expected errors (N,) in mm and confidence (N,) of N poses of which this is seen, whatever
-    their fingers show.
+class Judge:
+    """Judges poses by the images in which they were found.
+
+    support  compares poses with images
     """
-    # the distribution function Φ, imported here: few programs need it
-    from scipy.special import ndtr as normal
 
-    mean = mean_log_error(evidence.signs, evidence.lag_mm, hand)
-    confidence = normal((np.log(GOOD_MM) - mean) / hand.spread)
-    confidence *= np.interp(evidence.unseen, UNSEEN, UNSEEN_CONFIDENCE)
-    error = np.exp(mean + hand.spread**2 / 2) * np.interp(evidence.unseen, UNSEEN, UNSEEN_ERROR)
-    return np.clip(error, least_error(confidence), LOST_MM), confidence
+    def __init__(self, settings: FitSettings) -> None:
+        self.settings, self.support = settings.judge, ImageSupport(settings.support)
+        steps = np.arange(1, len(self.settings.unseen_confidence) + 2)
+        self._unseen = self.settings.unseen * steps / 100  # shares, of per cent
 
+    def as_wholes(self, evidence: Evidence, hand: Regression) -> tuple[Array, Array]:
+        """Expected errors (N,) in mm and confidence (N,) of N poses of which this is seen, whatever
+        their fingers show.
+        """
+        # the distribution function Φ, imported here: few programs need it
+        from scipy.special import ndtr as normal
 
-def judged(evidence: Evidence, weights: Regressions | None = None) -> Judged:
-    """Errors and confidence of N poses of which this is seen, by the packaged weights if there
-    are no others.
-    """
-    hand, finger = weights or read_weights()
-    whole, confidence = judged_as_wholes(evidence, hand)
-    if not evidence.seen.size:
-        return Judged(whole, confidence, np.tile(unknown_finger_errors(), (len(whole), 1)))
-    of_fingers = finger_errors(finger_signs(whole, evidence), finger)
-    error = np.sqrt(whole * of_fingers.mean(axis=1))
-    return Judged(np.maximum(error, least_error(confidence)), confidence, of_fingers)
+        mean = mean_log_error(evidence.signs, evidence.lag_mm, hand)
+        confidence = normal((np.log(GOOD_MM) - mean) / hand.spread)
+        confidence *= self._by_unseen(evidence.unseen, self.settings.unseen_confidence)
+        error = np.exp(mean + hand.spread**2 / 2)
+        error *= self._by_unseen(evidence.unseen, self.settings.unseen_error)
+        return np.clip(error, least_error(confidence), LOST_MM), confidence
 
+    def judged(self, evidence: Evidence, weights: Regressions | None = None) -> Judged:
+        """Errors and confidence of N poses of which this is seen, by the packaged weights if there
+        are no others.
+        """
+        hand, finger = weights or read_weights()
+        whole, confidence = self.as_wholes(evidence, hand)
+        if not evidence.seen.size:
+            return Judged(whole, confidence, np.tile(unknown_finger_errors(), (len(whole), 1)))
+        of_fingers = finger_errors(finger_signs(whole, evidence), finger)
+        error = np.sqrt(whole * of_fingers.mean(axis=1))
+        return Judged(np.maximum(error, least_error(confidence)), confidence, of_fingers)
 
-def unseen_share(support: Support) -> Array:
-    """The share (N,) of hands' surfaces that was not seen at its place; what is covered or
-    unread counts more.
-    """
-    return np.asarray(1 - support.seen + COVERED * np.maximum(support.covered - MIN_COVERED, 0))
+    def unseen_share(self, support: Support) -> Array:
+        """The share (N,) of hands' surfaces that was not seen at its place; what is covered or
+        unread counts more.
+        """
+        covered = np.maximum(support.covered - self.settings.min_covered, 0)
+        return np.asarray(1 - support.seen + self.settings.covered * covered)
 
+    def evidence_of(
+        self,
+        model: CapsuleModel,
+        fits: DepthFit,
+        center_mm: Array,
+        readings: NDArray[np.floating],
+        camera: Camera,
+    ) -> Evidence:
+        """What one image (height, width) in mm, 0 without a reading, shows of N fits with the
+        origins ``center_mm`` (N, 3).
+        """
+        fingers, none = model.fingers, np.zeros(len(fits))
+        capsules = model.capsules(fits.x, center_mm)
+        parts = () if fingers is None else tuple(fingers.capsules)
+        limbs, support = model.surface.limbs, self.support
+        whole, *of_parts = support.support_of_parts(capsules, limbs, parts, readings, camera)
+        seen = np.array([part.seen for part in of_parts]).reshape(len(parts), len(fits)).T
+        guessed = 1 - seen.mean(axis=1) if parts else none
+        in_camera = fits.joints + center_mm[:, None]
+        depths = support.joint_depths(in_camera, readings, camera)
+        signs = pose_signs(fits.signs, depths, model.surface.mean_penetration(capsules), guessed)
+        behind = before = np.zeros(seen.shape)
+        if fingers is not None:
+            joints = fingers.joints(in_camera).reshape(-1, 3, 3)
+            of_joints = support.joint_depths(joints, readings, camera)
+            behind, before = (depth.reshape(seen.shape) for depth in of_joints)
+        unseen = self.unseen_share(whole)
+        return Evidence(signs, none, unseen, behind, before, np.zeros(seen.shape), seen)
 
-def evidence_of(
-    model: CapsuleModel,
-    fits: DepthFit,
-    center_mm: Array,
-    readings: NDArray[np.floating],
-    camera: Camera,
-) -> Evidence:
-    """What one image (height, width) in mm, 0 without a reading, shows of N fits with the
-    origins ``center_mm`` (N, 3).
-    """
-    fingers, none = model.fingers, np.zeros(len(fits))
-    capsules = model.capsules(fits.x, center_mm)
-    parts = () if fingers is None else tuple(fingers.capsules)
-    whole, *of_fingers = support_of_parts(capsules, model.surface.limbs, parts, readings, camera)
-    seen = np.array([part.seen for part in of_fingers]).reshape(len(parts), len(fits)).T
-    guessed = 1 - seen.mean(axis=1) if parts else none
-    in_camera = fits.joints + center_mm[:, None]
-    depths = joint_depths(in_camera, readings, camera)
-    signs = pose_signs(fits.signs, depths, model.surface.mean_penetration(capsules), guessed)
-    behind = before = np.zeros(seen.shape)
-    if fingers is not None:
-        of_joints = joint_depths(fingers.joints(in_camera).reshape(-1, 3, 3), readings, camera)
-        behind, before = (depth.reshape(seen.shape) for depth in of_joints)
-    return Evidence(signs, none, unseen_share(whole), behind, before, np.zeros(seen.shape), seen)
+    def side_log_ratio(self, cost: float, other_cost: float) -> float:
+        """The logarithm of ``other_cost``, of the fit to one image as the other side, over
+        ``cost``: above 0 if the side of the fit with ``cost`` is the likelier one, up to a maximum.
+        """
+        own, other = (np.log(np.clip(one, 1e-9, 1e9)) for one in (cost, other_cost))
+        most = self.settings.max_ratio
+        return float(np.clip(other - own, -most, most))
 
+    def side_chance(self, log_ratio: float) -> float:
+        """The probability of a side with this mean ``side_log_ratio``."""
+        return float(1 / (1 + np.exp(-self.settings.side_slope * log_ratio)))
 
-def side_log_ratio(cost: float, other_cost: float) -> float:
-    """The logarithm of ``other_cost``, of the fit to one image as the other side, over ``cost``:
-    above 0 if the side of the fit with ``cost`` is the likelier one. It is cut off at MAX_RATIO.
-    """
-    own, other = (np.log(np.clip(one, 1e-9, 1e9)) for one in (cost, other_cost))
-    return float(np.clip(other - own, -MAX_RATIO, MAX_RATIO))
-
-
-def side_chance(log_ratio: float) -> float:
-    """The probability of a side with this mean ``side_log_ratio``."""
-    return float(1 / (1 + np.exp(-SIDE_SLOPE * log_ratio)))
+    def _by_unseen(self, unseen: Array, factors: Sequence[float]) -> Array:
+        """The factors for unseen shares (N,)."""
+        return np.interp(unseen, self._unseen, (1.0, *factors))

@@ -16,9 +16,8 @@ descend   fits of depth, by the objective. A step is lengthened, and a part of t
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any, Literal, NamedTuple, TypeVar
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +26,7 @@ from handpose.fit.body import CapsuleModel
 from handpose.fit.objective import Cost, Objective, Prior
 from handpose.fit.observation import Observation
 from handpose.fit.rounding import FIT_STEP, rounded
+from handpose.fit.settings import Plan, SearchSettings, Stage
 from layers.hand.kinematics import rotation
 from netlib.blob import Array
 
@@ -40,9 +40,6 @@ EXACT_COST = 1e-24  # (1e-12)², the rounding error of the positions of a few jo
 
 LOW_MU, HIGH_MU = 1e-5, 1e4  # limits of the damping of ``descend``
 DESCENT_RIDGE = 1e-9  # of ``descend``
-# The nearest points slide along the surface as it moves, so a step is too short, and the next one
-# has the same direction.
-FURTHER, MOMENTUM = 1.5, 0.2
 
 T = TypeVar("T", bound=Any)
 Evaluate = Callable[[Array, NDArray[np.int_]], tuple[Array, Array, Array]]
@@ -107,43 +104,6 @@ def minimise(
     return x, cost
 
 
-class Stage(NamedTuple):
-    """A number of iterations with one robust distance; a fit ends earlier once its cost decreases
-    by too little.
-    """
-
-    robust: float  # mm
-    iterations: int
-    min_gain: float = 0.0  # relative decrease of the cost in an iteration
-
-
-def descend(
-    objective: Objective, x: Array, seen: Observation, prior: Prior, stages: tuple[Stage, ...]
-) -> tuple[Array, Cost]:
-    """Minimise the objective from x (N, V); returns x after all stages, and its cost."""
-    lower, upper = objective.model.lower, objective.model.upper
-    x, mu = np.clip(rounded(x, FIT_STEP), lower, upper), np.full(len(x), FIRST_MU)
-    measured, moved = objective.measure(x, seen, prior), np.zeros_like(x)
-    for stage in stages:
-        now = objective.weigh(measured, seen, stage.robust)
-        active = np.ones(len(x), bool)
-        for _ in range(stage.iterations):
-            M, b = objective.equations(measured, now)
-            step = damped_step(M, b, mu, x, lower, upper, DESCENT_RIDGE)
-            trial = np.clip(rounded(x + FURTHER * step + MOMENTUM * moved, FIT_STEP), lower, upper)
-            trial_measured = objective.measure(trial, seen, prior)
-            found = objective.weigh(trial_measured, seen, stage.robust)
-            better = active & (found.total < now.total)
-            active &= ~better | (now.total - found.total >= stage.min_gain * now.total)
-            moved = np.where(better[:, None], trial - x, 0)
-            x = _chosen(better, trial, x)
-            measured, now = _chosen(better, trial_measured, measured), _chosen(better, found, now)
-            mu = np.clip(mu * np.where(better, TRUST, DISTRUST), LOW_MU, HIGH_MU)
-            if not active.any():
-                break
-    return x, now
-
-
 def _chosen(better: NDArray[np.bool_], new: T, old: T) -> T:
     """The rows of ``new`` where ``better``, elsewhere those of ``old``; for arrays and
     tuples of them.
@@ -157,43 +117,6 @@ def _chosen(better: NDArray[np.bool_], new: T, old: T) -> T:
     return np.where(better.reshape(-1, *[1] * (new.ndim - 1)), new, old)
 
 
-@dataclass(frozen=True)
-class Plan:
-    """The plan of a search.
-
-    name      of the plan
-    points    number of points sampled from a frame
-    quarters  quarter turns of the crop for the network; 0 is the unchanged crop
-    draws     number of further starts, drawn about the first prediction from the network's errors
-    first     stages for all starts, on every ``thin``-th point
-    keep      number of starts that continue
-    last      stages for these, on all points
-    """
-
-    name: str
-    points: int
-    quarters: tuple[int, ...]
-    draws: int
-    thin: int
-    first: tuple[Stage, ...]
-    keep: int
-    last: tuple[Stage, ...]
-
-    def refining(self) -> Plan:
-        """The plan from one start that is already close to the solution."""
-        return replace(
-            self, draws=0, first=(), keep=1, last=(Stage(self.last[-1].robust, REFINING, MIN_GAIN),)
-        )
-
-
-# iterations from a start that is close, and when they end earlier: ``Stage``
-REFINING, MIN_GAIN = 4, 0.02
-FAST = Plan("fast", 300, (0,), 0, 1, (), 1, (Stage(13, 6),))
-ACCURATE = Plan("accurate", 400, (0, 1, 2, 3), 6, 4, (Stage(15, 5),), 2, (Stage(13, 5),))
-PLANS = {plan.name: plan for plan in (FAST, ACCURATE)}
-Fit = Literal["no", "fast", "accurate"]  # the name of a plan, or "no" for the network alone
-
-
 class SearchResult(NamedTuple):
     """The best fit of each of N frames."""
 
@@ -202,32 +125,84 @@ class SearchResult(NamedTuple):
     start: NDArray[np.int_]  # (N,) index of its start
 
 
-def search(
-    objective: Objective,
-    seen: Observation,
-    priors: Array,
-    starts: Array,
-    precision: Array,
-    plan: Plan,
-    cost_factor: Array | float = 1.0,
-) -> SearchResult:
-    """The best of K starts (K, N, V); each has a prior about the prediction ``priors`` (K, N, V).
+class Search:
+    """A search with some settings."""
 
-    cost_factor  (K, N) factors of the costs that are compared
-    """
-    K, N, _ = starts.shape
-    every, cost_factors = np.tile(np.arange(N), K), np.broadcast_to(cost_factor, (K, N))
-    x, own = starts.reshape(K * N, -1), objective.prior_of(priors.reshape(K * N, -1), precision)
-    chosen = np.arange(K * N)
-    if plan.first and K > 1:
-        x, cost = descend(objective, x, seen.thinned(plan.thin).take(every), own, plan.first)
-        order = (cost_factors * data_cost(cost.parts).reshape(K, N)).argsort(axis=0)[: plan.keep]
-        chosen = (order * N + np.arange(N)).reshape(-1)
-    own = Prior(own.x[chosen], own.rigid[chosen], own.curvature)
-    x, cost = descend(objective, x[chosen], seen.take(every[chosen]), own, plan.last)
-    compared = cost_factors.reshape(-1)[chosen] * data_cost(cost.parts)
-    best = compared.reshape(-1, N).argmin(axis=0) * N + np.arange(N)
-    return SearchResult(x[best], cost.parts[best], chosen[best] // N)
+    def __init__(self, settings: SearchSettings) -> None:
+        self.settings = settings
+
+    def descend(
+        self,
+        objective: Objective,
+        x: Array,
+        seen: Observation,
+        prior: Prior,
+        stages: Sequence[Stage],
+    ) -> tuple[Array, Cost]:
+        """Minimise the objective from x (N, V); returns x after all stages, and its cost."""
+        further, momentum = self.settings.further, self.settings.momentum
+        lower, upper = objective.model.lower, objective.model.upper
+        x, mu = np.clip(rounded(x, FIT_STEP), lower, upper), np.full(len(x), FIRST_MU)
+        measured, moved = objective.measure(x, seen, prior), np.zeros_like(x)
+        for stage in stages:
+            now = objective.weigh(measured, seen, stage.robust)
+            active = np.ones(len(x), bool)
+            for _ in range(stage.iterations):
+                M, b = objective.equations(measured, now)
+                step = damped_step(M, b, mu, x, lower, upper, DESCENT_RIDGE)
+                trial = np.clip(
+                    rounded(x + further * step + momentum * moved, FIT_STEP), lower, upper
+                )
+                trial_measured = objective.measure(trial, seen, prior)
+                found = objective.weigh(trial_measured, seen, stage.robust)
+                better = active & (found.total < now.total)
+                active &= ~better | (now.total - found.total >= (stage.min_gain or 0) * now.total)
+                moved = np.where(better[:, None], trial - x, 0)
+                x = _chosen(better, trial, x)
+                measured, now = (
+                    _chosen(better, trial_measured, measured),
+                    _chosen(better, found, now),
+                )
+                mu = np.clip(mu * np.where(better, TRUST, DISTRUST), LOW_MU, HIGH_MU)
+                if not active.any():
+                    break
+        return x, now
+
+    def best(
+        self,
+        objective: Objective,
+        seen: Observation,
+        priors: Array,
+        starts: Array,
+        precision: Array,
+        plan: Plan,
+        cost_factor: Array | float = 1.0,
+    ) -> SearchResult:
+        """The best of K starts (K, N, V), each with a prior about the prediction ``priors``
+        (K, N, V).
+
+        cost_factor  (K, N) factors of the costs that are compared
+        """
+        K, N, _ = starts.shape
+        every, cost_factors = np.tile(np.arange(N), K), np.broadcast_to(cost_factor, (K, N))
+        x, own = starts.reshape(K * N, -1), objective.prior_of(priors.reshape(K * N, -1), precision)
+        chosen = np.arange(K * N)
+        if plan.trials is not None and K > 1:
+            few = seen.thinned(plan.trials.thin).take(every)
+            x, cost = self.descend(objective, x, few, own, [plan.trials.stage])
+            order = (cost_factors * data_cost(cost.parts).reshape(K, N)).argsort(axis=0)
+            chosen = (order[: plan.trials.keep] * N + np.arange(N)).reshape(-1)
+        last = Stage(self.settings.robust, plan.iterations, plan.min_gain)
+        own = Prior(own.x[chosen], own.rigid[chosen], own.curvature)
+        x, cost = self.descend(objective, x[chosen], seen.take(every[chosen]), own, [last])
+        compared = cost_factors.reshape(-1)[chosen] * data_cost(cost.parts)
+        best = compared.reshape(-1, N).argmin(axis=0) * N + np.arange(N)
+        return SearchResult(x[best], cost.parts[best], chosen[best] // N)
+
+    def refining(self, plan: Plan) -> Plan:
+        """The plan from one start that is already close to the solution."""
+        s = self.settings
+        return Plan(plan.name, plan.points, s.refining, min_gain=s.min_gain)
 
 
 def data_cost(parts: Array) -> Array:

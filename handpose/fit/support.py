@@ -4,7 +4,7 @@ image contradicts.
 Spheres along the capsules, and on the flat parts between them, sample the surface that faces the
 camera. Of those that no other part of the body covers, each counts in proportion to its area as
 
-    seen     the reading is within SURFACE_TOLERANCE_MM of the sphere's front
+    seen     the reading is within a tolerance of the sphere's front
     hidden   the reading is nearer: another object covers the hand there
     empty    the reading is farther: the pose is in empty space
     missing  there is no reading
@@ -24,12 +24,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.body.render import Capsules
+from handpose.fit.settings import SupportSettings
 from handpose.frames.cameras import Camera
 from netlib.blob import Array
 
-SURFACE_TOLERANCE_MM = 20.0  # a reading this far from the surface of a fit is of something else
-MAX_JOINT_DEPTH_MM = 80.0  # maximum contribution of a joint to ``JointDepths``
-SELF_MM = 5.0  # a sphere this far in front of another covers it
 ALONG = np.array([1, 3]) / 4  # positions of the spheres on a capsule's axis
 ACROSS = np.array([[1, 1, 1]]) / 3  # of those on a flat part, between its corners
 
@@ -52,8 +50,8 @@ class Support(NamedTuple):
 
 
 class JointDepths(NamedTuple):
-    """Mean distances (N,) in mm of the joints of N hands from the readings at their pixels, at
-    most MAX_JOINT_DEPTH_MM each.
+    """Mean distances (N,) in mm of the joints of N hands from the readings at their pixels, up to
+    a maximum each.
 
     behind  by which the joints are behind the readings: more than a finger's radius where the
             hand hides itself
@@ -121,47 +119,70 @@ class Samples(NamedTuple):
             - (ray[:, :, None, 0] * z - x) ** 2
             - (ray[:, :, None, 1] * z - y) ** 2
         )
-        before = z - np.sqrt(np.maximum(inner, 0)) < front[:, :, None] - SELF_MM
+        before = z - np.sqrt(np.maximum(inner, 0)) < front[:, :, None]
         return np.asarray(((inner > 0) & before).any(axis=2))
 
 
-def support(
-    capsules: Capsules, limbs: NDArray[np.bool_], depth: NDArray[np.floating], camera: Camera
-) -> Support:
-    """The support of N poses by one image (height, width) in mm, 0 without a reading.
+class ImageSupport:
+    """Compares poses with images."""
 
-    capsules  of the poses, in camera axes
-    limbs     (M,) True for those that are not the hand's own, such as the forearm
-    """
-    return support_of_parts(capsules, limbs, (), depth, camera)[0]
+    def __init__(self, settings: SupportSettings) -> None:
+        self.settings = settings
 
+    def support(
+        self,
+        capsules: Capsules,
+        limbs: NDArray[np.bool_],
+        depth: NDArray[np.floating],
+        camera: Camera,
+    ) -> Support:
+        """The support of N poses by one image (height, width) in mm, 0 without a reading.
 
-def support_of_parts(
-    capsules: Capsules,
-    limbs: NDArray[np.bool_],
-    parts: Sequence[NDArray[np.bool_]],
-    depth: NDArray[np.floating],
-    camera: Camera,
-) -> list[Support]:
-    """``support`` of the whole hand, and then that of each part, some of the capsules (M,).
+        capsules  of the poses, in camera axes
+        limbs     (M,) True for those that are not the hand's own, such as the forearm
+        """
+        return self.support_of_parts(capsules, limbs, (), depth, camera)[0]
 
-    All shares of a part that others cover entirely are 0.
-    """
-    every, own = Samples.of(capsules), _samples_of(~limbs, capsules.facets)
-    spheres = every.chosen(own)
-    reading, inside = _readings(spheres.nearest, depth, camera)
-    # NaN, which some drivers write, is missing
-    behind, missing = reading - spheres.front, inside & ~(reading > 0)
-    weight = spheres.area * ~every.covers(spheres.center, spheres.front)
-    read = inside & ~missing
-    hidden, empty = read & (behind < -SURFACE_TOLERANCE_MM), read & (behind > SURFACE_TOLERANCE_MM)
-    areas = weight * np.stack([read & ~(hidden | empty), hidden, empty, missing, ~inside])
-    found = []
-    for part in (~limbs, *parts):
-        within = _samples_of(part, capsules.facets)[own]
-        whole = np.maximum(weight[:, within].sum(axis=1), 1e-9)
-        found.append(Support(*(areas[:, :, within].sum(axis=2) / whole)))
-    return found
+    def support_of_parts(
+        self,
+        capsules: Capsules,
+        limbs: NDArray[np.bool_],
+        parts: Sequence[NDArray[np.bool_]],
+        depth: NDArray[np.floating],
+        camera: Camera,
+    ) -> list[Support]:
+        """``support`` of the whole hand, and then that of each part, some of the capsules (M,).
+
+        All shares of a part that others cover entirely are 0.
+        """
+        every, own = Samples.of(capsules), _samples_of(~limbs, capsules.facets)
+        spheres = every.chosen(own)
+        reading, inside = _readings(spheres.nearest, depth, camera)
+        # NaN, which some drivers write, is missing
+        behind, missing = reading - spheres.front, inside & ~(reading > 0)
+        front, tolerance = spheres.front - self.settings.self_mm, self.settings.tolerance_mm
+        weight = spheres.area * ~every.covers(spheres.center, front)
+        read = inside & ~missing
+        hidden, empty = read & (behind < -tolerance), read & (behind > tolerance)
+        areas = weight * np.stack([read & ~(hidden | empty), hidden, empty, missing, ~inside])
+        found = []
+        for part in (~limbs, *parts):
+            within = _samples_of(part, capsules.facets)[own]
+            whole = np.maximum(weight[:, within].sum(axis=1), 1e-9)
+            found.append(Support(*(areas[:, :, within].sum(axis=2) / whole)))
+        return found
+
+    def joint_depths(
+        self, joints: Array, depth: NDArray[np.floating], camera: Camera
+    ) -> JointDepths:
+        """The distances of joints (N, K, 3) in mm, camera axes, from the readings of one image; 0
+        without any reading.
+        """
+        reading, inside = _readings(joints, depth, camera)
+        read = inside & (reading > 0)
+        behind = np.where(read, joints[..., 2] - np.where(read, reading, 0), 0)
+        count, most = np.maximum(read.sum(axis=1), 1), self.settings.max_joint_depth_mm
+        return JointDepths(*(np.clip(way * behind, 0, most).sum(axis=1) / count for way in (1, -1)))
 
 
 def _samples_of(some: NDArray[np.bool_], facets: NDArray[np.int_]) -> NDArray[np.bool_]:
@@ -170,19 +191,6 @@ def _samples_of(some: NDArray[np.bool_], facets: NDArray[np.int_]) -> NDArray[np
     """
     flat = some[facets // 2].all(axis=1)
     return np.concatenate([np.repeat(some, len(ALONG)), np.repeat(flat, len(ACROSS))])
-
-
-def joint_depths(joints: Array, depth: NDArray[np.floating], camera: Camera) -> JointDepths:
-    """The distances of joints (N, K, 3) in mm, camera axes, from the readings of one image; 0
-    without any reading.
-    """
-    reading, inside = _readings(joints, depth, camera)
-    read = inside & (reading > 0)
-    behind = np.where(read, joints[..., 2] - np.where(read, reading, 0), 0)
-    count = np.maximum(read.sum(axis=1), 1)
-    return JointDepths(
-        *(np.clip(way * behind, 0, MAX_JOINT_DEPTH_MM).sum(axis=1) / count for way in (1, -1))
-    )
 
 
 def _readings(

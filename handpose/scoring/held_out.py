@@ -18,7 +18,7 @@ from handpose.estimate.crop_fits import MAX_CROPS, fit_crops
 from handpose.estimate.nets import hand_layer, skeleton_to_fit
 from handpose.fit.depth_fit import DepthFitter
 from handpose.fit.observation import HandCrops
-from handpose.fit.search import Plan
+from handpose.fit.settings import Plan
 from handpose.frames.cameras import NYU, Camera
 from handpose.scoring import metrics
 from layers.data.hdf5_data import HDF5Data

@@ -15,27 +15,13 @@ from handpose.estimate.estimator import HandEstimator
 from handpose.estimate.finder import Finder, FoundHand
 from handpose.estimate.hand import Hand
 from handpose.fit.body import WorldPose
-from handpose.fit.pose_confidence import side_chance, side_log_ratio
-from handpose.tracking.present_hands import LATER_S, LOOK, SAME_MM, SOON_S
+from handpose.fit.pose_confidence import Judge
+from handpose.tracking.settings import FollowSettings, TrackSettings
 from handpose.tracking.sizing import SizeKeeper
 from handpose.tracking.smoothing import PoseFilter
 from netlib.blob import Array
 
-ENOUGH = 0.3  # confidence of a pose, below which it is none
-SURE = 0.9  # confidence below which a full fit is run
-# A second with poses earns two of credit, one without costs one; a hand without credit is lost.
-FIRST_CREDIT, MOST_CREDIT = 0.4, 1.0
 MOST_FOUND = 8  # hands in a frame
-MAX_EXTRAPOLATION_S = 0.4  # s by which a motion is extended at most
-KEPT = 0.7  # damping of the expected motion
-NEW = 0.6  # weight of the last two frames in the velocity
-# 4 m/s at 30 frames per second: a pose that is found farther away is no motion of the hand
-MAX_JUMP_MM = 130.0
-# The side is decided by the mean log-ratio of the costs of the fits as either side. On real
-# recordings a single ratio has the right sign in 64% to 100% of the frames, and the mean of the
-# first second always. s of comparisons: at least, at most; minimum number
-MIN_COMPARED_S, MAX_COMPARED_S, MIN_COMPARED = 1.0, 3.0, 6
-CLEAR = 0.1  # mean ratio that decides before the maximum
 MAX_SIDE_CONFIDENCE = 0.99  # of a side that is not decided
 
 
@@ -44,7 +30,8 @@ class SideState:
     """The state of a hand as one side: its last pose, the time of that in s, its smoothed pose, and
     its velocity (V,) (``WorldPose``).
 
-    asked  s, when the network predicted it last
+    asked     s, when the network predicted it last
+    settings  tuned numbers
     """
 
     estimate: Hand
@@ -52,22 +39,22 @@ class SideState:
     asked: float
     smooth: WorldPose
     filter: PoseFilter
+    settings: FollowSettings
     velocity: Array | None = None
 
     @classmethod
-    def first(cls, estimate: Hand, time: float) -> SideState:
+    def first(cls, estimate: Hand, time: float, settings: TrackSettings) -> SideState:
         """The state with the first pose."""
-        filter = PoseFilter()
+        filter = PoseFilter(settings.smooth)
         smooth = filter(estimate.body, time, estimate.error_mm)
-        return cls(estimate, time, time, smooth, filter)
+        return cls(estimate, time, time, smooth, filter, settings.follow)
 
     def expected(self, time: float) -> WorldPose:
         """The expected body at a time."""
         if self.velocity is None:
             return self.estimate.body
-        return self.estimate.body.moved(
-            KEPT * min(time - self.time, MAX_EXTRAPOLATION_S) * self.velocity
-        )
+        seconds = min(time - self.time, self.settings.max_extrapolation_s)
+        return self.estimate.body.moved(self.settings.kept * seconds * self.velocity)
 
     def then(self, estimate: Hand, time: float, asked: bool) -> SideState:
         """The state after one more pose, for which the network was ``asked`` or not.
@@ -76,19 +63,19 @@ class SideState:
         to that of the mean of the joints; and nothing if it is too far away.
         """
         way, new = _mean_joint(estimate) - _mean_joint(self.estimate), None
+        weight = self.settings.new
         if estimate.is_tracked:
             new = self.estimate.body.step_to(estimate.body) / (time - self.time)
-        elif np.linalg.norm(way) <= MAX_JUMP_MM:
+        elif np.linalg.norm(way) <= self.settings.max_jump_mm:
             unknown = np.zeros(6 + len(estimate.body.others))
             new = unknown if self.velocity is None else self.velocity.copy()
             new[:3] = way / (time - self.time)
         velocity = self.velocity
         if new is not None:
-            velocity = new if velocity is None else NEW * new + (1 - NEW) * velocity
+            velocity = new if velocity is None else weight * new + (1 - weight) * velocity
         smooth = self.filter(estimate.body, time, estimate.error_mm)
-        return SideState(
-            estimate, time, time if asked else self.asked, smooth, self.filter, velocity
-        )
+        asked_at = time if asked else self.asked
+        return SideState(estimate, time, asked_at, smooth, self.filter, self.settings, velocity)
 
 
 class Compared(NamedTuple):
@@ -124,10 +111,10 @@ class FrameHands:
         self.is_known = True
         return self._find()
 
-    def near(self, place: Array) -> FoundHand | None:
-        """The hand that is nearest to a place (3,) in mm; None if none is within SAME_MM."""
+    def near(self, place: Array, within_mm: float) -> FoundHand | None:
+        """The hand that is nearest to a place (3,) in mm, but not farther than ``within_mm``."""
         apart = {float(np.linalg.norm(hand.middle - place)): hand for hand in self.hands}
-        return apart[min(apart)] if apart and min(apart) < SAME_MM else None
+        return apart[min(apart)] if apart and min(apart) < within_mm else None
 
 
 class HandTrack:
@@ -142,11 +129,13 @@ class HandTrack:
     sizes     the size of the hand, and how it is estimated
     decided   the side that was decided last, or None
     presence  by the finder, mean of its last looks
+    settings  tuned numbers
     """
 
     def __init__(
         self,
         estimator: HandEstimator,
+        settings: TrackSettings,
         estimates: Sequence[Hand],
         time: float,
         size: float | None = None,
@@ -154,14 +143,16 @@ class HandTrack:
         presence: float = 1.0,
     ) -> None:
         """``side_prior``: prior log-ratio, above 0 for a right hand, below for a left one."""
-        self.id, self.credit, self.reason = -1, FIRST_CREDIT, ""
+        self.settings, self._estimator = settings, estimator
+        self.id, self.credit, self.reason = -1, settings.follow.first_credit, ""
         self.time = self.begun = self._looked = time
-        self.sizes = SizeKeeper(estimator.the_fitter, size)
+        self.sizes = SizeKeeper(estimator.the_fitter, settings.size, size)
         self.presence = presence
-        self._estimator = estimator
         best = _best(estimates)
         self._compared = Compared(0, side_prior)
-        self.sides = {side: SideState.first(estimate, time) for side, estimate in best.items()}
+        self.sides = {
+            side: SideState.first(estimate, time, settings) for side, estimate in best.items()
+        }
         self.decided: Side | None = self.hand if self.is_decided else None
         self._compare(best, time)
 
@@ -171,6 +162,11 @@ class HandTrack:
         if before is not None:
             self.sizes = before.sizes
             self.decided = self.decided or before.decided
+
+    @property
+    def judge(self) -> Judge:
+        """The judge of its poses."""
+        return self._estimator.judge
 
     @property
     def size(self) -> float | None:
@@ -189,8 +185,9 @@ class HandTrack:
 
     def look(self, frame: FrameHands) -> None:
         """Ask the finder whether the hand is there."""
-        near = frame.near(self.place)
-        self.presence += LOOK * ((near.presence if near else 0.0) - self.presence)
+        present = self.settings.present
+        near = frame.near(self.place, present.same_mm)
+        self.presence += present.look * ((near.presence if near else 0.0) - self.presence)
 
     def end(self, reason: str) -> None:
         """Stop tracking the hand."""
@@ -218,8 +215,9 @@ class HandTrack:
         """The probability of the more likely side; 1 once it is decided."""
         if self.is_decided:
             return 1.0
-        mean = abs(self._compared.log_ratio) / max(self._compared.times, MIN_COMPARED)
-        return min(side_chance(mean), MAX_SIDE_CONFIDENCE)
+        times = max(self._compared.times, self.settings.sides.min_times)
+        mean = abs(self._compared.log_ratio) / times
+        return min(self.judge.side_chance(mean), MAX_SIDE_CONFIDENCE)
 
     @property
     def place(self) -> Array:
@@ -228,8 +226,8 @@ class HandTrack:
 
     def asks_network(self, time: float, before: float) -> bool:
         """Whether the network predicts the hand in the frame at a time, after one at ``before``."""
-        was_missing = self.time < before
-        return was_missing or not self.is_decided or time - self.best.asked >= LATER_S
+        was_missing, later_s = self.time < before, self.settings.present.later_s
+        return was_missing or not self.is_decided or time - self.best.asked >= later_s
 
     def regions(self, time: float, before: float) -> list[SearchRegion]:
         """The search regions in a frame at a time, after one at ``before``, with and without the
@@ -250,12 +248,14 @@ class HandTrack:
         without one; or else about the last pose.
         """
         sure = max((estimate.chance for estimate in estimates), default=0.0)
-        pause = LATER_S if self.is_decided and sure >= ENOUGH else SOON_S
-        if (self.is_decided and sure >= SURE) or time - self._looked < pause:
+        follow, present = self.settings.follow, self.settings.present
+        is_known = self.is_decided and sure >= follow.enough
+        pause = present.later_s if is_known else present.soon_s
+        if (self.is_decided and sure >= follow.sure) or time - self._looked < pause:
             return []
         regions = []
         for estimate in estimates:
-            side, near = estimate.hand, frame.near(estimate.center_mm)
+            side, near = estimate.hand, frame.near(estimate.center_mm, present.same_mm)
             view, start = frame.view.of(side), estimate.view_uvd
             if near is not None:
                 start = view.camera.project(near.middle * mirror_of(side))
@@ -274,16 +274,17 @@ class HandTrack:
         others  None if there were no other regions
         """
         seconds, asked = time - before, self.asks_network(time, before)
+        follow = self.settings.follow
         self._looked = self._looked if others is None else time
         best = _best([*estimates, *(others or ())])
         self._compare(best, time)
         own = [best[side] for side in self.sides if side in best]
-        if max((estimate.chance for estimate in own), default=0.0) < ENOUGH:
+        if max((estimate.chance for estimate in own), default=0.0) < follow.enough:
             self.credit -= seconds
             return False
         for estimate in own:
             self.sides[estimate.hand] = self.sides[estimate.hand].then(estimate, time, asked)
-        self.time, self.credit = time, min(self.credit + 2 * seconds, MOST_CREDIT)
+        self.time, self.credit = time, min(self.credit + 2 * seconds, follow.most_credit)
         return True
 
     def _region(self, side: Side, body: WorldPose) -> SearchRegion:
@@ -293,16 +294,25 @@ class HandTrack:
 
     def _compare(self, best: dict[Side, Hand], time: float) -> None:
         """Add the log-ratio of a frame while the side is undecided, and decide it."""
-        ratio = _log_ratio_of(best)
+        ratio = self._log_ratio_of(best)
         if self.is_decided or ratio is None:
             return
         times, total = self._compared
         self._compared = Compared(times + 1, total + ratio)
-        seconds = time - self.begun
-        enough = seconds >= MIN_COMPARED_S and self._compared.times >= MIN_COMPARED
-        if enough and (self._compared.mean > CLEAR or seconds >= MAX_COMPARED_S):
+        seconds, s = time - self.begun, self.settings.sides
+        enough = seconds >= s.min_s and self._compared.times >= s.min_times
+        if enough and (self._compared.mean > s.clear or seconds >= s.max_s):
             self.sides = {self.hand: self.best}
             self.decided = self.hand
+
+    def _log_ratio_of(self, best: dict[Side, Hand]) -> float | None:
+        """The log-ratio of one frame, above 0 for a right hand; None without a visible hand of
+        either side.
+        """
+        enough = self.settings.follow.enough
+        if len(best) < 2 or max(estimate.chance for estimate in best.values()) < enough:
+            return None
+        return self.judge.side_log_ratio(best["right"].cost, best["left"].cost)
 
 
 def _mean_joint(estimate: Hand) -> Array:
@@ -320,12 +330,3 @@ def _best(estimates: Sequence[Hand]) -> dict[Side, Hand]:
         ):
             best[estimate.hand] = estimate
     return best
-
-
-def _log_ratio_of(best: dict[Side, Hand]) -> float | None:
-    """The log-ratio of one frame, above 0 for a right hand; None without a visible hand of
-    either side.
-    """
-    if len(best) < 2 or max(estimate.chance for estimate in best.values()) < ENOUGH:
-        return None
-    return side_log_ratio(best["right"].cost, best["left"].cost)

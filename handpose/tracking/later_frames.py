@@ -33,22 +33,13 @@ from handpose.fit.body import CapsuleModel, WorldPose
 from handpose.fit.pose_confidence import least_error
 from handpose.tracking.output import posed, variables_of
 from handpose.tracking.reporting import SureHands
+from handpose.tracking.settings import TrackSettings
 from handpose.tracking.smoothing import PoseFilter
 from handpose.tracking.track import HandPose, TrackedFrame, TrackedHand, TrackedPoses
 
-# s and frames that are held for a side; it is decided within 3 s
-MAX_UNDECIDED_S, MAX_UNDECIDED = 4.0, 150
-# probability of a side that is reported at the end of a recording, before it was decided
-LIKELY_SIDE = 0.69
-# Frames are released once this time, in s, or number of frames after them is known. Twice as much
-# is held, so that frames are filtered backwards twice at most. On two synthetic recordings
-# (the scripts `gestures` and `left`, seeds 5 and 6), one second gives the jitter at rest of the
-# whole recording, 0.33 and 0.16 mm; half a second 0.35 and 0.18 mm.
-LOOKAHEAD_S, LOOKAHEAD_FRAMES = 1.0, 60
-# The expected errors are means over this time, in s, before and after a frame. Of 0, 0.3, 0.5,
-# 0.7 and 1 s, on six real recordings (docs/fit.md), 0.5 and 0.7 have the highest correlation with
-# the true errors.
-LASTING_S = 0.5
+# Limits of what is held: s and frames for a side, which is decided within 3 s; and frames that are
+# known after one that is released.
+MAX_UNDECIDED_S, MAX_UNDECIDED, LOOKAHEAD_FRAMES = 4.0, 150, 60
 
 T = TypeVar("T")
 
@@ -61,12 +52,18 @@ class LaterFrames(Generic[T]):
     min_confidence  as for ``SureHands``, which come last, because decided sides and smoothing
                     change the confidence
     at_once         release frames without waiting for later ones
+    settings        of the tracker
     """
 
     def __init__(
-        self, model: CapsuleModel, min_confidence: float = 0.0, at_once: bool = False
+        self,
+        model: CapsuleModel,
+        min_confidence: float = 0.0,
+        at_once: bool = False,
+        settings: TrackSettings = TrackSettings(),
     ) -> None:
-        self._model, self._at_once, self.sure_hands = model, at_once, SureHands(min_confidence)
+        self._model, self._at_once, self._settings = model, at_once, settings
+        self.sure_hands = SureHands(min_confidence, self._settings)
         self._held: list[tuple[T, TrackedFrame]] = []
         self._settled = 0  # number of frames held, from the first on, that do not wait for a side
         # hands of these frames and of those shortly before
@@ -92,19 +89,20 @@ class LaterFrames(Generic[T]):
         if not self._settled:
             return []
         newest = self._held[self._settled - 1][1].time
+        lookahead_s = self._settings.later.lookahead_s
         if (
-            newest - self._held[0][1].time < 2 * LOOKAHEAD_S
+            newest - self._held[0][1].time < 2 * lookahead_s
             and self._settled < 2 * LOOKAHEAD_FRAMES
         ):
             return []
-        early = sum(newest - frame.time >= LOOKAHEAD_S for _, frame in self._held[: self._settled])
+        early = sum(newest - frame.time >= lookahead_s for _, frame in self._held[: self._settled])
         return self._sure(self._release(max(early, self._settled - LOOKAHEAD_FRAMES)))
 
     def finish(self) -> list[tuple[T, TrackedFrame]]:
         """The frames that are still held, at the end of the recording."""
         last = {hand.id: hand for _, frame in self._held[self._settled :] for hand in frame.hands}
         for hand in last.values():
-            if hand.side_confidence >= LIKELY_SIDE:
+            if hand.side_confidence >= self._settings.sides.likely:
                 self._decide(hand.id, hand.the_pose.side)
         while self._settled < len(self._held):
             self._settle()
@@ -137,7 +135,7 @@ class LaterFrames(Generic[T]):
         """The first frames that are held, smoothed by all that are settled."""
         filters: dict[tuple[int, Side | None], PoseFilter] = {}
         released = []
-        sure = self._sure_ids()
+        sure, smooth = self._sure_ids(), self._settings.smooth
         for n in range(self._settled - 1, -1, -1):
             item, frame = self._held[n]
             poses = {
@@ -145,7 +143,7 @@ class LaterFrames(Generic[T]):
                 for hand in frame.every
                 if hand.pose is not None and hand.pose.followed is not None
             }
-            filters = {key: filters.get(key) or PoseFilter() for key in poses}
+            filters = {key: filters.get(key) or PoseFilter(smooth) for key in poses}
             # The times of a filter ascend.
             backward = {
                 key: filters[key](own.fitted, -frame.time, own.error_mm)
@@ -157,7 +155,7 @@ class LaterFrames(Generic[T]):
         del self._held[:count]
         self._settled -= count
         if self._settled:
-            first = self._held[0][1].time - LASTING_S
+            first = self._held[0][1].time - self._settings.later.lasting_s
             self._judged = [(time, hand) for time, hand in self._judged if time >= first]
         return released[::-1]
 
@@ -204,10 +202,11 @@ class LaterFrames(Generic[T]):
         """The hand with the mean of its errors around this time; unchanged if it was not judged."""
         if np.isnan(hand.error_mm):
             return hand
+        lasting_s = self._settings.later.lasting_s
         around = [
             one
             for at, one in self._judged
-            if abs(at - time) <= LASTING_S and (one.id, one.hand) == (hand.id, hand.hand)
+            if abs(at - time) <= lasting_s and (one.id, one.hand) == (hand.id, hand.hand)
         ]
         confidence = min(hand.confidence, float(np.mean([one.confidence for one in around])))
         error_mm = np.maximum(

@@ -14,7 +14,6 @@ from handpose.body.sides import mirror_of
 from handpose.estimate.hand import Hand, with_quality
 from handpose.estimate.nets import is_hand
 from handpose.fit.body import SIZE_INDEX, CapsuleModel, WorldPose, crop_variables
-from handpose.fit.pose_confidence import judged
 from handpose.tracking.hand_track import HandTrack, SideState
 from handpose.tracking.reasons import uncertain
 from handpose.tracking.track import HandPose, TrackedHand, TrackedPoses
@@ -48,7 +47,7 @@ def _as_side(
         )
     if estimate.evidence is not None:  # the errors of the network were measured
         lag = estimate.evidence.lagging(model, model.joints(x), estimate.the_fit.joints)
-        estimate = with_quality(estimate, judged(lag), 0)
+        estimate = with_quality(estimate, track.judge.judged(lag), 0)
     found = _result(track.id, estimate, pose)
     return replace(
         found,

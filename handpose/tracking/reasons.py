@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.body.sides import SideView, mirror_of
-from handpose.estimate.expected import LEAVING, ExpectedBodies
+from handpose.estimate.expected import ExpectedBodies
 from handpose.fit.body import WorldPose
-from handpose.fit.support import Support, support
+from handpose.fit.support import Support
 from handpose.frames.cameras import Camera
 from handpose.frames.crops import FAR_FACE, NEAR_FACE, crop
 from handpose.tracking.track import HIDDEN, LEFT
@@ -27,6 +27,9 @@ MIN_VISIBLE = 0.03  # minimum share of foreground in a crop
 # A reason is given from this share on: of the hand's own surface or its crop that is behind nearer
 # objects or without a reading, or of its joints that are outside the image.
 PART = 0.25
+OUTSIDE = (
+    0.05  # from this share of its surface outside the image on, any such joint gives the reason
+)
 
 
 def why_missing(
@@ -38,7 +41,7 @@ def why_missing(
     """
     readings = np.asarray(view.readings, np.float32)
     limbs = expected.model.surface.limbs
-    seen = support(expected.capsules(pose), limbs, readings, view.camera)
+    seen = expected.support.support(expected.capsules(pose), limbs, readings, view.camera)
     frame = view.of("right")  # as the camera sees it: the reason names its edges
     xyz = expected.joints(pose) * mirror_of(view.side)
     center = view.pixel_in("right", expected.center_of(pose, view.camera))
@@ -77,7 +80,7 @@ def reason(
     d = center_uvd[2]
     if (np.abs(shown) < FAR_FACE).mean() < MIN_VISIBLE:
         return f"only background at its last position, {d:.0f} mm away"
-    edges = _edges_left(camera, xyz, 0.0) if support.outside[0] > LEAVING else None
+    edges = _edges_left(camera, xyz, 0.0) if support.outside[0] > OUTSIDE else None
     if edges:
         return f"{LEFT}{edges}"
     if support.missing[0] > PART:

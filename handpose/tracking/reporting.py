@@ -6,15 +6,8 @@ from dataclasses import dataclass, replace
 
 from handpose.body.sides import Side
 from handpose.tracking.reasons import uncertain
+from handpose.tracking.settings import TrackSettings
 from handpose.tracking.track import TrackedFrame, TrackedHand
-
-# Number of frames with joints that make a hand one that can be lost. In recordings of one
-# hand and of two, the hands that are lost have 17 or more, a hand that is found twice in its
-# first frame has 1.
-MIN_GIVEN = 3
-# s, for which a hand counts as one with joints after it had them: twice as long as a track goes on
-# without a pose.
-RECENT_S = 2.0
 
 
 @dataclass
@@ -36,10 +29,10 @@ class SureHands:
     follows all on.
 
     A hand below the minimum confidence is present, without its joints; one whose confidence is
-    unknown is not below. A hand is listed as lost only if its joints were given in ``MIN_GIVEN``
-    frames before. A finder sees hands in many things: beside a hand with joints, and for
-    ``RECENT_S`` after one that can be lost, only those present hands are reported that are sure;
-    where no hand has joints, all are. A minimum of 0 removes nothing.
+    unknown is not below. A hand is listed as lost only if its joints were given in
+    ``min_given`` frames before. A finder sees hands in many things: beside a hand with joints, and
+    for ``recent_s`` after one that can be lost, only those present hands are reported that are
+    sure; where no hand has joints, all are. A minimum of 0 removes nothing.
 
     Ids of reported hands are numbers from 0, in the order in which hands are first reported; in one
     frame those with joints come first. A tracker's own ids also count places that it only looks at.
@@ -48,8 +41,8 @@ class SureHands:
     ids     the reported id of each of the tracker's ids
     """
 
-    def __init__(self, min_confidence: float) -> None:
-        self.min_confidence, self.frames = min_confidence, 0
+    def __init__(self, min_confidence: float, settings: TrackSettings) -> None:
+        self.min_confidence, self.settings, self.frames = min_confidence, settings, 0
         self._given: dict[int, Given] = {}
         self.ids: dict[int, int] = {}
         self._posed = -float("inf")  # s, when a hand that can be lost had joints last
@@ -75,7 +68,7 @@ class SureHands:
             for one in frame.lost
             if self._can_be_lost(one.id)
         ]
-        is_beside = posed or frame.time - self._posed <= RECENT_S
+        is_beside = posed or frame.time - self._posed <= self.settings.follow.recent_s
         present = [one for one in frame.present if one.is_sure or not is_beside]
         return frame._replace(every=(*hands, *lost, *present))
 
@@ -102,7 +95,8 @@ class SureHands:
         return frame._replace(every=tuple(sorted(every, key=lambda hand: hand.id)))
 
     def _can_be_lost(self, id: int) -> bool:
-        return id in self._given and self._given[id].frames >= MIN_GIVEN
+        least = self.settings.present.min_given
+        return id in self._given and self._given[id].frames >= least
 
 
 def _with_id(hand: TrackedHand, id: int) -> TrackedHand:

@@ -8,6 +8,7 @@ three lowest. Frames count robustly, because some are fitted wrongly at any size
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,18 +18,15 @@ from handpose.fit.body import MAX_SIZE, MIN_SIZE, SIZE_INDEX, TYPICAL_SIZE
 from handpose.fit.depth_fit import DepthFitter
 from handpose.fit.objective import Objective
 from handpose.fit.observation import HandCrops, Observation
-from handpose.fit.search import FAST, Stage, data_cost, descend
+from handpose.fit.search import data_cost
+from handpose.fit.settings import Stage
+from handpose.tracking.settings import SizeSettings
 from netlib.blob import Array
 from netlib.errors import DataError
 
-COLLECTED_POSES = 32  # number of poses collected
-BEST = 16  # number of the poses that are used, the least uncertain ones
-EVERY = 0.1  # s between poses, which must differ
-CONFIDENT = 0.5
 # logarithms of the sizes tried, about the median of the single fits
 NEAR = np.linspace(-0.12, 0.12, 9)
 POPULATION = 0.114  # deviation of the logarithm of the sizes of the recipe `people`
-STAGES = (Stage(15, 4), Stage(10, 3))
 
 
 def checked(size: float) -> float:
@@ -47,41 +45,50 @@ class SizeKeeper:
     size  relative to the skeleton; None until it is known
     """
 
-    def __init__(self, fitter: DepthFitter, size: float | None = None) -> None:
+    def __init__(
+        self, fitter: DepthFitter, settings: SizeSettings, size: float | None = None
+    ) -> None:
         self.size = size
-        self._fitter = fitter
+        self._fitter, self._settings = fitter, settings
         self._estimates: list[Hand] = []
         self._time = -np.inf
 
     def take(self, estimate: Hand, time: float) -> None:
         """Add a pose of a frame, from which the size may follow."""
-        is_known = self.size is not None
-        if is_known or estimate.chance < CONFIDENT or time - self._time < EVERY:
+        is_known, s = self.size is not None, self._settings
+        if is_known or estimate.chance < s.confident or time - self._time < s.every_s:
             return
         self._estimates = [*(one for one in self._estimates if one.hand == estimate.hand), estimate]
         self._time = time
-        if len(self._estimates) < COLLECTED_POSES:
+        if len(self._estimates) < s.collected:
             return
-        estimates = sorted(self._estimates, key=lambda one: one.uncertainty)[:BEST]
+        estimates = sorted(self._estimates, key=lambda one: one.uncertainty)[: s.collected // 2]
         self._estimates = []
         crops, uvd = (
-            np.stack(values) for values in zip(*((s.view_crop, s.view_uvd) for s in estimates))
+            np.stack(values)
+            for values in zip(*((one.view_crop, one.view_uvd) for one in estimates))
         )
         hands = HandCrops(crops, uvd, estimate.view_camera, estimate.cube_mm)
-        seen = hands.observe(FAST.points)
-        x = np.stack([s.x for s in estimates])
+        seen = self._fitter.observe(hands, self._fitter.settings.search.fast)
+        x = np.stack([one.x for one in estimates])
         size = float(np.exp(np.median(x[:, SIZE_INDEX])))
         middle = np.clip(np.log(size), np.log(MIN_SIZE) - NEAR[0], np.log(MAX_SIZE) - NEAR[-1])
         self.size = size_of(
-            self._fitter, seen, x, sizes=np.exp(middle + NEAR), deviation=POPULATION
+            self._fitter, seen, x, s.stages, sizes=np.exp(middle + NEAR), deviation=POPULATION
         )
 
 
 def size_of(
-    fitter: DepthFitter, seen: Observation, x: Array, sizes: Array, deviation: float = np.inf
+    fitter: DepthFitter,
+    seen: Observation,
+    x: Array,
+    stages: Sequence[Stage],
+    sizes: Array,
+    deviation: float = np.inf,
 ) -> float:
     """The size, relative to the skeleton, of the hand in all frames, fitted as x (N, V).
 
+    stages     of the fits
     sizes      to be tried: at least three, with equal steps of their logarithms
     deviation  of the logarithm of people's sizes about that of TYPICAL_SIZE. This prior counts as
                much as one frame, however many there are, because the model differs from a hand in
@@ -95,9 +102,8 @@ def size_of(
     for costs, size in zip(left, sizes):
         start = x.copy()
         start[:, SIZE_INDEX] = np.log(size)
-        _, cost = descend(
-            objective, start, seen, objective.prior_of(start, fitter.precision), STAGES
-        )
+        prior = objective.prior_of(start, fitter.precision)
+        _, cost = fitter.search.descend(objective, start, seen, prior, stages)
         costs[:] = data_cost(cost.parts)
     least = left.min(axis=0)
     explained = left[:, least <= 3 * np.median(least)]  # frames that no size explains do not count

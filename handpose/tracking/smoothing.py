@@ -25,7 +25,8 @@ cutoff also grows with the gap between x and x̂, where it is larger than jitter
 
     f = f_min + β |v̂| + γ max(|x − x̂| − δ, 0)
 
-With κ = 0 and γ = 0 this is the paper's filter.
+With κ = 0 and γ = 0 this is the paper's filter. A pose whose expected error is above ``GOOD_MM`` is
+trusted less; smaller errors last, so smoothing only delays.
 """
 
 from __future__ import annotations
@@ -36,39 +37,11 @@ from typing import NamedTuple
 import numpy as np
 
 from handpose.fit.body import WorldPose
+from handpose.fit.pose_confidence import GOOD_MM
+from handpose.tracking.settings import Cutoff, SmoothSettings
 from netlib.blob import Array
 
-SCATTER_HZ = 0.3  # cutoff of the logarithm of n̂
-NO_SPEED = 1e-6  # lower bound for the logarithm
-
-
-class Cutoff(NamedTuple):
-    """f_min in Hz, β in Hz per unit of speed, the cutoff in Hz of the speed, κ, the bound of κ n̂,
-    γ in Hz per unit, and δ.
-    """
-
-    least: float
-    slope: float
-    speed: float
-    noise: float = 0.0
-    most: float = math.inf
-    gap: float = 0.0
-    least_gap: float = 0.0
-
-
-# Chosen on synthetic movements with three cameras that are in no reported result; the gaps
-# on the real hands P1, P4 and hpx, and on two synthetic recordings, whose jitter they raise
-# by less than 2%.
-PLACE = Cutoff(least=0.5, slope=0.4, speed=2.7, noise=1.3, most=25.0)  # per mm/s
-# per rad/s, rad
-ROTATION = Cutoff(least=0.8, slope=45.0, speed=4.0, noise=2.1, most=0.5, gap=200.0, least_gap=0.03)
-# the same, and of sizes their logarithm
-OTHERS = Cutoff(least=0.8, slope=15.0, speed=0.75, noise=1.05, most=0.4, gap=150.0, least_gap=0.06)
-# expected error of a pose above which it is trusted less; smaller errors last, so
-# smoothing only delays
-TRUSTED_MM = 30.0
-POWER = 3  # exponent of the ratio of the errors
-MIN_TRUST = 0.1  # minimum trust, because a hand may move meanwhile
+NO_SPEED = 1e-6  # lower bound for the logarithm of a scatter
 
 
 class _Kept(NamedTuple):
@@ -85,13 +58,10 @@ class _Kept(NamedTuple):
 
 
 class PoseFilter:
-    """Smooths the poses of one body.
+    """Smooths the poses of one body."""
 
-    cutoffs  of the place, the rotation, and each of the other variables
-    """
-
-    def __init__(self, cutoffs: tuple[Cutoff, Cutoff, Cutoff] = (PLACE, ROTATION, OTHERS)) -> None:
-        self._cutoffs = cutoffs
+    def __init__(self, settings: SmoothSettings) -> None:
+        self._settings = settings
         self._kept: _Kept | None = None
 
     def __call__(self, body: WorldPose, time: float, error_mm: float = math.nan) -> WorldPose:
@@ -99,14 +69,13 @@ class PoseFilter:
 
         error_mm  expected error of its joints; NaN if unknown
         """
-        kept = self._kept
+        kept, s = self._kept, self._settings
         if kept is None:
             still = np.zeros(6 + len(body.others))
             self._kept = _Kept(time, body, body, still, still, 1)
+            cutoffs = np.array((s.place, s.rotation, s.others))
             # (V,) each
-            self._each = Cutoff(
-                *np.repeat(np.array(self._cutoffs), (3, 3, len(body.others)), axis=0).T
-            )
+            self._each = Cutoff(*np.repeat(cutoffs, (3, 3, len(body.others)), axis=0).T)
             return body
         seconds = time - kept.time
         if seconds <= 0:
@@ -114,12 +83,12 @@ class PoseFilter:
         trust = (
             1.0
             if math.isnan(error_mm)
-            else max((TRUSTED_MM / max(error_mm, TRUSTED_MM)) ** POWER, MIN_TRUST)
+            else max((GOOD_MM / max(error_mm, GOOD_MM)) ** s.power, s.min_trust)
         )
         now = kept.raw.step_to(body) / seconds
         speed = kept.speed + share(self._each.speed, seconds) * (now - kept.speed)
         scatter = np.log(np.maximum(_sizes(now - speed), NO_SPEED))
-        scatter = kept.scatter + max(share(SCATTER_HZ, seconds), 1 / kept.number) * (
+        scatter = kept.scatter + max(share(s.scatter_hz, seconds), 1 / kept.number) * (
             scatter - kept.scatter
         )
         gap = kept.filtered.step_to(body)

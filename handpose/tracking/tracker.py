@@ -21,29 +21,22 @@ import numpy as np
 
 from handpose.body.sides import Side, SideView, mirror_of
 from handpose.estimate.candidates import SearchRegion
-from handpose.estimate.finder import APART_MM, FoundHand
+from handpose.estimate.finder import FoundHand
 from handpose.estimate.hand import MIN_CONFIDENCE, MIN_PRESENCE, Hand
 from handpose.estimate.nets import refuse_other_bodies
 from handpose.estimate.packaged import load_predictor
 from handpose.estimate.predictor import Predictor, check_probability, check_whole
-from handpose.fit.search import ACCURATE, Fit, Plan
+from handpose.fit.settings import Fit, FitSettings, Plan
 from handpose.frames.cameras import Camera
 from handpose.frames.crops import check_size
 from handpose.frames.images import check_unit, depth_image, without_dropouts
 from handpose.frames.recording import DepthFrame
-from handpose.tracking.hand_track import ENOUGH, MAX_EXTRAPOLATION_S, SURE, FrameHands, HandTrack
+from handpose.tracking.hand_track import FrameHands, HandTrack
 from handpose.tracking.output import tracked_hand
-from handpose.tracking.present_hands import (
-    LATER_S,
-    SAME_MM,
-    SOON_S,
-    STILL,
-    PresentHands,
-    PresentPlace,
-    Taken,
-)
+from handpose.tracking.present_hands import PresentHands, PresentPlace, Taken
 from handpose.tracking.reasons import NO_POSE, why_missing
-from handpose.tracking.reporting import RECENT_S, SureHands
+from handpose.tracking.reporting import SureHands
+from handpose.tracking.settings import TrackSettings
 from handpose.tracking.sizing import checked
 from handpose.tracking.track import TrackedFrame, TrackedHand, TrackHeader
 from netlib.blob import Array
@@ -51,21 +44,23 @@ from netlib.errors import DataError, NetlibError
 
 MAX_HANDS = 100  # larger numbers of hands are invalid
 ARM_PLACES = 5  # along a forearm, where what is found is the arm
-# A place is fitted accurately only if a first fast fit has this confidence, and a hand is followed
-# from this product of presence and confidence on: in twelve real recordings true hands begin with
-# 0.31 or more, and all but a person's elbow has up to 0.25. Beside a followed hand another one
-# needs this confidence; the elbow has up to 0.64.
-ENOUGH_FIRST, ENOUGH_BOTH, BESIDE = ENOUGH / 3, 0.27, 0.7
-# of a tracked hand: its last pose replaces the turned crops
-AGAIN = dataclasses.replace(ACCURATE, quarters=(0,))
 
 
-def load_tracker(camera: Camera, *, fit: Fit = "fast", seed: int = 0, **options: object) -> Tracker:
-    """A tracker with the packaged weights; ``seed`` of its fits, other options as ``Tracker``.
+def load_tracker(
+    camera: Camera,
+    *,
+    fit: Fit = "fast",
+    seed: int = 0,
+    fit_settings: FitSettings = FitSettings(),
+    **options: object,
+) -> Tracker:
+    """A tracker with the packaged weights; ``seed`` and settings of its fits, other options as
+    ``Tracker``.
 
     Raises NetlibError.
     """
-    return Tracker(load_predictor(camera, fit=fit, seed=seed), **options)  # type: ignore[arg-type]
+    predictor = load_predictor(camera, fit=fit, seed=seed, settings=fit_settings)
+    return Tracker(predictor, **options)  # type: ignore[arg-type]
 
 
 class Tracker:
@@ -79,6 +74,7 @@ class Tracker:
     min_presence    below it a found place is no hand
     min_confidence  below it a hand is not reported (``SureHands``); 0 for all hands
                     that are followed
+    settings    tuned numbers, besides those of the predictor
 
     Raises NetlibError for an unsuitable predictor or number of hands, DataError for a size that
     cannot be fitted.
@@ -93,6 +89,7 @@ class Tracker:
         size: float | None = None,
         min_confidence: float = MIN_CONFIDENCE,
         min_presence: float = MIN_PRESENCE,
+        settings: TrackSettings = TrackSettings(),
     ) -> None:
         if predictor.fitter is None or predictor.finder is None:
             raise NetlibError("a tracker needs a predictor with a fit and a finder")
@@ -105,11 +102,16 @@ class Tracker:
         self.size = None if size is None else checked(size)
         self.estimator, self.model = predictor.estimator, predictor.fitter.model
         self.finder, self.min_presence = predictor.finder, min_presence
-        self.present = PresentHands(min_presence)
+        self.settings = settings
+        self.present = PresentHands(min_presence, settings.present)
         self._searched = -np.inf  # s, when further hands were searched for
         # all hands of the recording by the tracker's own ids (``SureHands.ids``)
         self.known: dict[int, HandTrack] = {}
-        self._sure = SureHands(min_confidence)
+        self._sure = SureHands(min_confidence, settings)
+        self._accurate = accurate = predictor.settings.search.accurate
+        # of a tracked hand: its last pose replaces the turned crops
+        trials = accurate.trials and accurate.trials._replace(turns=1)
+        self._again = dataclasses.replace(accurate, trials=trials)
         self._time = -np.inf
         self._read = False  # True once a frame had a reading
 
@@ -142,14 +144,14 @@ class Tracker:
         """
         before = self._time
         view, time = self._accept(frame)
-        found = FrameHands(self.finder, view, STILL * self.min_presence)
+        found = FrameHands(self.finder, view, self.present.still_presence)
         self._follow(found, time, before)
         self._drop_doubles()
-        pause = LATER_S if self.tracks else SOON_S
-        due = (
-            found.is_known or time - self._searched >= pause or time - before > MAX_EXTRAPOLATION_S
-        )
-        if due and sum(track.best.estimate.chance >= SURE for track in self.tracks) < self.limit:
+        follow, present = self.settings.follow, self.settings.present
+        pause = present.later_s if self.tracks else present.soon_s
+        waited = time - self._searched >= pause or time - before > follow.max_extrapolation_s
+        sure = sum(track.best.estimate.chance >= follow.sure for track in self.tracks)
+        if (found.is_known or waited) and sure < self.limit:
             self._searched = time
             self._search(found, time)
             self._drop_doubles()
@@ -180,7 +182,7 @@ class Tracker:
         others = {
             track.id: track.other_regions(found, estimates[track.id], time) for track in tracks
         }
-        again = self._estimates(view, others, AGAIN)
+        again = self._estimates(view, others, self._again)
         for track in tracks:
             seen = estimates[track.id]
             more = again[track.id] if others[track.id] else None
@@ -204,13 +206,14 @@ class Tracker:
         """Drop one of two tracks at the same place: the one seen earlier, otherwise
         the worse one.
         """
+        apart_mm = self.predictor.settings.finder.apart_mm
         for track in sorted(
             self.tracks, key=lambda one: (-one.time, one.best.estimate.selection_cost)
         ):
             for other in self.tracks if track.is_tracked else []:
                 if (
                     other is not track
-                    and np.linalg.norm(self._middle(track) - self._middle(other)) < APART_MM
+                    and np.linalg.norm(self._middle(track) - self._middle(other)) < apart_mm
                 ):
                     other.end("another hand is tracked at its position")
                     if track.decided == other.decided or None in (track.decided, other.decided):
@@ -240,20 +243,18 @@ class Tracker:
             place.wait(time, at_once=not self.tracks)
             seen = self._seen_at(place.hand, found.view, self.size)
             confidence = max((one.chance for one in seen), default=0.0)
-            if place.presence * confidence >= ENOUGH_BOTH and (
-                confidence >= BESIDE or not self.tracks
-            ):
-                self._begin(
-                    HandTrack(
-                        self.estimator, seen, time, self.size, self._side_prior(), place.presence
-                    ),
-                    place,
-                )
+            start = self.settings.start
+            is_sure = place.presence * confidence >= start.both
+            if is_sure and (confidence >= start.beside or not self.tracks):
+                known = self.size, self._side_prior(), place.presence
+                track = HandTrack(self.estimator, self.settings, seen, time, *known)
+                self._begin(track, place)
 
     def _was_followed(self, place: PresentPlace, time: float) -> bool:
         """True if a hand was followed there until a moment ago."""
-        recent = (track for track in self.known.values() if time - track.time <= RECENT_S)
-        return any(np.linalg.norm(track.place - place.hand.middle) < SAME_MM for track in recent)
+        recent_s, same_mm = self.settings.follow.recent_s, self.settings.present.same_mm
+        recent = (track for track in self.known.values() if time - track.time <= recent_s)
+        return any(np.linalg.norm(track.place - place.hand.middle) < same_mm for track in recent)
 
     def _begin(self, track: HandTrack, place: PresentPlace) -> None:
         """Follow a hand that was found at a place."""
@@ -291,14 +292,14 @@ class Tracker:
             first = self.estimator.in_frame(view, start, is_middle=True)
         except DataError:  # outside the image, or behind the camera
             return []
-        if first.chance < ENOUGH_FIRST:
+        if first.chance < self.settings.start.first:
             return []
         sides = self.predictor.sides if hand.side is None else (hand.side,)
         seen = view.of(first.hand)
         regions = [
             SearchRegion(seen.pixel_in(side, first.view_uvd), side, size=size) for side in sides
         ]
-        return [one for one in self.estimator.in_regions(view, regions, ACCURATE) if one]
+        return [one for one in self.estimator.in_regions(view, regions, self._accurate) if one]
 
     def _report(self, number: int, time: float) -> TrackedFrame:
         """The hands that were seen in this frame, however sure, and those that are lost."""

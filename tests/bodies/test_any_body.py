@@ -13,8 +13,8 @@ from handpose.estimate.predictor import Predictor
 from handpose.fit.body import CapsuleModel
 from handpose.fit.depth_fit import DepthFitter
 from handpose.fit.joints.fit_joints import fit_joints
-from handpose.fit.observation import observe
-from handpose.fit.search import FAST
+from handpose.fit.observation import HandCrops, observe
+from handpose.fit.settings import SearchSettings
 from handpose.frames.cameras import KINECT2
 from handpose.frames.crops import crop_pixels, restore_joints
 from handpose.scoring.held_out import errors_by_joint, figures_of, predict_all
@@ -157,8 +157,8 @@ def test_fits_to_depth(tmp_path: Path, seed: int) -> None:
     rng = np.random.default_rng(seed)
     start = scene.bodies.inputs[:n] + rng.normal(0, 0.12, scene.bodies.inputs[:n].shape)
     start[:, :3] = scene.bodies.inputs[:n, :3] + rng.normal(0, 0.02, (n, 3))
-    seen = observe(scene.depth[:n], scene.center_uvd[:n], KINECT2, 2 * HALF, 300)
-    fit = DepthFitter(model).fit(seen, [model.variables_of(start)], FAST)
+    seen = observe(HandCrops(scene.depth[:n], scene.center_uvd[:n], KINECT2, 2 * HALF), 300, 3.0)
+    fit = DepthFitter(model).fit(seen, [model.variables_of(start)], SearchSettings().fast)
     before = np.linalg.norm(model.joints(model.variables_of(start)) - truth, axis=2).mean(axis=1)
     after = np.linalg.norm(fit.joints - truth, axis=2).mean(axis=1)
     assert after.mean() < 0.6 * before.mean() and (after < before).mean() > 0.8

@@ -25,14 +25,14 @@ from handpose.fit.pose_confidence import (
     PACKAGED,
     SIGNS,
     Evidence,
+    Judge,
     Regression,
     Regressions,
     finger_signs,
-    judged,
-    judged_as_wholes,
     mean_log_error,
     read_weights,
 )
+from handpose.fit.settings import FitSettings
 from handpose.frames.cameras import ICVL
 from handpose.sequences.recordings import SyntheticRecording
 from netlib.errors import DataError
@@ -41,6 +41,7 @@ from tests.handpose.estimate.conftest import Said
 from tests.support.labelled_recordings import write_labelled
 from tests.support.running import run_tool
 
+JUDGE = Judge(FitSettings())
 IN_USE = read_weights()
 MADE = Regressions(
     Regression(np.array([0.3, 0.0, 0.2, 0.1, 0.25, 0.3, 0.1, 0.0, 0.2]), 0.5, 0.2),
@@ -64,7 +65,7 @@ def poses(name: str, weights: Regressions, seed: int, count: int = 400) -> Poses
         mean_log_error(evidence.signs, evidence.lag_mm, hand)
         + rng.choice([-1, 1], count) * hand.spread
     )
-    signs = finger_signs(judged_as_wholes(evidence, hand)[0], evidence)
+    signs = finger_signs(JUDGE.as_wholes(evidence, hand)[0], evidence)
     of_fingers = (
         signs @ finger.weights + finger.constant + rng.choice([-1, 1], (count, 5)) * finger.spread
     )
@@ -96,11 +97,11 @@ def test_the_columns() -> None:
     made.fingers_mm[:40] = np.nan  # no hands
     made.error_mm[:40] = LOST_MM
     name, count, sure, off, correlation, expected, true, *others = cells_of("a", [made], IN_USE)
-    confidence = judged(made.evidence).confidence[:40]
+    confidence = JUDGE.judged(made.evidence).confidence[:40]
     assert (name, count, off, *others) == ("a", "360", "0.0%", "40", str((confidence >= 0.3).sum()))
     assert 0 < int(sure) < 360 and float(correlation) > 0.7
     made = made._replace(evidence=made.evidence.take(slice(40, None)), error_mm=made.error_mm[40:])
-    assert float(expected) == pytest.approx(judged(made.evidence).error_mm.mean(), abs=0.06)
+    assert float(expected) == pytest.approx(JUDGE.judged(made.evidence).error_mm.mean(), abs=0.06)
     assert float(true) == pytest.approx(made.error_mm.mean(), abs=0.06)
 
 
@@ -120,7 +121,7 @@ def test_the_evidence_gives_the_confidence_that_the_tracker_reports(mirrored: bo
     for frame in tracked_labels(recording, true_labels(recording), 0, mirrored, min_confidence=0):
         frames.append(frame)
         [hand] = frame.hands
-        found = judged(evidence_of_track(frame.tracker.track_of(hand), frame.tracker.model))
+        found = JUDGE.judged(evidence_of_track(frame.tracker.track_of(hand), frame.tracker.model))
         assert hand.confidence == pytest.approx(hand.side_confidence * found.confidence[0])
         assert hand.error_mm == pytest.approx(found.error_mm[0])
         np.testing.assert_allclose(hand.finger_error_mm, found.finger_error_mm[0])
@@ -135,7 +136,7 @@ def test_a_pose_away_from_the_label_counts_as_a_lost_hand() -> None:
     [frame] = tracked_labels(recording, true_labels(recording), 0, False, min_confidence=0)
     middle, pixels = frame.label.mean(axis=(0, 1)), np.zeros(frame.depth.shape, bool)
     places = (middle + (40, 0, 0), middle + (-200, 0, 0))
-    frame.tracker.finder = Said(*(FoundHand(0.9, place, 0.5, pixels) for place in places))
+    frame.tracker.finder = Said(*(FoundHand(0.9, place, None, pixels) for place in places))
     found = poses_of("rest", iter([frame]))
     assert len(found.error_mm) == 2 and found.error_mm[0] < 25 and found.error_mm[1] == LOST_MM
     assert np.isnan(found.fingers_mm).any(axis=1).tolist() == [False, True]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import sys
+import ast
+import copy
 from pathlib import Path
 from typing import cast
 
@@ -10,7 +11,15 @@ import numpy as np
 import pytest
 
 from experiments import constants
-from experiments.constants import Seen, cells_of, followed, set_constants
+from experiments.constants import (
+    Seen,
+    Settings,
+    cells_of,
+    followed,
+    numbers_of,
+    parts_of,
+    settings_of,
+)
 from experiments.finder import (
     Answer,
     Labelled,
@@ -22,83 +31,161 @@ from experiments.finder import (
     reliability,
     things_taken_for_hands,
 )
+from handpose.body.sides import Side
 from handpose.estimate.finder import Finder, FoundHand
 from handpose.estimate.packaged import HAND_FINDER
+from handpose.fit import settings as fit_settings
+from handpose.fit.settings import JudgeSettings, Plan, Stage, Trials
 from handpose.frames import camera_file
-from handpose.frames.cameras import NYU, Camera
+from handpose.frames.cameras import ICVL, NYU, Camera
 from handpose.frames.recording import CameraInfo
+from handpose.sequences.acts import Act
+from handpose.sequences.recordings import Script, SyntheticRecording
 from handpose.synthetic.whole_scenes import SceneGenerator
+from handpose.tracking import settings as track_settings
+from handpose.tracking.later_frames import LaterFrames
+from handpose.tracking.tracker import load_tracker
 from netlib.blob import Array
 from netlib.errors import DataError
+from netlib.files.paths import ROOT
 from tests.support.labelled_recordings import write_labelled
 from tests.support.running import run_tool
 
 PLACE = np.array([10.0, 20.0, 700.0])
 
 
-def test_constants_with_numbers_are_counted(tmp_path: Path) -> None:
-    source = "A, B = 1, (2.0, 3)\nNAME = 'x'\nflag = 1\nIS = True\nC = A\nD = {'x': -4}\ndef f():\n    E = 5\n"
-    (tmp_path / "some.py").write_text(source)
-    assert constants.numbers_of(tmp_path / "some.py") == ["A", "B", "D"]
+def test_numbers_are_counted() -> None:
+    """Those of groups and of tables one by one; a name is none."""
+    plan = Plan("fast", 300, 6, Trials(4, 6, 4, Stage(15.0, 5), 2))
+    found = numbers_of((plan, JudgeSettings(unseen_error=(1, 2, 3))))
+    assert found["0.trials.stage.robust"] == 15 and found["1.unseen_error.2"] == 3
+    assert len(found) == 2 + 6 + 11
 
 
 def test_few_numbers_are_tuned() -> None:
-    """A new one replaces another; what is listed as not tuned exists."""
-    assert {"ENOUGH", "SURE"} <= set(constants.tuned()["tracking.hand_track"])
-    assert all(
-        set(names) <= set(constants.constants()[module])
-        for module, names in constants.NOT_TUNED.items()
-    )
-    assert sum(map(len, constants.tuned().values())) <= 99
+    """A new one replaces another."""
+    assert len(numbers_of(Settings())) <= 120
+
+
+def test_few_numbers_are_constants_of_modules() -> None:
+    """One that is tuned is a setting instead."""
+    statements = [
+        statement
+        for room in ("fit", "estimate", "tracking")
+        for path in (ROOT / "handpose" / room).rglob("*.py")
+        for statement in ast.parse(path.read_text(encoding="utf-8")).body
+        if path.name != "settings.py" and isinstance(statement, ast.Assign)
+    ]
+    parts = [part for statement in statements for part in ast.walk(statement.value)]
+    numbers = [part.value for part in parts if isinstance(part, ast.Constant)]
+    assert sum(isinstance(number, (int, float)) for number in numbers) <= 110
+
+
+@pytest.mark.parametrize("name", numbers_of(Settings()))
+def test_a_number_is_set(name: str) -> None:
+    """It alone; whole numbers remain whole."""
+    before = numbers_of(Settings())
+    value = before[name] + 1
+    after = numbers_of(settings_of([f"{name}={value}"]))
+    assert after == {**before, name: value} and type(after[name]) is type(before[name])
+
+
+def test_several_numbers_are_set() -> None:
+    settings = settings_of(["track.follow.sure=inf", "fit.search.accurate.trials.stage.robust=9"])
+    assert settings.track.follow.sure == np.inf and settings.fit.search.accurate.trials is not None
+    assert settings.fit.search.accurate.trials.stage == Stage(9.0, 5)
+    assert settings.fit.search.fast is Settings().fit.search.fast
+    assert settings.fit.objective == Settings().fit.objective
 
 
 @pytest.mark.parametrize(
     ("text", "line"),
     [
-        ("tracking.hand_track.NO=1", "no such constant"),
-        ("tracking.hand_track.SURE=x", "'x' is no number"),
-        ("tracking.smoothing.PLACE=1", "its value is more than a number"),
-        ("estimate.finder.FOCAL_PX=1", "handpose/estimate/finder.py has used its value"),
-        # as a default argument
-        ("estimate.hand.MIN_PRESENCE=0.5", "handpose/estimate/.* has used its value"),
-        ("tracking.hand_track.SURE=1", "already loaded"),
+        (
+            "track.follow.shure=1",
+            r"no such number \(did you mean 'track.follow.sure'\?\); python -m experiments constants",
+        ),
+        ("track.smooth.place=1", "no such number"),
+        ("fit.search.fast.name=1", "no such number"),
+        ("track.follow.sure=x", "'x' is no number"),
+        ("track.follow.sure", "'' is no number"),
+        ("fit.search.refining=1.5", "'1.5' is no whole number"),
     ],
 )
-def test_constants_that_cannot_be_set(
-    text: str, line: str, monkeypatch: pytest.MonkeyPatch
+def test_numbers_that_cannot_be_set(text: str, line: str) -> None:
+    with pytest.raises(DataError, match=f"--set {text}: {line}"):
+        settings_of([text])
+
+
+# tables of which all entries are read together
+WHOLE = {
+    "fit.sign_weights",
+    "fit.judge.unseen_confidence",
+    "fit.judge.unseen_error",
+    "track.smooth.place",
+    "track.smooth.rotation",
+    "track.smooth.others",
+}
+
+
+def names_of(settings: object, name: str = "") -> dict[int, str]:
+    """The names of all objects of settings, by their identity."""
+    names = {id(settings): name}
+    for key, part in parts_of(settings).items():
+        if parts_of(part):
+            names |= names_of(part, f"{name}.{key}" if name else key)
+    return names
+
+
+def test_every_number_is_read_from_the_settings_that_are_passed(
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    if "loaded" in line:
-        import handpose.tracking.tracker  # noqa: F401
-    else:
-        monkeypatch.delitem(sys.modules, "handpose.tracking.tracker", raising=False)
-    with pytest.raises(DataError, match=line):
-        set_constants([text])
+    """While two hands are tracked, of which one leaves, and which are covered and not read for a
+    moment. Some numbers are set so that all rules apply in three seconds.
+    """
+    values = ["track.sides.clear=2", "track.sides.max_s=1.2", "track.size.collected=8"]
+    given = copy.deepcopy(settings_of(["fit.steady.stay=10", *values]))
+    names, read, others = names_of(given), set(), set()
+    classes = [
+        kind
+        for module in (fit_settings, track_settings)
+        for kind in vars(module).values()
+        if isinstance(kind, type) and kind.__module__ == module.__name__
+    ]
 
+    def recorded(self: object, key: str) -> object:
+        if id(self) in names:
+            read.add(f"{names[id(self)]}.{key}")
+        elif type(self).__name__.endswith("Settings") and not key.startswith("__"):
+            others.add(f"{type(self).__name__}.{key}")
+        return object.__getattribute__(self, key)
 
-def test_constants_are_set_before_the_tracker_is_loaded(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also in the modules that import them; others with a constant of the same name keep it."""
-    from handpose.estimate import finder
-    from handpose.scoring import published_predictions
-    from handpose.tracking import hand_track, present_hands
-
-    nearest = published_predictions.NEAREST_MM
-    for module, name in (
-        (hand_track, "SURE"),
-        (present_hands, "LOOK"),
-        (hand_track, "LOOK"),
-        (finder, "NEAREST_MM"),
-    ):
-        monkeypatch.setattr(module, name, getattr(module, name))
-    monkeypatch.delitem(sys.modules, "handpose.tracking.tracker", raising=False)
-    set_constants(
-        [
-            "tracking.hand_track.SURE=inf",
-            "tracking.present_hands.LOOK=1",
-            "estimate.finder.NEAREST_MM=9",
-        ]
+    left = Act("rest", 1), Act("away", 1), Act("rest", 1)
+    take = SyntheticRecording(
+        Script(2.8, {"right": (Act("gestures", 3),), "left": left}), ICVL, rate=15, seed=2
     )
-    assert np.inf == hand_track.SURE and hand_track.LOOK == present_hands.LOOK == 1
-    assert finder.NEAREST_MM == 9 and nearest == published_predictions.NEAREST_MM
+    for kind in classes:
+        monkeypatch.setattr(kind, "__getattribute__", recorded)
+    tracker = load_tracker(ICVL, fit_settings=given.fit, settings=given.track)
+    whole, start = (
+        LaterFrames[None](tracker.model, 0.3, settings=tracker.settings) for _ in range(2)
+    )
+    for frame in take:
+        depth = np.array(frame.depth)
+        if 20 <= frame.number < 24:
+            depth[:, :140] = 0
+        if 26 <= frame.number < 30:
+            depth[100:] = 150
+        found = tracker.step(frame._replace(depth=depth))
+        whole.add(None, found)
+        if frame.number < 3:
+            start.add(None, found)
+    whole.finish()
+    start.finish()  # no side is decided yet
+    monkeypatch.undo()
+    unread = {name for name in numbers_of(given) if name not in read}
+    unread -= {name for name in unread if name.rpartition(".")[0] in read & WHOLE}
+    assert (unread, others) == (set(), set())
 
 
 def test_the_columns() -> None:
@@ -122,10 +209,22 @@ def test_a_recording_is_scored(tmp_path: Path, mirrored: bool) -> None:
     tracker reports.
     """
     source, labels = write_labelled(tmp_path, unlabelled=[1])
-    seen = list(followed(str(source), constants.labels_of(labels), 0, mirrored))
+    seen = list(followed(str(source), constants.labels_of(labels), 0, mirrored, Settings()))
     assert len(seen) == 3 and all(
         one is not None and one.is_right_side and one.error_mm < 20 for one in seen[1:]
     )
+
+
+@pytest.mark.parametrize(
+    "text", ["track.smooth.place.least=0.01", "fit.search.further=1", "fit.judge.unseen=0"]
+)
+def test_other_numbers_give_other_hands(tmp_path: Path, text: str) -> None:
+    source, path = write_labelled(tmp_path)
+    before, after = (
+        list(followed(str(source), constants.labels_of(path), 0, False, settings))
+        for settings in (Settings(), settings_of([text]))
+    )
+    assert before != after and len(before) == len(after)
 
 
 def test_labels_of_another_recording(tmp_path: Path) -> None:
@@ -135,18 +234,18 @@ def test_labels_of_another_recording(tmp_path: Path) -> None:
         with pytest.raises(
             DataError, match=f"take: expected as many frames as labels, {len(others)}"
         ):
-            list(followed(str(source), others, 0, False))
+            list(followed(str(source), others, 0, False, Settings()))
 
 
-def hand(presence: float, off: float, right: float = 0.9) -> FoundHand:
-    return FoundHand(presence, PLACE + (off, 0, 0), right, np.zeros((1, 1), bool))
+def hand(presence: float, off: float, side: Side | None = "right") -> FoundHand:
+    return FoundHand(presence, PLACE + (off, 0, 0), side, np.zeros((1, 1), bool))
 
 
 def test_a_labelled_hand_is_found_once() -> None:
     """The next answer near it is false, and one near a doubtful hand is not counted."""
     frame = Labelled(np.zeros((480, 640)), NYU, [(PLACE, "left")], [PLACE + (500, 0, 0)])
     answers = judged(
-        [hand(0.9, 70), hand(0.8, 10), hand(0.7, 300), hand(0.6, 450), hand(0.5, 0, 0.5)], frame
+        [hand(0.9, 70), hand(0.8, 10), hand(0.7, 300), hand(0.6, 450), hand(0.5, 0, None)], frame
     )
     assert [(one.presence, one.true) for one in answers] == [
         (0.9, True),
@@ -214,7 +313,7 @@ def test_false_detections_are_counted_by_the_name_of_the_object() -> None:
     class Sees:
         def hands(self, depth: Array, camera: Camera, most: int) -> list[FoundHand]:
             middle = camera.unproject([80.0, 64.0, 500.0])
-            return [FoundHand(0.9, middle, 0.5, depth > 0)]
+            return [FoundHand(0.9, middle, None, depth > 0)]
 
     head, *rows = things_taken_for_hands(cast(Finder, Sees()), 3, 8)
     assert head == ["taken for a hand", "pixels", "times", "a frame"]

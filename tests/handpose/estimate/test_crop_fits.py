@@ -13,9 +13,9 @@ from handpose.estimate.nets import best_fit, hand_poses
 from handpose.estimate.packaged import load_predictor
 from handpose.estimate.predictor import Predictor
 from handpose.fit.body import SIZE_INDEX, CapsuleModel
-from handpose.fit.depth_fit import DepthFit
+from handpose.fit.depth_fit import DepthFit, DepthFitter
 from handpose.fit.observation import HandCrops
-from handpose.fit.search import FAST
+from handpose.fit.settings import SearchSettings
 from handpose.frames.cameras import NYU
 from handpose.synthetic.generator import Generator, Recipe, Scene, SyntheticCamera
 from netlib.net import Net
@@ -47,7 +47,7 @@ def scene() -> Scene:
 def fits(predictor: Predictor, scene: Scene, count: int, **options: Any) -> DepthFit:
     """The fits of the first frames."""
     hands = HandCrops(scene.depth[:count], scene.center_uvd[:count], NYU, 300.0)
-    return fit_crops(predictor.net, predictor.fitter, hands, FAST, **options)
+    return fit_crops(predictor.net, predictor.fitter, hands, SearchSettings().fast, **options)
 
 
 def test_blocks_change_nothing(
@@ -90,7 +90,7 @@ def net(net_of: NetOf) -> Net:
 
 def test_of_a_net_with_sizes(net: Net, model: CapsuleModel) -> None:
     """The start has the size that the net predicts, and the joints of its hand model."""
-    (x,) = fit_starts(net, model, crops(2), (0,))
+    (x,) = fit_starts(net, DepthFitter(model), crops(2), (0,))
     assert x.shape == (2, model.variables) and best_fit(net) == "accurate"
     np.testing.assert_allclose(np.exp(x[:, SIZE_INDEX]), 0.9, atol=0.003)
     np.testing.assert_allclose(
@@ -101,7 +101,7 @@ def test_of_a_net_with_sizes(net: Net, model: CapsuleModel) -> None:
 def test_starts_are_moved_to_the_predicted_joints(net: Net, model: CapsuleModel) -> None:
     """Some nets predict joints in addition to their hand model."""
     net.params["joints"][1].data.reshape(31, 3)[:, 0] += 0.2
-    poses, (x,) = hand_poses(net, crops(1)), fit_starts(net, model, crops(1), (0,))
+    poses, (x,) = hand_poses(net, crops(1)), fit_starts(net, DepthFitter(model), crops(1), (0,))
     assert poses.joints is not None
     np.testing.assert_allclose(poses.joints[0].ravel(), net.params["joints"][1].data, atol=1e-6)
     assert np.linalg.norm(model.joints(x)[0] / 150 - poses.joints[0], axis=1).max() < 0.02
@@ -111,6 +111,8 @@ def test_turned_crops(net: Net, model: CapsuleModel) -> None:
     """A net with a constant output gives starts that are turned back with the crops by
     quarter turns.
     """
-    plain, turned = (model.joints(x)[0] for x in fit_starts(net, model, crops(1), (0, 1)))
+    plain, turned = (
+        model.joints(x)[0] for x in fit_starts(net, DepthFitter(model), crops(1), (0, 1))
+    )
     clockwise = np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1.0]])
     np.testing.assert_allclose(turned, plain @ clockwise.T, atol=1.0)

@@ -11,6 +11,8 @@ from handpose.body.sides import MIRROR, SIDES, Side
 from handpose.estimate.hand import Hand, as_one_side, judge
 from handpose.fit.body import SIZE_INDEX, THICKNESS_INDEX, CapsuleModel
 from handpose.fit.depth_fit import DepthFit
+from handpose.fit.pose_confidence import Judge
+from handpose.fit.settings import FitSettings
 from handpose.frames.cameras import NYU
 from handpose.frames.crops import crop
 from handpose.sequences.recordings import render_image
@@ -18,6 +20,7 @@ from tests.support.views import frame_of
 
 CENTER = np.array([NYU.u0 + 40, NYU.v0, 700.0])
 CROP = np.linspace(-1, 1, 128 * 128, dtype=np.float32).reshape(128, 128)
+JUDGE = Judge(FitSettings())
 WALL = np.full((NYU.height, NYU.width), 700.0)
 
 
@@ -96,8 +99,8 @@ def test_an_unjudged_hand_has_no_confidence(model: CapsuleModel) -> None:
     found, empty = fitted(model, "right"), fitted(model, "right", cost=np.inf)
     assert np.isnan([found.confidence, found.error_mm, *found.finger_error_mm]).all()
     assert found.chance == 1 and found.selection_cost == found.cost and empty.chance == 0
-    assert np.isnan(as_one_side(replace(found, other=found)).confidence)
-    known, same = judge([found, found], frame_of(WALL, NYU))
+    assert np.isnan(as_one_side(replace(found, other=found), JUDGE).confidence)
+    known, same = judge([found, found], frame_of(WALL, NYU), JUDGE)
     assert known.chance == known.confidence and known.selection_cost == known.error_mm
     assert known.evidence is not None and len(known.evidence.signs) == 1
     assert (same.error_mm, same.confidence) == (known.error_mm, known.confidence)
@@ -109,9 +112,9 @@ def test_the_side_lowers_the_confidence(model: CapsuleModel, cost: float, chance
     other is far away.
     """
     other = fitted(model, "left", cost)
-    [alone] = judge([fitted(model, "right")], frame_of(WALL, NYU))
-    assert as_one_side(alone) is alone
-    doubtful = as_one_side(replace(alone, other=other))
+    [alone] = judge([fitted(model, "right")], frame_of(WALL, NYU), JUDGE)
+    assert as_one_side(alone, JUDGE) is alone
+    doubtful = as_one_side(replace(alone, other=other), JUDGE)
     assert doubtful.confidence == pytest.approx(chance * alone.confidence)
     apart = np.linalg.norm(alone.xyz - other.xyz, axis=1).mean()
     assert doubtful.error_mm == pytest.approx(
@@ -132,7 +135,7 @@ def test_a_crop_alone_shows_what_its_frame_shows(model: CapsuleModel) -> None:
     hand = fitted(model, "right")
     frame = render_image(hand.capsules(in_space=True), NYU, background=1500.0)[0]
     shown = replace(hand, view_crop=crop(frame, CENTER, 300.0, NYU))
-    [whole], [alone] = judge([shown], frame_of(frame, NYU)), judge([shown], None)
+    [whole], [alone] = judge([shown], frame_of(frame, NYU), JUDGE), judge([shown], None, JUDGE)
     assert alone.error_mm == pytest.approx(whole.error_mm, rel=0.1)
     assert alone.confidence == pytest.approx(whole.confidence, abs=0.05)
 
@@ -142,10 +145,10 @@ def test_hands_of_both_sides_are_judged_in_their_order(model: CapsuleModel) -> N
     right, left = fitted(model, "right"), fitted(model, "left")
     shown = render_image(right.capsules(in_space=True), NYU, background=1500.0)[0]
     frame, mirrored = frame_of(shown, NYU), frame_of(shown[:, ::-1], NYU.mirrored())
-    first, other, last = judge([left, right, left], frame)
-    [alone] = judge([right], frame)
+    first, other, last = judge([left, right, left], frame, JUDGE)
+    [alone] = judge([right], frame, JUDGE)
     assert [first.hand, other.hand, last.hand] == ["left", "right", "left"]
     assert other.error_mm == alone.error_mm and first.error_mm == last.error_mm
     in_mirror = replace(left, camera=NYU.mirrored())
-    [same] = judge([in_mirror], mirrored)
+    [same] = judge([in_mirror], mirrored, JUDGE)
     assert same.error_mm == pytest.approx(alone.error_mm)

@@ -11,11 +11,10 @@ import netlib
 from handpose.body.joint_formats.frames import palm_frame
 from handpose.body.nyu import CENTER_IN_PALM, CUBE_MM
 from handpose.body.sides import Side, mirror_of
-from handpose.estimate.estimator import MAX_MOVE_MM
 from handpose.estimate.packaged import load_predictor
 from handpose.estimate.palm import recenter
 from handpose.estimate.predictor import PALM_MM, Predictor, depth_around
-from handpose.fit.search import Fit
+from handpose.fit.settings import CropSettings, Fit
 from handpose.frames.cameras import KINECT2, NYU, Camera
 from handpose.frames.crops import clear_crop, crop_pixels
 from handpose.synthetic.pose_prior import BodySampler
@@ -83,13 +82,13 @@ def test_a_crop_as_in_training_stays(fixed: Callable[..., netlib.Net], frame: np
 def test_a_wrong_prediction_moves_the_crop_within_limits(
     fixed: Callable[..., netlib.Net], frame: np.ndarray
 ) -> None:
-    """A wrong prediction moves the crop by at most MAX_MOVE_MM, not out of the image, and not
+    """A wrong prediction moves the crop by at most ``max_move_mm``, not out of the image, and not
     to the camera.
     """
     start = np.array([260.0, 210.0, 690.0])
     found = Predictor(fixed(25, 0, 0), KINECT2, refine=9).in_frame(frame, start)
     moved = np.linalg.norm(found.center_mm - KINECT2.unproject(start))
-    assert moved == pytest.approx(50, abs=1e-3) and moved < MAX_MOVE_MM
+    assert moved == pytest.approx(50, abs=1e-3) and moved < CropSettings().max_move_mm
     near = np.array([260.0, 210.0, 155.0])
     found = Predictor(fixed(0, 0, -20), KINECT2).in_frame(frame, near)
     np.testing.assert_array_equal(found.center_uvd, near)

@@ -24,7 +24,7 @@ from handpose.estimate.packaged import (
 )
 from handpose.fit.body import CapsuleModel
 from handpose.fit.network_errors import read_errors
-from handpose.fit.search import PLANS
+from handpose.fit.settings import SearchSettings
 from netlib.errors import NetlibError, WeightsError
 from netlib.snapshots import snapshot
 from tests.support.bad_input import bad_inputs
@@ -51,7 +51,7 @@ def test_the_errors_of_the_packaged_network_are_known(model: CapsuleModel) -> No
     assert errors.is_measured and errors.poses is not None
     assert 0.02 < np.sqrt(np.diag(errors.limbs)).mean() < 0.5
     assert (
-        load_predictor().plan is PLANS["accurate"]
+        load_predictor().plan == SearchSettings().accurate
         and load_predictor(fit="no", hand="left").fitter is None
     )
 

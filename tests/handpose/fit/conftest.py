@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from handpose.fit.body import SIZE_INDEX, THICKNESS_INDEX, CapsuleModel, Posed
-from handpose.fit.observation import Observation, observe
+from handpose.fit.observation import HandCrops, Observation, observe
 from handpose.fit.residuals import Residuals
 from handpose.frames.cameras import NYU
 from handpose.synthetic.generator import Generator, Recipe, SyntheticCamera
@@ -33,7 +33,13 @@ def scene(model: CapsuleModel) -> Scene:
     drawn = Generator(5, "train", Recipe(prior=EXACT, views=(SyntheticCamera(NYU, None),))).scene(0)
     crops, uvd = drawn.depth[:12], drawn.center_uvd[:12]
     truth = model.variables_of(drawn.bodies.inputs[:12])
-    return Scene(crops, uvd, truth, drawn.bodies.joints[:12] * 150, observe(crops, uvd, NYU, 300.0))
+    return Scene(
+        crops,
+        uvd,
+        truth,
+        drawn.bodies.joints[:12] * 150,
+        observe(HandCrops(crops, uvd, NYU, 300.0), 400, 3.0),
+    )
 
 
 @pytest.fixture(scope="session")

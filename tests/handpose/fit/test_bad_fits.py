@@ -11,8 +11,9 @@ from handpose.body.nyu import EVALUATION_JOINTS
 from handpose.fit.body import CapsuleModel, RootMotion
 from handpose.fit.depth_fit import DepthFitter
 from handpose.fit.joints.fit_joints import fit_joints
-from handpose.fit.observation import observe
-from handpose.fit.search import ACCURATE, FAST, turned_back
+from handpose.fit.observation import HandCrops, observe
+from handpose.fit.search import turned_back
+from handpose.fit.settings import SearchSettings
 from handpose.frames.cameras import KINECT2
 from layers.hand import skeleton
 from netlib.errors import DataError, NetlibError
@@ -23,6 +24,7 @@ from tests.handpose.fit.test_body import body
 from tests.handpose.fit.test_residuals import PIPE
 from tests.support.bad_input import bad_inputs
 
+FAST, ACCURATE = SearchSettings().plans.values()
 NYU = skeleton.load()  # joints that are fitted are NYU's labels
 ROOT = (
     "skeleton 'made up': its root does not translate along x, y, z and turn about three axes, by "
@@ -79,7 +81,7 @@ def poses(*shape: int, value: float = 0, joints: Any = None) -> Callable[[], obj
             )
         },
         "one crop": (
-            lambda: observe(np.zeros((128, 128)), [[1, 2, 3]], KINECT2, 300.0),
+            lambda: observe(HandCrops(np.zeros((128, 128)), [[1, 2, 3]], KINECT2, 300.0), 400, 3.0),
             "crops of shape (128, 128), expected (N, size, size)",
         ),
         "13 joints": (

@@ -6,14 +6,16 @@ import numpy as np
 import pytest
 
 from handpose.fit.body import SIZE_INDEX, CapsuleModel
-from handpose.fit.depth_fit import SIGN_WEIGHTS, DepthFitter
+from handpose.fit.depth_fit import DepthFitter
 from handpose.fit.network_errors import NetworkErrors
-from handpose.fit.observation import observe
+from handpose.fit.observation import HandCrops, observe
 from handpose.fit.rounding import NETWORK_STEP, rounded
-from handpose.fit.search import ACCURATE, FAST, Plan
+from handpose.fit.settings import FitSettings, Plan, SearchSettings, SteadySettings
 from handpose.frames.cameras import NYU
 from netlib import engine
 from tests.handpose.fit.conftest import Scene, error, start_of
+
+FAST, ACCURATE = SearchSettings().plans.values()
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +34,9 @@ def test_a_fast_fit(fitter: DepthFitter, scene: Scene) -> None:
     size = np.exp(found.x[:, SIZE_INDEX])
     assert ((size > 0.65) & (size < 1.36)).all() and (found.start == 0).all()
     np.testing.assert_allclose(found.cost, found.signs[:, :4].sum(axis=1))
-    np.testing.assert_allclose(np.log(found.uncertainty), np.log1p(found.signs) @ SIGN_WEIGHTS)
+    np.testing.assert_allclose(
+        np.log(found.uncertainty), np.log1p(found.signs) @ FitSettings().sign_weights
+    )
     np.testing.assert_allclose(found.network, model.joints(rounded(start, NETWORK_STEP)), atol=1e-6)
     np.testing.assert_allclose(
         found.signs[:, 4], np.linalg.norm(found.joints - found.network, axis=2).mean(axis=1)
@@ -75,7 +79,11 @@ def test_an_empty_crop_and_a_speck_have_infinite_signs_and_cost(
 ) -> None:
     crops = np.ones((2, 128, 128), np.float32)
     crops[1, 60:70, 60:70] = 0
-    found = fitter.fit(observe(crops, scene.center_uvd[:2], NYU, 300.0), [scene.truth[:2]], FAST)
+    found = fitter.fit(
+        observe(HandCrops(crops, scene.center_uvd[:2], NYU, 300.0), 400, 3.0),
+        [scene.truth[:2]],
+        FAST,
+    )
     assert np.isinf(found.signs).all() and np.isinf(found.cost).all()
 
 
@@ -83,7 +91,7 @@ def test_the_wrong_hand_explains_less(fitter: DepthFitter, scene: Scene) -> None
     """From the true pose, every right hand costs less as a right hand than as its mirror image."""
     right = fitter.fit(scene.seen, [scene.truth] * 4, ACCURATE)
     uvd = scene.center_uvd * (-1, 1, 1) + (NYU.width - 1, 0, 0)
-    in_mirror = observe(scene.crops[:, :, ::-1], uvd, NYU.mirrored(), 300.0)
+    in_mirror = observe(HandCrops(scene.crops[:, :, ::-1], uvd, NYU.mirrored(), 300.0), 400, 3.0)
     left = fitter.fit(in_mirror, [scene.truth] * 4, ACCURATE)
     assert (right.cost < left.cost).all()
 
@@ -157,9 +165,7 @@ def test_following_reduces_the_error_without_a_network(
     np.testing.assert_array_equal(found.x, fitter.follow(scene.seen, before, 0 * moved, plan).x)
 
 
-def test_followed_limbs_are_held(
-    fitter: DepthFitter, scene: Scene, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_followed_limbs_are_held(fitter: DepthFitter, scene: Scene) -> None:
     """Limbs stay nearer to the expected pose than the network's errors imply; the signs use the
     network's errors.
     """
@@ -174,7 +180,9 @@ def test_followed_limbs_are_held(
         found.x, scene.seen, objective.prior_of(expected, fitter.precision)
     ).prior
     np.testing.assert_allclose(found.signs[:, 3], prior, rtol=1e-4)
-    monkeypatch.setattr("handpose.fit.depth_fit.HOLD", 1.0)
-    loose = fitter.follow(scene.seen, before, np.zeros(len(before)), FAST)
+    settings = FitSettings(steady=SteadySettings(hold=1.0))
+    loose = DepthFitter(model, fitter.errors, settings=settings).follow(
+        scene.seen, before, np.zeros(len(before)), FAST
+    )
     held, free = (np.abs(fit.x - before)[:, model.limbs].mean() for fit in (found, loose))
     assert held < 0.95 * free

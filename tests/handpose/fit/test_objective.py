@@ -10,7 +10,8 @@ import pytest
 from handpose.fit import objective as objectives
 from handpose.fit.body import SIZE_INDEX, CapsuleModel
 from handpose.fit.network_errors import Poses
-from handpose.fit.objective import Objective, Prior, Weights
+from handpose.fit.objective import Objective, Prior
+from handpose.fit.settings import Weights
 from tests.handpose.fit.conftest import Scene, slopes
 
 SURFACE, OUTLINE, FRONT, PRIOR = range(4)

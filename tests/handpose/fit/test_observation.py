@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handpose.fit.observation import observe
+from handpose.fit.observation import HandCrops, observe
 from handpose.frames.cameras import NYU
 from handpose.frames.crops import crop_pixels
 from tests.handpose.fit.conftest import Scene
@@ -49,7 +49,7 @@ def test_outside_and_nearest() -> None:
     crop = np.ones((1, 128, 128), np.float32)
     crop[:, 40:80, 50:70] = 0.2
     crop[:, 60, 60] = 1  # a pixel without a reading
-    seen = observe(crop, [[320, 240, 700]], NYU, 300.0)
+    seen = observe(HandCrops(crop, [[320, 240, 700]], NYU, 300.0), 400, 3.0)
     px = 300 / 128
     assert seen.outside[0, 60, 45] == pytest.approx(4.5 * px, rel=0.02)
     assert seen.outside[0, 45, 60] == pytest.approx(-5.5 * px, rel=0.02)
@@ -57,7 +57,7 @@ def test_outside_and_nearest() -> None:
     assert seen.nearest[0, 39, 49] == pytest.approx(30) and seen.nearest[0, 38, 49] == 150
     cut = np.full((1, 128, 128), 0.2, np.float32)
     # the plate continues beyond the crop
-    assert observe(cut, [[320, 240, 700]], NYU, 300.0).outside.max() < -60 * px
+    assert observe(HandCrops(cut, [[320, 240, 700]], NYU, 300.0), 400, 3.0).outside.max() < -60 * px
 
 
 def test_small_and_empty_crops_have_fewer_points() -> None:
@@ -66,14 +66,14 @@ def test_small_and_empty_crops_have_fewer_points() -> None:
     """
     crop = np.ones((2, 128, 128), np.float32)
     crop[0, 60:65, 60:70] = 0
-    seen = observe(crop, [[320, 240, 700]] * 2, NYU, 300.0, 80)
+    seen = observe(HandCrops(crop, [[320, 240, 700]] * 2, NYU, 300.0), 80, 3.0)
     assert seen.known.sum(axis=1).tolist() == [50, 0]
     assert len(np.unique(seen.points[0, :, :50], axis=1).T) == 50 and (seen.points[1] == 0).all()
 
 
 def test_pixels_outside_the_image_yield_no_points() -> None:
     crop = np.zeros((1, 128, 128), np.float32)
-    seen = observe(crop, [[5, 240, 700]], NYU, 300.0)
+    seen = observe(HandCrops(crop, [[5, 240, 700]], NYU, 300.0), 400, 3.0)
     u = NYU.project(seen.points[0].T + seen.center[0])[:, 0]
     assert u.min() > -0.6
 
@@ -83,7 +83,7 @@ def test_thin_parts_have_more_points() -> None:
     crop = np.ones((1, 128, 128), np.float32)
     crop[0, 20:100, 20:26] = 0  # 80 x 6
     crop[0, 60:100, 50:100] = 0  # 40 x 50
-    seen = observe(crop, [[320, 240, 700]], NYU, 300.0, 300)
+    seen = observe(HandCrops(crop, [[320, 240, 700]], NYU, 300.0), 300, 3.0)
     thin = (seen.points[0, 0] < -60).mean()
     assert thin > 1.4 * 480 / 2480
 
@@ -91,9 +91,11 @@ def test_thin_parts_have_more_points() -> None:
 def test_cameras_of_several_views_together(scene: Scene) -> None:
     """Crops of frames and of their mirror images are observed as each alone."""
     cameras = [NYU, NYU.mirrored()] * 6
-    both = observe(scene.crops, scene.center_uvd, cameras, 300.0)
+    both = observe(HandCrops(scene.crops, scene.center_uvd, cameras, 300.0), 400, 3.0)
     for n, camera in enumerate(cameras[:2]):
-        alone = observe(scene.crops[n : n + 1], scene.center_uvd[n : n + 1], camera, 300.0)
+        alone = observe(
+            HandCrops(scene.crops[n : n + 1], scene.center_uvd[n : n + 1], camera, 300.0), 400, 3.0
+        )
         for name, values in vars(both.take(slice(n, n + 1))).items():
             own = values[n : n + 1] if name in ("outside", "nearest") else values
             if name != "frame":

@@ -14,21 +14,20 @@ from handpose.fit.pose_confidence import (
     PACKAGED,
     SIGNS,
     Evidence,
+    Judge,
     finger_errors,
     finger_signs,
-    judged,
     pose_signs,
     read_weights,
-    side_chance,
-    side_log_ratio,
     unknown_finger_errors,
-    unseen_share,
 )
+from handpose.fit.settings import FitSettings
 from handpose.fit.support import JointDepths, Support
 from netlib.errors import PrototxtError
 from tests.support.bad_input import bad_inputs
 
 HAND, FINGER = read_weights()
+JUDGE = Judge(FitSettings())
 NONE = np.zeros(1)  # no lag
 FINGERS = {
     "behind": np.zeros((1, 5)),
@@ -51,8 +50,8 @@ def of(
     """
     support = Support(*(np.array([share]) for share in (seen, hidden, 0.0, 0.0, 1 - seen - hidden)))
     all_signs = np.broadcast_to(signs, (1, len(SIGNS)))
-    error_mm, confidence, _ = judged(
-        Evidence(all_signs, lag, unseen_share(support), *fingers.values())
+    error_mm, confidence, _ = JUDGE.judged(
+        Evidence(all_signs, lag, JUDGE.unseen_share(support), *fingers.values())
     )
     return error_mm[0], confidence[0]
 
@@ -126,10 +125,14 @@ def test_the_side_by_its_cost() -> None:
     """Equal costs tell nothing, the sides' probabilities add up to 1, and a single image never
     tells for certain.
     """
-    assert side_chance(side_log_ratio(80, 80)) == 0.5
-    found, other = side_chance(side_log_ratio(80, 100)), side_chance(side_log_ratio(100, 80))
+
+    def chance(cost: float, other: float) -> float:
+        return JUDGE.side_chance(JUDGE.side_log_ratio(cost, other))
+
+    assert chance(80, 80) == 0.5
+    found, other = chance(80, 100), chance(100, 80)
     assert found == pytest.approx(1 / (1 + 0.8**8)) == 1 - other
-    assert side_chance(side_log_ratio(80, 400)) == side_chance(side_log_ratio(80, np.inf)) < 0.99
+    assert chance(80, 400) == chance(80, np.inf) < 0.99
 
 
 def errors_of(whole: float, fingers: dict[str, np.ndarray]) -> np.ndarray:

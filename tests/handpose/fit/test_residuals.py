@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from handpose.fit.body import CapsuleModel
-from handpose.fit.observation import Observation, observe
+from handpose.fit.observation import HandCrops, Observation, observe
 from handpose.fit.residuals import (
     Cones,
     Residuals,
@@ -164,7 +164,9 @@ def test_spheres_before_a_plate(model: CapsuleModel) -> None:
     """The residuals, worked out by hand, of spheres at the ends of capsules before a plate 30 mm
     behind the centre.
     """
-    seen = observe(np.full((1, 128, 128), 0.2, np.float32), [[320, 240, 700]], NYU, 300.0)
+    seen = observe(
+        HandCrops(np.full((1, 128, 128), 0.2, np.float32), [[320, 240, 700]], NYU, 300.0), 400, 3.0
+    )
     posed, spheres = model.posed(np.zeros((1, model.variables))), spheres_of(model)
     found = sphere_residuals(cones_of(model, posed), seen, spheres, 3.0)
     x, y, z = posed.ends[0, model.end[spheres]].T

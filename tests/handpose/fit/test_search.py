@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from handpose.fit.body import CapsuleModel
-from handpose.fit.objective import Objective, Prior, Weights
-from handpose.fit.search import FAST, Stage, damped_step, descend, drawn, search, turned_back
+from handpose.fit.objective import Objective, Prior
+from handpose.fit.search import Search, damped_step, drawn, turned_back
+from handpose.fit.settings import SearchSettings, Stage, Trials, Weights
 from layers.hand.bodies import kinematics_of
 from tests.handpose.fit.conftest import Scene, start_of
 
+SEARCH = Search(SearchSettings())
 RNG = np.random.default_rng(0)
 J, X = RNG.standard_normal((4, 9, 5)), RNG.standard_normal((4, 5))
 A, B = J.swapaxes(1, 2) @ J, RNG.standard_normal((4, 5))
@@ -76,7 +78,7 @@ def test_the_cost_never_rises_within_a_stage(model: CapsuleModel, scene: Scene) 
     objective, x = Objective(model, Weights()), start_of(scene, model)
     prior, costs = prior_of(objective, x), []
     for iterations in (0, 2, 5, 9):
-        found, cost = descend(
+        found, cost = SEARCH.descend(
             objective, x, scene.seen, prior, (Stage(60, 1), Stage(30, iterations))
         )
         costs.append(cost.total)
@@ -87,16 +89,16 @@ def test_the_cost_never_rises_within_a_stage(model: CapsuleModel, scene: Scene) 
 
 
 @pytest.mark.parametrize(
-    "first", [(), (Stage(13, 0),)], ids=["at the end", "after the first stages"]
+    "trials", [None, Trials(1, 0, 1, Stage(13, 0), 1)], ids=["at the end", "after the first stage"]
 )
 def test_starts_are_compared_without_the_prior(
-    model: CapsuleModel, few: Scene, first: tuple[Stage, ...]
+    model: CapsuleModel, few: Scene, trials: Trials | None
 ) -> None:
     """The start that explains the image wins, although the network predicts the other one."""
     objective, (wrong, right) = Objective(model, Weights()), (start_of(few, model), few.truth)
     precision = np.eye(len(model.limbs)) / 0.01**2
-    plan = replace(FAST, first=first, keep=2 - len(first), last=(Stage(13, 0),))
-    found = search(
+    plan = replace(SEARCH.settings.fast, iterations=0, trials=trials)
+    found = SEARCH.best(
         objective, few.seen, np.stack([wrong, wrong]), np.stack([wrong, right]), precision, plan
     )
     np.testing.assert_array_equal(found.start, 1)

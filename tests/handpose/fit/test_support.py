@@ -8,20 +8,15 @@ import numpy as np
 import pytest
 
 from handpose.fit.body import CapsuleModel
-from handpose.fit.support import (
-    MAX_JOINT_DEPTH_MM,
-    Samples,
-    Support,
-    joint_depths,
-    support,
-    support_of_parts,
-)
+from handpose.fit.settings import SupportSettings
+from handpose.fit.support import ImageSupport, Samples, Support
 from handpose.frames.cameras import KINECT2
 from handpose.sequences.recordings import render_image
 from tests.handpose.fit.test_body import body
 
 CAMERA = replace(KINECT2, width=512, height=424)
 CENTER = np.array([[0.0, 0.0, 500.0]])
+IMAGES = ImageSupport(SupportSettings())
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +30,7 @@ def image(model: CapsuleModel) -> np.ndarray:
 def of(model: CapsuleModel, image: np.ndarray, move: tuple[float, ...] = (0, 0, 0)) -> Support:
     """The support of that hand, moved."""
     capsules = model.capsules(np.zeros((1, model.variables)), CENTER + np.array(move))
-    return support(capsules, model.surface.limbs, image, CAMERA)
+    return IMAGES.support(capsules, model.surface.limbs, image, CAMERA)
 
 
 @pytest.mark.parametrize(
@@ -70,10 +65,10 @@ def test_parts(model: CapsuleModel, image: np.ndarray) -> None:
     )
     covered = image.copy()
     covered[v.min() - 9 : v.max() - 15, u.min() - 9 : u.max() + 9] = 200
-    whole, *parts = support_of_parts(
+    whole, *parts = IMAGES.support_of_parts(
         capsules, model.surface.limbs, [index, others], covered, CAMERA
     )
-    assert whole == support(capsules, model.surface.limbs, covered, CAMERA)
+    assert whole == IMAGES.support(capsules, model.surface.limbs, covered, CAMERA)
     assert parts[0].hidden[0] > 0.5 > 0.2 > parts[1].hidden[0]
     assert min(part.seen[0] for part in parts) < whole.seen[0] < max(part.seen[0] for part in parts)
 
@@ -114,7 +109,7 @@ def test_a_flat_part_between_thin_edges() -> None:
     readings = np.full((CAMERA.height, CAMERA.width), 500.0)
     u, v, _ = np.rint(CAMERA.project(CENTER[0] + (100 / 3, 100 / 3, 0))).astype(int)
     readings[v, u] = 300
-    whole, part = support_of_parts(
+    whole, part = IMAGES.support_of_parts(
         capsules, none, [np.array([False, True, True])], readings, CAMERA
     )
     hidden = 5000 / (5000 + edges)
@@ -142,11 +137,13 @@ def test_joints_in_the_image(image: np.ndarray) -> None:
     v, u = np.argwhere(image < 700)[200]
     surface, d = CAMERA.unproject([u, v, image[v, u]]), float(image[v, u])
     joints = np.stack([surface * (1 + dz / d) for dz in (12, -30, 500)])[None]
-    found = joint_depths(joints, image, CAMERA)
+    found = IMAGES.joint_depths(joints, image, CAMERA)
     np.testing.assert_allclose(
-        [found.behind[0], found.before[0]], [(12 + MAX_JOINT_DEPTH_MM) / 3, 10], rtol=1e-4
+        [found.behind[0], found.before[0]],
+        [(12 + IMAGES.settings.max_joint_depth_mm) / 3, 10],
+        rtol=1e-4,
     )
     missing = image.copy()
     missing[v, u] = np.nan
     for nothing in (missing, np.zeros_like(image)):
-        assert [*np.ravel(joint_depths(joints, nothing, CAMERA))] == [0, 0]
+        assert [*np.ravel(IMAGES.joint_depths(joints, nothing, CAMERA))] == [0, 0]

@@ -15,7 +15,7 @@ from handpose.frames.recording import DepthFrame
 from handpose.scoring.tracks import TrackScores, score
 from handpose.sequences.acts import Act
 from handpose.sequences.recordings import Script, SyntheticRecording
-from handpose.tracking import sizing
+from handpose.tracking.settings import SizeSettings, TrackSettings
 from handpose.tracking.track import TrackedFrame, TrackedHand
 from handpose.tracking.tracker import Tracker
 
@@ -49,12 +49,9 @@ def tracked(predictor: Predictor, take: Take, **options: object) -> Take:
 
     Sizes are determined from fewer frames than usual, because recordings are short.
     """
-    tracker = Tracker(predictor, min_confidence=0, **options)  # type: ignore[arg-type]
-    done = replace(take, tracker=tracker, reported=[])
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sizing, "COLLECTED_POSES", 12)
-        done.reported.extend(tracker.follow(take.frames))
-    return done
+    settings = TrackSettings(size=SizeSettings(collected=12))
+    tracker = Tracker(predictor, min_confidence=0, settings=settings, **options)  # type: ignore[arg-type]
+    return replace(take, tracker=tracker, reported=[*tracker.follow(take.frames)])
 
 
 def frames_of(

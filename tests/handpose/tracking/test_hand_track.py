@@ -15,8 +15,11 @@ from handpose.estimate.finder import FoundHand
 from handpose.estimate.hand import Hand
 from handpose.fit.body import WorldPose
 from handpose.fit.depth_fit import DepthFit
+from handpose.fit.pose_confidence import Judge
+from handpose.fit.settings import FitSettings
 from handpose.frames.cameras import NYU
-from handpose.tracking.hand_track import FIRST_CREDIT, MOST_CREDIT, FrameHands, HandTrack
+from handpose.tracking.hand_track import FrameHands, HandTrack
+from handpose.tracking.settings import TrackSettings
 from handpose.tracking.sizing import SizeKeeper
 from tests.support.views import frame_of
 
@@ -24,11 +27,15 @@ FRAME = 1 / 30
 SECOND = 30  # frames
 
 
+SETTINGS = TrackSettings()
+FOLLOW = SETTINGS.follow
+
+
 class Estimator:
     """An estimator for a camera whose pixels are mm, with crops at the palm."""
 
     camera = SimpleNamespace(project=lambda place: place)
-    the_fitter = None
+    the_fitter, judge = None, Judge(FitSettings())
     expected = SimpleNamespace(center_of=lambda body, camera: body.place)
 
     def palm_at(self, view: Any, start: np.ndarray) -> np.ndarray:
@@ -39,11 +46,11 @@ class Estimator:
 def frame_with(presence: float | None) -> Any:
     """A frame in which the finder sees every hand 7 mm farther right, or none."""
 
-    def near(place: np.ndarray) -> FoundHand | None:
+    def near(place: np.ndarray, within_mm: float) -> FoundHand | None:
         return (
             None
             if presence is None
-            else FoundHand(presence, place + (7, 0, 0), 0.5, np.ones((1, 1), bool))
+            else FoundHand(presence, place + (7, 0, 0), None, np.ones((1, 1), bool))
         )
 
     view = SimpleNamespace(camera=Estimator.camera)
@@ -87,7 +94,7 @@ def both(x: float = 0.0, right: float = 1.0, left: float = 1.0, **said: float) -
 
 def track(estimates: Sequence[Hand], **options: Any) -> HandTrack:
     """A track that begins with these estimates at 0 s."""
-    return HandTrack(Estimator(), estimates, 0.0, **options)  # type: ignore[arg-type]
+    return HandTrack(Estimator(), SETTINGS, estimates, 0.0, **options)  # type: ignore[arg-type]
 
 
 def followed(one: HandTrack, estimates: list[list[Hand]], first: int = 1) -> HandTrack:
@@ -314,10 +321,10 @@ def test_of_several_looks_the_best_counts() -> None:
 def test_a_track_ends_when_its_credit_is_used_up(seen: list[Hand]) -> None:
     """A single frame without the hand does not end it; time with the hand renews the credit."""
     one = moving([0, 1])
-    assert one.credit == pytest.approx(FIRST_CREDIT + 2 * FRAME)
+    assert one.credit == pytest.approx(FOLLOW.first_credit + 2 * FRAME)
     smooth = one.best.smooth.place[0]
     assert not one.take(seen, seen, 2 * FRAME, FRAME) and one.credit == pytest.approx(
-        FIRST_CREDIT + FRAME
+        FOLLOW.first_credit + FRAME
     )
     assert (
         one.time == FRAME
@@ -325,8 +332,8 @@ def test_a_track_ends_when_its_credit_is_used_up(seen: list[Hand]) -> None:
         and one.best.smooth.place[0] == smooth
     )
     followed(one, [[estimate(x=2)]] * 60, 3)
-    assert one.time == 62 * FRAME and one.credit == MOST_CREDIT
-    assert not one.take(seen, seen, 63 * FRAME + MOST_CREDIT, 62 * FRAME) and one.credit < 0
+    assert one.time == 62 * FRAME and one.credit == FOLLOW.most_credit
+    assert not one.take(seen, seen, 63 * FRAME + FOLLOW.most_credit, 62 * FRAME) and one.credit < 0
 
 
 def test_smoothing_begins_with_the_first_pose() -> None:
@@ -355,5 +362,5 @@ def test_the_finder_looks_once_in_a_frame() -> None:
     finder: Any = SimpleNamespace(hands_in=look)
     frame = FrameHands(finder, frame_of(np.zeros((2, 3), np.float32), NYU), 0.3)
     assert not looks and not frame.is_known
-    assert frame.near(np.array([60.0, 0, 600])) is frame.hands[1] and frame.is_known
-    assert frame.near(np.array([250.0, 0, 600])) is None and looks == [0.3]
+    assert frame.near(np.array([60.0, 0, 600]), 110) is frame.hands[1] and frame.is_known
+    assert frame.near(np.array([250.0, 0, 600]), 110) is None and looks == [0.3]

@@ -11,12 +11,11 @@ from hypothesis import strategies as st
 from handpose.body.sides import MIRROR, SideView
 from handpose.estimate.candidates import SearchRegion
 from handpose.estimate.estimator import HandEstimator
-from handpose.estimate.expected import AROUND_MM
 from handpose.estimate.hand import Hand
 from handpose.estimate.packaged import load_predictor
 from handpose.estimate.predictor import Predictor
 from handpose.fit.body import WorldPose
-from handpose.fit.search import ACCURATE
+from handpose.fit.settings import SearchSettings
 from handpose.frames.cameras import ICVL, Camera
 from handpose.frames.crops import SIZE, unread
 from handpose.sequences.acts import Act
@@ -56,7 +55,7 @@ def test_a_hand_is_seen(
     estimator: HandEstimator, frame: SideView, center: np.ndarray, shown: Take
 ) -> None:
     """A hand is estimated with a small error and a high confidence, by both plans."""
-    for plan in (None, ACCURATE):
+    for plan in (None, SearchSettings().accurate):
         (estimate,) = estimator.in_regions(frame, [SearchRegion(center, "right")], plan)
         assert estimate is not None and error(estimate, shown) < 15
         assert estimate.confidence > 0.7 and estimate.selection_cost < 15
@@ -216,12 +215,12 @@ def test_the_network_sees_no_covering(
 def test_unread_pixels_around_the_hand_are_unknown(
     estimator: HandEstimator, frame: SideView, center: np.ndarray
 ) -> None:
-    """Without readings in one half, the crop is unknown up to AROUND_MM from the expected hand,
+    """Without readings in one half, the crop is unknown up to ``around_mm`` from the expected hand,
     and empty beyond.
     """
     (whole,) = estimator.in_regions(frame, [SearchRegion(center, "right")])
     assert whole is not None
-    half = np.array(frame.depth)
+    half, around_mm = np.array(frame.depth), estimator.settings.expected.around_mm
     half[:, : int(center[0])] = 0
     candidate = estimator._in_region(
         frame_of(half, ICVL), SearchRegion(center, "right", whole.body)
@@ -235,8 +234,8 @@ def test_unread_pixels_around_the_hand_are_unknown(
         unread(half, center, estimator.cube_mm, ICVL),
     )
     assert (candidate.crop[is_unknown] == -1).all() and (is_unread | ~is_unknown).all()
-    assert is_unknown[is_unread & (away_mm < 0.7 * AROUND_MM)].all()
+    assert is_unknown[is_unread & (away_mm < 0.7 * around_mm)].all()
     assert (
-        not is_unknown[away_mm > 1.3 * AROUND_MM].any()
-        and is_unread[away_mm > 1.3 * AROUND_MM].any()
+        not is_unknown[away_mm > 1.3 * around_mm].any()
+        and is_unread[away_mm > 1.3 * around_mm].any()
     )

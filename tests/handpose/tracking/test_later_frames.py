@@ -13,19 +13,15 @@ import pytest
 from handpose.body.sides import SIDES, Side, mirror_of
 from handpose.fit.body import SIZE_INDEX, CapsuleModel, crop_variables, world_pose
 from handpose.fit.pose_confidence import GOOD_MM
-from handpose.tracking.later_frames import (
-    LASTING_S,
-    LOOKAHEAD_FRAMES,
-    LOOKAHEAD_S,
-    MAX_UNDECIDED_S,
-    LaterFrames,
-)
+from handpose.tracking.later_frames import LOOKAHEAD_FRAMES, MAX_UNDECIDED_S, LaterFrames
+from handpose.tracking.settings import LaterSettings, SmoothSettings
 from handpose.tracking.smoothing import PoseFilter
 from handpose.tracking.track import TrackedFrame, TrackedHand, TrackedPoses, joints_of
 from tests.handpose.tracking.conftest import frames_of
 from tests.support.tracked_hands import HEADER, present, tracked, with_pose
 
 RATE = 30.0
+LATER = LaterSettings()
 ORIGIN = np.array([20.0, -30, 700])
 
 
@@ -39,7 +35,7 @@ def take(
     """A track of one hand with these variables (N, V), smoothed by a tracker; some frames
     are without it.
     """
-    one, hands = PoseFilter(), {}
+    one, hands = PoseFilter(SmoothSettings()), {}
     for n in (n for n in range(len(poses)) if n not in missing):
         fitted = world_pose(model, poses[n], ORIGIN * mirror_of(side))
         followed = TrackedPoses(fitted, one(fitted, n / RATE), 5.0, size)
@@ -180,7 +176,7 @@ def test_the_values_of_a_hand_agree(model: CapsuleModel, side: Side) -> None:
 
 def test_frames_are_held_for_a_limited_time(model: CapsuleModel) -> None:
     """A frame waits for twice the time ahead at most, and for a limited number of frames."""
-    for rate, most in ((RATE, 2 * LOOKAHEAD_S * RATE + 1), (1000.0, 2 * LOOKAHEAD_FRAMES)):
+    for rate, most in ((RATE, 2 * LATER.lookahead_s * RATE + 1), (1000.0, 2 * LOOKAHEAD_FRAMES)):
         one, waiting = LaterFrames[int](model), 0
         for n in range(400):
             waiting += 1 - len(one.add(n, TrackedFrame(n, n / rate)))
@@ -224,7 +220,7 @@ def test_errors_and_confidences_are_averaged_over_time(model: CapsuleModel) -> N
         # another hand changes nothing
         hands.append((own, replace(own, id=7, error_mm=90.0, confidence=0.0)))
     found = [frame.hands[0] for frame in smoothed(model, frames_of(*hands, step=1 / RATE))]
-    around = round(2 * LASTING_S * RATE) + 1
+    around = round(2 * LATER.lasting_s * RATE) + 1
     expected = {20: (10, 0.9), 38: (10 + 60 / around, 0.9 - 1.4 / around), 40: (GOOD_MM * 0.8, 0.2)}
     for n, values in expected.items():
         assert (found[n].error_mm, found[n].confidence) == pytest.approx(values)

@@ -14,6 +14,8 @@ from handpose.body.sides import SIDES, Side, mirror_of, pixel_of
 from handpose.estimate.hand import Hand, judge
 from handpose.fit.body import SIZE_INDEX, CapsuleModel
 from handpose.fit.depth_fit import DepthFit
+from handpose.fit.pose_confidence import Judge
+from handpose.fit.settings import FitSettings
 from handpose.frames.cameras import NYU
 from handpose.sequences.recordings import render_image
 from handpose.tracking.output import predicted_hand, tracked_hand
@@ -24,6 +26,7 @@ from tests.support.made_tracks import any_skeleton
 from tests.support.views import frame_of
 
 CENTER = np.array([350.0, 200, 650])  # px, px, mm
+JUDGE = Judge(FitSettings())
 EMPTY = np.zeros((NYU.height, NYU.width), np.float32)
 
 
@@ -63,7 +66,7 @@ def state(
         fit,
         model,
     )
-    [seen] = [hand] if readings is None else judge([hand], frame_of(readings, NYU))
+    [seen] = [hand] if readings is None else judge([hand], frame_of(readings, NYU), JUDGE)
     return SimpleNamespace(
         estimate=seen, smooth=seen.body._replace(place=seen.body.place + (apart, 0, 0)), time=time
     )
@@ -83,6 +86,7 @@ def output(
         side_confidence=0.7 if len(states) > 1 else 1.0,
         time=0.0,
         presence=0.5,
+        judge=JUDGE,
     )
     return tracked_hand(track, model, smooth=smooth)
 

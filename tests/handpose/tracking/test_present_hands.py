@@ -6,15 +6,17 @@ import numpy as np
 import pytest
 
 from handpose.estimate.finder import FoundHand
-from handpose.tracking.present_hands import SURE_PRESENCE, PresentHands, Taken
+from handpose.tracking.present_hands import PresentHands, Taken
+from handpose.tracking.settings import PresentSettings
 
+SETTINGS = PresentSettings()
 STEP = 0.1  # s
 NOTHING = np.zeros((1, 1), bool)
 
 
 def seen(*places: tuple[float, float]) -> list[FoundHand]:
     """Hands at x mm, with a presence."""
-    return [FoundHand(presence, np.array([x, 0, 600]), 0.5, NOTHING) for x, presence in places]
+    return [FoundHand(presence, np.array([x, 0, 600]), None, NOTHING) for x, presence in places]
 
 
 def places_of(hands: PresentHands) -> list[tuple[int, float]]:
@@ -23,7 +25,7 @@ def places_of(hands: PresentHands) -> list[tuple[int, float]]:
 
 
 def test_a_hand_begins_where_it_is_present_enough_and_goes_on_with_less() -> None:
-    hands = PresentHands(0.3)
+    hands = PresentHands(0.3, SETTINGS)
     hands.see(seen((0, 0.4), (400, 0.2)), [], 0.0)
     assert places_of(hands) == [(0, 0)]
     hands.see(seen((60, 0.2), (400, 0.5)), [], STEP)
@@ -38,7 +40,7 @@ def test_a_hand_begins_where_it_is_present_enough_and_goes_on_with_less() -> Non
 
 
 def test_a_place_that_is_taken_is_no_further_hand() -> None:
-    hands = PresentHands(0.3)
+    hands = PresentHands(0.3, SETTINGS)
     hands.see(seen((0, 0.9), (400, 0.9)), [Taken(np.array([50.0, 0, 600]), np.inf)], 0.0)
     assert places_of(hands) == [(0, 400)]
     arm = np.array([400.0, 50, 600])
@@ -51,8 +53,8 @@ def test_a_place_that_is_taken_is_no_further_hand() -> None:
 def test_a_place_is_sure_by_a_presence_that_it_had_once_or_by_a_hand_that_was_followed_there() -> (
     None
 ):
-    hands = PresentHands(0.3)
-    hands.see(seen((0, SURE_PRESENCE), (400, SURE_PRESENCE - 0.05), (800, 0.4)), [], 0.0)
+    hands = PresentHands(0.3, SETTINGS)
+    hands.see(seen((0, SETTINGS.sure), (400, SETTINGS.sure - 0.05), (800, 0.4)), [], 0.0)
     hands.see(seen((0, 0.4), (400, 0.4), (800, 0.8)), [], STEP)
     assert [(one.id, one.is_sure) for one in sorted(hands.there, key=lambda one: one.id)] == [
         (0, True),
@@ -76,12 +78,12 @@ def tries(hands: PresentHands, frames: int, at_once: bool, there: int = 1) -> li
 
 
 def test_poses_are_tried_ever_more_seldom_beside_another_hand() -> None:
-    tried = tries(PresentHands(0.3), 200, at_once=False)
+    tried = tries(PresentHands(0.3, SETTINGS), 200, at_once=False)
     pauses = np.diff(tried)
     assert (
         tried[0] == 0 and (np.diff(pauses) >= 0).all() and pauses[0] == 2 and 40 <= pauses[-1] <= 41
     )
-    assert len(tries(PresentHands(0.3), 200, at_once=False, there=7)) < 12, (
+    assert len(tries(PresentHands(0.3, SETTINGS), 200, at_once=False, there=7)) < 12, (
         "a place that comes and goes is no new one"
     )
-    assert len(tries(PresentHands(0.3), 200, at_once=True)) > 90
+    assert len(tries(PresentHands(0.3, SETTINGS), 200, at_once=True)) > 90

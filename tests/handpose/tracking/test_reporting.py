@@ -12,11 +12,14 @@ import pytest
 from handpose.body.sides import Side
 from handpose.output.tracks.json_values import FrameValues
 from handpose.output.tracks.writing import open_writer
-from handpose.tracking.reporting import MIN_GIVEN, RECENT_S, SureHands
+from handpose.tracking.reporting import SureHands
+from handpose.tracking.settings import TrackSettings
 from handpose.tracking.track import TrackedFrame, TrackedHand
 from tests.handpose.tracking.conftest import frames_of
 from tests.support.tracked_hands import HEADER, facts, lost, present, tracked
 
+SETTINGS = TrackSettings()
+MIN_GIVEN = SETTINGS.present.min_given
 SURE, UNSURE = (
     replace(tracked(id=0, confidence=0.3), presence=0.8),
     replace(tracked(id=0, confidence=0.299), presence=0.7),
@@ -32,7 +35,7 @@ def withheld(hand: TrackedHand) -> TrackedHand:
 
 def reported(*frames: tuple[TrackedHand, ...]) -> list[TrackedFrame]:
     """Frames with these hands, one per second, after the rule."""
-    return [*map(SureHands(0.3), frames_of(*frames))]
+    return [*map(SureHands(0.3, SETTINGS), frames_of(*frames))]
 
 
 def ids(hands: tuple[TrackedHand, ...]) -> list[int]:
@@ -83,10 +86,12 @@ def test_a_recent_hand_with_joints_hides_present_ones(later: tuple[TrackedHand])
     """If it had joints for some frames; a hand that had them once hides others only in that
     frame.
     """
-    frames = frames_of(*[(SURE, PLACE)] * MIN_GIVEN, *[(*later, PLACE)] * 8, step=RECENT_S / 4)
+    frames = frames_of(
+        *[(SURE, PLACE)] * MIN_GIVEN, *[(*later, PLACE)] * 8, step=SETTINGS.follow.recent_s / 4
+    )
     counts = [
         sum(one.place == PLACE.place for one in frame.present)
-        for frame in map(SureHands(0.3), frames)
+        for frame in map(SureHands(0.3, SETTINGS), frames)
     ]
     assert counts == [0] * (MIN_GIVEN + 4) + [1] * 4
 
@@ -103,7 +108,7 @@ def test_the_side_that_was_known(before: TrackedHand, side: Side | None) -> None
 def test_each_hand_by_itself() -> None:
     a, b, c = (tracked(id=id) for id in (0, 1, 2))
     other, unsure = withheld(tracked(id=3)), replace(b, confidence=0.4)
-    sure = SureHands(0.5)
+    sure = SureHands(0.5, SETTINGS)
     *before, last = frames_of(*[(a, b, c)] * MIN_GIVEN, (unsure, c, lost(0), other))
     assert [*map(sure, before)] == before and not sure.note
     found = sure(last)
@@ -116,13 +121,13 @@ def test_each_hand_by_itself() -> None:
 
 def test_a_confidence_that_is_unknown_is_not_below() -> None:
     [frame] = frames_of((tracked(id=0, confidence=np.nan),))
-    assert SureHands(1.0)(frame).hands == frame.hands
+    assert SureHands(1.0, SETTINGS)(frame).hands == frame.hands
 
 
 def test_a_minimum_confidence_of_0_removes_nothing() -> None:
     other = withheld(tracked(id=1))
     [frame] = frames_of((tracked(id=0, confidence=0.0), other))
-    assert SureHands(0)(frame) == frame
+    assert SureHands(0, SETTINGS)(frame) == frame
 
 
 @pytest.mark.parametrize("minimum", [0, 0.3])
@@ -130,7 +135,7 @@ def test_ids_are_counted_in_the_order_of_first_reports(minimum: float) -> None:
     """In one frame a hand with joints comes before one without; a hand that returns has its id."""
     sure, first, second = replace(PLACE, id=1, is_sure=True), tracked(id=5), tracked(id=3)
     frames = frames_of(*[(first, sure)] * MIN_GIVEN, (second, sure, lost(5)), (first, second, sure))
-    *_, before, without, after = map(SureHands(minimum), frames)
+    *_, before, without, after = map(SureHands(minimum, SETTINGS), frames)
     assert ids(before.hands) == [0] and ids(before.present) == [1]
     assert ids(without.hands) == [2] and ids(without.lost) == [0]
     assert ids(after.hands) == [0, 2] and ids(after.present) == [1]
@@ -141,7 +146,7 @@ def test_unreported_hands_have_no_id() -> None:
     found = reported((SURE, PLACE), (SURE, tracked(id=9), replace(GONE, id=7)))
     assert ids(found[1].hands) == [0, 1] and not found[1].lost
     [frame] = frames_of((replace(GONE, id=7),))
-    assert not SureHands(0)(frame).lost
+    assert not SureHands(0, SETTINGS)(frame).lost
 
 
 def test_a_hand_of_an_undecided_side_has_its_id_as_either() -> None:

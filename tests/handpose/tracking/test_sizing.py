@@ -19,10 +19,13 @@ from handpose.synthetic.generator import Generator, Recipe, SyntheticCamera
 from handpose.synthetic.prior_file import RangeParameter
 from handpose.synthetic.recipes import recipe
 from handpose.tracking import sizing
-from handpose.tracking.sizing import COLLECTED_POSES, POPULATION, SizeKeeper, lowest
+from handpose.tracking.settings import SizeSettings
+from handpose.tracking.sizing import POPULATION, SizeKeeper, lowest
 from tests.support.packaged_hand import EXACT
 
 Poses = tuple[np.ndarray, np.ndarray]
+
+SETTINGS = SizeSettings()
 
 
 @pytest.fixture(scope="module")
@@ -73,7 +76,7 @@ def estimates(
 
 def kept(model: CapsuleModel, hands: Sequence[Hand], every: float = 0.2) -> list[tuple[int, float]]:
     """The sizes that a keeper finds, with the number of poses until then."""
-    keeper = SizeKeeper(DepthFitter(model))
+    keeper = SizeKeeper(DepthFitter(model), SETTINGS)
     sizes: list[float | None] = []
     for n, hand in enumerate(hands):
         keeper.take(hand, n * every)
@@ -88,9 +91,9 @@ def test_the_size_of_a_hand(model: CapsuleModel, poses: Poses, side: Side, other
     """
     hands = estimates(model, poses, side=side)
     [(count, size)] = kept(model, hands)
-    assert count == COLLECTED_POSES and size == pytest.approx(0.93, abs=0.02)
+    assert count == SETTINGS.collected and size == pytest.approx(0.93, abs=0.02)
     [(later, same)] = kept(model, [*estimates(model, poses, side=other)[:20], *hands])
-    assert later == COLLECTED_POSES + 20 and same == pytest.approx(size)
+    assert later == SETTINGS.collected + 20 and same == pytest.approx(size)
 
 
 @pytest.mark.parametrize(("size", "fitted"), [(0.761, 0.72), (0.93, 0.8), (1.329, 1.25)])

@@ -13,7 +13,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from handpose.fit.body import CapsuleModel, WorldPose, crop_variables, world_pose
-from handpose.tracking.smoothing import SCATTER_HZ, TRUSTED_MM, Cutoff, PoseFilter, share
+from handpose.fit.pose_confidence import GOOD_MM
+from handpose.tracking.settings import Cutoff, SmoothSettings
+from handpose.tracking.smoothing import PoseFilter, share
 
 CUTOFF = Cutoff(least=0.8, slope=0.02, speed=1.5)
 SEEDS = st.integers(0, 10**6)
@@ -53,7 +55,9 @@ def with_noise(
         seconds = times[i] - times[i - 1]
         now = (values[i] - values[i - 1]) / seconds
         speed += alpha(cutoff.speed, seconds) * (now - speed)
-        part = max(alpha(SCATTER_HZ, seconds), 1 / i)  # at first the mean of all deviations so far
+        part = max(
+            alpha(SmoothSettings().scatter_hz, seconds), 1 / i
+        )  # at first the mean of all deviations so far
         scatter = scatter ** (1 - part) * abs(now - speed) ** part
         excess = max(abs(speed) - min(cutoff.noise * scatter, cutoff.most), 0.0)
         gap = max(abs(values[i] - out[-1]) - cutoff.least_gap, 0.0)
@@ -83,7 +87,7 @@ def filtered(
     place = np.zeros((count, 3)) if place is None else place
     rotation = np.tile(np.eye(3), (count, 1, 1)) if rotation is None else rotation
     others = np.zeros((count, 1)) if others is None else others
-    one = PoseFilter((cutoff, cutoff, cutoff))
+    one = PoseFilter(SmoothSettings(cutoff, cutoff, cutoff))
     poses = zip(place, rotation, others)
     found = [
         one(WorldPose(*pose), float(time), error)
@@ -147,7 +151,7 @@ def test_noise_is_subtracted_from_the_speed(
         rng.uniform(10, 100, 30),
     )
     cutoff = Cutoff(0.8, 0.5, 1.5, noise, most, gap, least_gap=1.0)
-    trust = np.clip((TRUSTED_MM / errors) ** 3, 0.1, 1)
+    trust = np.clip((GOOD_MM / errors) ** 3, 0.1, 1)
     expected = np.transpose([with_noise(own, times, cutoff, trust) for own in values.T])
     np.testing.assert_allclose(
         filtered(cutoff, times, others=values, errors_mm=errors).others, expected, atol=1e-9
@@ -270,7 +274,7 @@ CENTER = np.array([20.0, -30, 700])
 
 def smoothed(model: CapsuleModel, poses: np.ndarray) -> np.ndarray:
     """Smoothed joints (N, K, 3) in mm, from variables (N, V)."""
-    one = PoseFilter()
+    one = PoseFilter(SmoothSettings())
     found = [
         crop_variables(model, one(world_pose(model, x, CENTER), float(time)), CENTER)
         for x, time in zip(poses, TIMES)
@@ -330,7 +334,7 @@ def test_an_uncertain_pose_has_a_small_weight(model: CapsuleModel, trembling: np
     other[model.limbs] += 0.5
     ways = []
     for error in (float("nan"), 3.0, 30.0, 52.0, 75.0, 600.0):
-        one = PoseFilter()
+        one = PoseFilter(SmoothSettings())
         first = one(world_pose(model, trembling[0], CENTER), 0.0, 4.0)
         second = one(world_pose(model, other, CENTER), 1 / 30, error)
         ways.append(np.abs(second.others - first.others).max())

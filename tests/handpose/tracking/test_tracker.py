@@ -19,7 +19,7 @@ from handpose.frames.images import UnitError
 from handpose.frames.recording import DepthFrame
 from handpose.tracking.hand_track import HandTrack
 from handpose.tracking.reasons import NO_HAND
-from handpose.tracking.reporting import MIN_GIVEN
+from handpose.tracking.settings import FollowSettings, TrackSettings
 from handpose.tracking.track import LEFT, TrackedFrame
 from handpose.tracking.tracker import Tracker, load_tracker
 from netlib.errors import DataError, NetlibError
@@ -173,7 +173,7 @@ def test_a_hand_of_low_confidence_is_dropped(
     tracker = begun()
     (track,), tracker.finder = tracker.tracks, Said()
 
-    def doubtful(hands: list[Hand], readings: np.ndarray | None) -> list[Hand]:
+    def doubtful(hands: list[Hand], *_: object) -> list[Hand]:
         return [dataclasses.replace(hand, error_mm=60.0, confidence=0.2) for hand in hands]
 
     monkeypatch.setattr(estimator, "judge", doubtful)
@@ -208,7 +208,7 @@ def seeing(tracker: Tracker, *places: tuple[float, ...]) -> Tracker:
     """The tracker with a finder that sees a hand at each place (x, y, z, presence)."""
     mask = np.ones((240, 320), bool)
     tracker.finder = Said(
-        *(FoundHand(presence, np.array(place), 0.5, mask) for *place, presence in places)
+        *(FoundHand(presence, np.array(place), None, mask) for *place, presence in places)
     )
     return tracker
 
@@ -252,12 +252,12 @@ def test_a_place_out_of_sight(
 def test_a_hand_that_is_more_present_takes_the_place_of_a_doubtful_one(
     shown: Take, predictor: Predictor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    tracker, frame = Tracker(predictor, hands=1), shown.frames[0]
-    for n in range(MIN_GIVEN):
+    settings = TrackSettings(follow=FollowSettings(sure=2.0))
+    tracker, frame = Tracker(predictor, hands=1, settings=settings), shown.frames[0]
+    for n in range(settings.present.min_given):
         tracker.step(frame._replace(time=n / RATE))
     [track] = tracker.tracks
     monkeypatch.setattr(HandTrack, "hand_chance", 0.5)
-    monkeypatch.setattr("handpose.tracking.tracker.SURE", 2.0)
     reported = seeing(tracker, (250.0, 60, 1400, 0.4)).step(frame._replace(time=1.0))
     assert reported.hands and track.is_tracked and not reported.present, (
         "no more hands than are wanted"
@@ -316,7 +316,7 @@ def test_no_more_hands_than_are_wanted(two: Take, predictor: Predictor) -> None:
 
 def doubled(tracker: Tracker, time: float) -> HandTrack:
     """A second track of the only tracked hand, begun at a time."""
-    double = HandTrack(tracker.estimator, [tracker.tracks[0].best.estimate], time)
+    double = HandTrack(tracker.estimator, tracker.settings, [tracker.tracks[0].best.estimate], time)
     double.identify(1)
     tracker.known[1] = double
     return double

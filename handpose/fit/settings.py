@@ -1,0 +1,227 @@
+"""The tuned numbers of finding and fitting hands: ``load_predictor`` passes them down to where they
+are used.
+
+A tuned number was chosen by its effect on hands. ``python -m experiments constants`` lists and
+counts all, and measures with others; experiments/constants.py has what groups of them gain.
+Numbers that are not tuned are constants of the modules that use them: units, bounds of rounding and
+of convergence, sizes of blocks, limits of what is accepted, what the training data have, and
+thresholds that choose only the words of a message. What a user chooses is an argument of
+``Predictor`` and ``Tracker``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+PLANS = ("fast", "accurate")  # the names of plans
+Fit = Literal["no", "fast", "accurate"]  # the name of a plan, or "no" for the network alone
+
+
+class Stage(NamedTuple):
+    """A number of iterations with one robust distance; a fit ends earlier once its cost decreases
+    by too little.
+    """
+
+    robust: float  # mm
+    iterations: int
+    min_gain: float | None = None  # relative decrease of the cost in an iteration; None: any
+
+
+class Trials(NamedTuple):
+    """How all starts are tried before the best continue.
+
+    turns  number of quarter turns of the crop for the network, from 0, the unchanged crop
+    draws  number of further starts, drawn about the first prediction from the network's errors
+    thin   every so many-th point is used
+    stage  of all starts
+    keep   number of starts that continue
+    """
+
+    turns: int
+    draws: int
+    thin: int
+    stage: Stage
+    keep: int
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The plan of a search.
+
+    name        of the plan
+    points      number of points sampled from a frame
+    iterations  of the starts that continue, on all points
+    trials      before it; None: there is one start
+    min_gain    as in ``Stage``
+    """
+
+    name: str
+    points: int
+    iterations: int
+    trials: Trials | None = None
+    min_gain: float | None = None
+
+    @property
+    def quarters(self) -> range:
+        """The quarter turns of the crop for the network."""
+        return range(self.trials.turns if self.trials else 1)
+
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """How a fit moves, and its plans (``search``)."""
+
+    # The nearest points slide along the surface as it moves, so a step is too short, and the next
+    # one has the same direction: factor of a step, and part of the previous step that is added.
+    further: float = 1.5
+    momentum: float = 0.2
+    robust: float = 13.0  # mm, the robust distance at the end
+    # iterations from a start that is close, and when they end earlier: ``Stage``
+    refining: int = 4
+    min_gain: float = 0.02
+    fast: Plan = Plan("fast", 300, 6)
+    accurate: Plan = Plan("accurate", 400, 5, Trials(4, 6, 4, Stage(15.0, 5), 2))
+
+    @property
+    def plans(self) -> dict[str, Plan]:
+        """The plans by their names."""
+        return {plan.name: plan for plan in (self.fast, self.accurate)}
+
+
+@dataclass(frozen=True)
+class Weights:
+    """The weights of the terms of the ``objective``, chosen on synthetic frames that are in no
+    reported result; ``outline``, ``beyond`` and ``poses`` also on real recordings: docs/fit.md.
+
+    For a body in a cube larger than a hand's, lengths in mm and the robust distance are
+    scaled accordingly.
+    """
+
+    # mm, deviation of capsules from a real surface: the unit of the first three terms
+    sigma: float = 4.0
+    independent: float = 150.0  # effective number of independent points in a frame
+    outline: float = 2.0  # of spheres outside the silhouette
+    front: float = 0.1  # of spheres in front of the surface
+    slack: float = 3.0  # mm that a sphere may extend into free space
+    beyond: float = 0.3  # of points on capsules beyond the skeleton's joints
+    limbs: float = 1.0  # of the limbs near the predicted angles
+    poses: float = 0.5  # of natural poses
+    rigid: float = 14.0  # mm, deviation of each coordinate of the ends that move with the root
+    size: float = 0.08  # deviation of the logarithm of the size; 0: it is known
+    thickness: float = 0.08  # deviation of the logarithm of the thickness
+
+
+@dataclass(frozen=True)
+class JointStartSettings:
+    """Starts from predicted joints (``joint_starts``): the result depends little on the numbers."""
+
+    joint_mm: float = 10.0  # deviation of the joints
+    limb: float = 0.6  # radians, deviation of the limbs from the predicted angles
+    size_std: float = 0.1  # deviation of the logarithm of the size
+    steps: int = 4  # of Levenberg-Marquardt
+
+
+@dataclass(frozen=True)
+class SteadySettings:
+    """Fits that start from the pose that is expected from earlier frames."""
+
+    # factor of the cost at the expected pose, so that fits do not jump between two equally good
+    # poses
+    stay: float = 0.9
+    # precision of the expected limbs in ``DepthFitter.follow``, relative to that of the network's
+    # limbs: those that are hardly visible would jitter
+    hold: float = 5.0
+
+
+@dataclass(frozen=True)
+class SupportSettings:
+    """The comparison of poses with readings (``support``)."""
+
+    tolerance_mm: float = 20.0  # a reading this far from the surface of a fit is of something else
+    max_joint_depth_mm: float = 80.0  # maximum contribution of a joint to ``JointDepths``
+    self_mm: float = 5.0  # a sphere this far in front of another covers it
+
+
+@dataclass(frozen=True)
+class JudgeSettings:
+    """The confidence of poses that were not seen, chosen on recordings of which a part of the hand
+    was covered, and of sides, chosen on P3, P7 and hpx.
+    """
+
+    # A share, in per cent, of the surface that faces the camera and was not seen at its place. From
+    # it on the confidence is lower and the error larger, by these factors at its double, triple and
+    # fourfold.
+    unseen: float = 15.0
+    unseen_confidence: tuple[float, float, float] = (0.7, 0.3, 0.1)
+    unseen_error: tuple[float, float, float] = (1.3, 2.0, 3.0)
+    # weight of covered or unread shares above the minimum: other poses explain the rest
+    covered: float = 2.0
+    min_covered: float = 0.1
+    # The side of a hand is judged by the log-ratio of the costs of the fits as either side: the
+    # maximum contribution of one frame, and the slope of the log-odds of a side by the mean ratio.
+    max_ratio: float = 0.5
+    side_slope: float = 8.0
+
+
+@dataclass(frozen=True)
+class CropSettings:
+    """How far a crop moves from its start, which is in the hand: a prediction farther away is
+    wrong.
+    """
+
+    max_move_mm: float = 60.0
+    # from a finder's place, which is the middle of the joints, in two real frames of NYU 92 and
+    # 103 mm from the place of NYU's crops, near the wrist
+    from_middle_mm: float = 120.0
+
+
+@dataclass(frozen=True)
+class ExpectedSettings:
+    """When a crop is completed by the body that is expected in it (``ExpectedBodies``)."""
+
+    # The minimum share of an expected surface without a reading, and the minimum share of the
+    # crop's readings that it explains: otherwise the hand itself has moved. In the ordinary frames
+    # of CVAR's P1, P3, P4, P7 and of hpx the first is below 0.06 in 99% and at most 0.15, though
+    # 75% of a crop are background without readings. The second was chosen on frames of P1, P4 and
+    # P6 of which a part was not read.
+    unread: float = 0.15
+    explained: float = 0.5
+    around_mm: float = 15.0  # pixels without a reading this close to it may be of it
+    # minimum share of the expected surface behind nearer readings: fewer are reflections,
+    # mostly next to it
+    hiding: float = 0.08
+    # share of its surface outside the image: what is not read of the hand may be there, too
+    leaving: float = 0.05
+
+
+@dataclass(frozen=True)
+class FinderSettings:
+    """The hands that a finder's outputs mean."""
+
+    sure_side: float = 0.8  # probability from which on a side is given
+    apart_mm: float = 70.0  # middles closer than this are one hand
+    reach_mm: float = 150.0  # from the middle to the farthest part of a hand
+    voters_mm: float = 60.0  # pixels whose votes end this close to a middle decide the side
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """All tuned numbers of a ``Predictor``."""
+
+    search: SearchSettings = SearchSettings()
+    objective: Weights = Weights()
+    joint_starts: JointStartSettings = JointStartSettings()
+    steady: SteadySettings = SteadySettings()
+    # sampling is denser near the outline, 1 / (thin_px + distance in px), because limbs are thin
+    thin_px: float = 3.0
+    # The uncertainty is a weighted geometric mean of 1 + each sign (``DepthFit.signs``): a limb
+    # outside the silhouette is a worse sign than a thick body. The weights are means of those that
+    # best separate failed fits from others (logistic regression), of two networks and both plans,
+    # on synthetic frames.
+    sign_weights: tuple[float, float, float, float, float] = (0.16, 0.13, 0.13, 0.31, 0.27)
+    support: SupportSettings = SupportSettings()
+    judge: JudgeSettings = JudgeSettings()
+    crops: CropSettings = CropSettings()
+    expected: ExpectedSettings = ExpectedSettings()
+    finder: FinderSettings = FinderSettings()
