@@ -176,11 +176,9 @@ def test_the_tools(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     skeleton = skeletons.load(BODY / f"{name}.prototxt")
     assert list(scored["joints_mm"]) == skeleton.joint_names
     said = run_tool("test", *model, "--joints").out
-    assert (
-        "out of limits" in said
-        and "14 joints" not in said
-        and all(joint in said for joint in skeleton.joint_names)
-    )
+    assert "out of limits" in said
+    assert "14 joints" not in said
+    assert all(joint in said for joint in skeleton.joint_names)
     deployed = netlib.Net(
         str(BODY / f"{name}_deploy.prototxt"), f"snapshots/{name}_iter_2.caffemodel.h5", netlib.TEST
     )

@@ -73,9 +73,8 @@ def test_windows_in_use(visit: Visit, page_of: PageOf) -> None:
     """An output highlights its window; an edited number changes what depends on it."""
     tab = visit(page_of("windows"))
     tab.locator("#y button").nth(5).hover()
-    assert tab.locator("#x .marked").count() == 9 and tab.locator(
-        "#formula b"
-    ).inner_text().endswith("= −7")
+    assert tab.locator("#x .marked").count() == 9
+    assert tab.locator("#formula b").inner_text().endswith("= −7")
     tab.locator("#b button").click()
     tab.locator("#value").fill("10")
     assert tab.locator("#y button").first.inner_text() == "−11"  # -21 without the bias

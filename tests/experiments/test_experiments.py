@@ -81,9 +81,8 @@ def test_bench(keep_threads: None) -> None:
     """Our time is measured without any peer; a ratio is the peer's time divided by ours."""
     done = run("bench", "--nets", "LeNet", "hand-1", "--rounds", "1", "--threads", "1", "--cpu")
     rows = [line.split() for line in done.out.splitlines()[2:]]
-    assert {row[0] for row in rows} == {"LeNet", "hand-1"} and all(
-        float(row[1]) > 0 for row in rows
-    )
+    assert {row[0] for row in rows} == {"LeNet", "hand-1"}
+    assert all(float(row[1]) > 0 for row in rows)
     for row in (row for row in rows if len(row) > 2):
         assert float(row[-1]) == pytest.approx(
             float(row[-2]) / float(row[1]), abs=0.02 + 0.02 * float(row[-1])
@@ -214,10 +213,8 @@ def test_table1_of_a_bottleneck_with_the_papers_solver(
 
 def test_table1_without_data(tmp_path: Path) -> None:
     done = run("table1", "ours", "--data", tmp_path / "gone", status=1)
-    assert (
-        done.err.count("\n") == 1
-        and f"make_synthetic.py --recipe one_hand --out {tmp_path / 'gone'}" in done.err
-    )
+    assert done.err.count("\n") == 1
+    assert f"make_synthetic.py --recipe one_hand --out {tmp_path / 'gone'}" in done.err
     done = run("table1", "direct_parameter_exact", "--setting", "nyu", status=1)
     assert done.err.startswith(
         "direct_parameter_exact: the exact angles of NYU's frames are unknown"
@@ -296,11 +293,8 @@ def test_a_track_compared_with_single_frames() -> None:
     """Errors are compared where both find the hand."""
     done: list[int] = []
     found = follow(MadeRecording(), MadeTracker(), alone, progress=done.append)  # type: ignore[arg-type]
-    assert (found.scores.frames, found.scores.invented, done) == (
-        4,
-        1,
-        [1, 1, 1, 1],
-    ) and found.seconds > 0
+    assert (found.scores.frames, found.scores.invented, done) == (4, 1, [1, 1, 1, 1])
+    assert found.seconds > 0
     (id,) = found.scores.hands
     assert found.both[id] == pytest.approx(np.array([[3, 2], [3, 2]]))
     assert cells_of(found, id)[:5] == ["3", "66.7%", "3.0", "3.0", "2.0"]

@@ -123,9 +123,8 @@ def test_a_recording_is_scored(tmp_path: Path, mirrored: bool) -> None:
     """
     source, labels = write_labelled(tmp_path, unlabelled=[1])
     seen = list(followed(str(source), constants.labels_of(labels), 0, mirrored))
-    assert len(seen) == 3 and all(
-        one is not None and one.is_right_side and one.error_mm < 20 for one in seen[1:]
-    )
+    assert len(seen) == 3
+    assert all(one is not None and one.is_right_side and one.error_mm < 20 for one in seen[1:])
 
 
 def test_labels_of_another_recording(tmp_path: Path) -> None:

@@ -80,9 +80,9 @@ def test_a_classifier() -> None:
     """
     net = deploy(TRAINING)
     assert layers_of(net) == [("data", "Input"), ("fc", "InnerProduct"), ("prob", "Softmax")]
-    assert (
-        net.blobs["data"].shape == (1, 3, 8, 10) and net.outputs == ["prob"] and net.name == "small"
-    )
+    assert net.blobs["data"].shape == (1, 3, 8, 10)
+    assert net.outputs == ["prob"]
+    assert net.name == "small"
     assert "include" not in Path("deploy.prototxt").read_text()
     trained = Net("train_val.prototxt", netlib.TEST, seed=1)
     scores = trained.forward(["data", "fc"])

@@ -242,10 +242,8 @@ def test_features_that_do_not_fit_into_memory(monkeypatch: pytest.MonkeyPatch) -
 def test_one_line_of_progress_and_the_log_in_its_file() -> None:
     """Elsewhere than on a terminal the last state of the line is shown."""
     done = tuned("--iterations", "30")
-    assert (
-        "Creating Layer" not in done.err
-        and "Creating Layer" in Path("finetuned/train.log").read_text()
-    )
+    assert "Creating Layer" not in done.err
+    assert "Creating Layer" in Path("finetuned/train.log").read_text()
     assert re.fullmatch(r"step 30/30, accuracy [01]\.\d\d, 0 s left", done.err.splitlines()[-1])
 
 

@@ -188,16 +188,16 @@ def test_a_whole_frame(frame):
         f"frame.png: right hand; {place}, joints in mm from the camera, cube 300 mm; picture .*",
         first,
     )
-    assert len(joints) == 31 and all(abs(float(line.split()[-1]) - 700) < 300 for line in joints)
+    assert len(joints) == 31
+    assert all(abs(float(line.split()[-1]) - 700) < 300 for line in joints)
     (found,) = hands_of(Path("hands.json").read_text())
     center = KINECT2.project(packaged.load_finder().hands(frame, KINECT2)[0].middle)
     assert found["center_uvd"] == pytest.approx(center, abs=0.01)
     truth = rendered()[1].joints[0].mean(axis=0) * 150 + (30, -20, 700)
     assert found["origin_mm"] == pytest.approx(truth, abs=30)
     (row,) = table("hands.csv")
-    assert [row[name] for name in COLUMNS[:2]] == ["frame.png", "right"] and float(
-        row["presence"]
-    ) > 0.1
+    assert [row[name] for name in COLUMNS[:2]] == ["frame.png", "right"]
+    assert float(row["presence"]) > 0.1
     assert row["confidence"] == row["error_mm"] == ""
     numbers = [float(row[f"{name}_{axis}_mm"]) for name in found["joints"] for axis in "xyz"]
     assert numbers == pytest.approx(np.ravel(found["positions_mm"]), abs=0.011)
@@ -250,7 +250,8 @@ def test_joints_of_another_format(frame, name, count):
     (found,) = hands_of(Path("hands.json").read_text())
     assert len(found["positions_mm"]) == 31 and len(found["anatomical_deg"]) == 20
     assert {len(values) for key, values in found[name].items() if key != "center_m"} == {count}
-    assert len(lines) == 1 + 1 + count + 20 and lines[-1].split()[0] == "little_dip_flexion"
+    assert len(lines) == 1 + 1 + count + 20
+    assert lines[-1].split()[0] == "little_dip_flexion"
     about = "about its mean" if name == "mediapipe" else "from the camera"
     assert lines[1].startswith(f"  {name}: ") and lines[1].endswith(about)
     key, digits = {"mediapipe": ("landmarks", 4), "nyu": ("positions_mm", 1)}.get(
@@ -426,27 +427,22 @@ def test_a_hand_below_the_minimum_confidence(frame):
         outputs = ["--json", "x.json", "--csv", "x.csv", "--html", "x.html"]
         done = run_tool("predict", *options, *joints, *outputs, status=1)
         (line,) = done.out.splitlines()
-        assert (
-            f"{percent(hand['confidence'])} sure" in line
-            and "no joints below 100% (--min-confidence), cube" in line
-        )
+        assert f"{percent(hand['confidence'])} sure" in line
+        assert "no joints below 100% (--min-confidence), cube" in line
         assert (
             "x.html: not written: nothing has joints, which need a confidence of at least 100%"
             in done.err
         )
         [found] = json.loads(Path("x.json").read_text())["frames"]
         [present] = found["hands"]
-        assert (
-            present["palm_mm"] == pytest.approx(hand["origin_mm"], abs=0.06)
-            and present["positions_mm"] is None
-        )
+        assert present["palm_mm"] == pytest.approx(hand["origin_mm"], abs=0.06)
+        assert present["positions_mm"] is None
         assert present["reason"] == f"the pose is uncertain (confidence {hand['confidence']:.0%})"
         (row,) = table("x.csv")
-        assert (
-            float(row["confidence"]) == pytest.approx(hand["confidence"], abs=1e-4)
-            and row["hand"] == "right"
-        )
-        assert len(row) > 60 and not any(value for key, value in row.items() if key not in COLUMNS)
+        assert float(row["confidence"]) == pytest.approx(hand["confidence"], abs=1e-4)
+        assert row["hand"] == "right"
+        assert len(row) > 60
+        assert not any(value for key, value in row.items() if key not in COLUMNS)
     assert cv2.imread(found["picture"]).shape[1] < 2 * 512  # the crop alone
     assert read_track("x.json").frames[0].present[0].reason == present["reason"]
 
@@ -476,12 +472,10 @@ def test_a_hand_with_the_packaged_weights(here):
     (row,) = table("hand.csv")
     assert float(row["error_mm"]) == pytest.approx(found["error_mm"], abs=0.0051)
     for finger, error in found["finger_error_mm"].items():
-        assert 0 < error < 30 and float(row[f"{finger}_error_mm"]) == pytest.approx(
-            error, abs=0.051
-        )
-    assert len(row) == 5 + 5 + 93 + 23 and all(
-        value for name, value in row.items() if name != "presence"
-    )
+        assert 0 < error < 30
+        assert float(row[f"{finger}_error_mm"]) == pytest.approx(error, abs=0.051)
+    assert len(row) == 5 + 5 + 93 + 23
+    assert all(value for name, value in row.items() if name != "presence")
     (shown,) = hands_in("page.html")
     np.testing.assert_allclose(shown["joints"] + found["origin_mm"], joints, atol=0.02)
     assert shown["place"]["center_uvd"] == pytest.approx(found["center_uvd"], abs=0.01)
@@ -490,7 +484,9 @@ def test_a_hand_with_the_packaged_weights(here):
     np.testing.assert_allclose(
         shown["inputs"][:47], read_track("track.json").frames[0].hands[0].inputs, atol=1e-5
     )
-    assert len(shown["inputs"]) == 52 and np.any(shown["inputs"][47:]) and shown["thickness"] != 1
+    assert len(shown["inputs"]) == 52
+    assert np.any(shown["inputs"][47:])
+    assert shown["thickness"] != 1
     height, width, _ = cv2.imread("p/frame_hand.png").shape
     assert width > 3 * 512 and height > 512 + 22  # skeleton, surface, side view; with captions
     first = run_tool("predict", *argv, "--fit", "fast", "--hand", "right").out.splitlines()[0]

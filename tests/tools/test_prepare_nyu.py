@@ -104,20 +104,15 @@ def test_bad_frames(root, small):
     assert frame_name(2) in error and "no such file" in error and names(root.parent / "out") == []
     for made in ("made 48 frames", "all files kept"):
         out, err = prepare(root)[1:]
-        assert (
-            made in out
-            and "train: 28 frames (NYU), 2 bad frames left out: 1 no such file, 1 truncated" in out
-        )
-        assert (
-            "warning: " in err
-            and f"1 of 30 depth frames are missing, the first is {root}/train/" in err
-        )
+        assert made in out
+        assert "train: 28 frames (NYU), 2 bad frames left out: 1 no such file, 1 truncated" in out
+        assert "warning: " in err
+        assert f"1 of 30 depth frames are missing, the first is {root}/train/" in err
         for i in (2, 3):
             assert f"train frame {i}: {root}/train/{frame_name(i)}: " in err
     folder = root.parent / "out"
-    assert (folder / "bad_train.txt").read_text().count("\n") == 2 and not (
-        folder / "bad_test.txt"
-    ).exists()
+    assert (folder / "bad_train.txt").read_text().count("\n") == 2
+    assert not (folder / "bad_test.txt").exists()
     with h5py.File(folder / "train_000.h5") as file:
         np.testing.assert_array_equal(file["index"], [0, 1, *range(4, 12)])
         assert all(len(file[name]) == 10 for name in file)
@@ -171,9 +166,8 @@ def test_check(root):
         f"{root}/{split}: {n} labelled frames, {n} of their depth frames"
         for split, n in (("train", 30), ("test", 20))
     ]
-    assert (
-        done[1:] == ("\n".join([*found, f"{root}: complete\n"]), "") and not (root / "out").exists()
-    )
+    assert done[1:] == ("\n".join([*found, f"{root}: complete\n"]), "")
+    assert not (root / "out").exists()
     (root / "test" / frame_name(3)).unlink()
     done = run_tool("prepare_nyu", root, "--check", "--splits", "test", status=1)
     missing = f"{root}/test: 1 of 20 depth frames are missing, the first is {root}/test/depth_1_0000004.png\n"

@@ -413,7 +413,8 @@ def test_the_surest_detections_in_pictures() -> None:
     assert done.out.splitlines() == ["1.png: found: 2 detections", "  0.8000  n2  4 5 8 15"]
     assert len(run("1.png", "--threshold", "0.9").out.splitlines()) == 1
     picture, image = cv2.imread("found.png"), cv2.imread("1.png")
-    assert picture.shape == image.shape and (picture[15, 4:8] != image[15, 4:8]).any(axis=1).all()
+    assert picture.shape == image.shape
+    assert (picture[15, 4:8] != image[15, 4:8]).any(axis=1).all()
     run("0.png", "2.png", "--draw", "pictures")
     assert [cv2.imread(f"pictures/{n}.jpg").shape for n in (0, 2)] == [
         (*SHAPES[0], 3),

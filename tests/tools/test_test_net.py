@@ -25,9 +25,8 @@ def test_the_means_of_the_batches() -> None:
         "test_net", "net.prototxt", "init.caffemodel", "init.caffemodel", "--iterations", "3"
     )
     first, output, second, _ = done.out.splitlines()
-    assert first.startswith("init.caffemodel: 3 batches, loss ") and second.startswith(
-        "init.caffemodel: 3 batches, "
-    )
+    assert first.startswith("init.caffemodel: 3 batches, loss ")
+    assert second.startswith("init.caffemodel: 3 batches, ")
     assert output.split()[:2] == ["loss", "="]
     assert [float(first.split()[-1]), float(output.split()[2])] == pytest.approx(
         [2.68399] * 2, abs=2e-5

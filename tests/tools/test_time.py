@@ -56,9 +56,8 @@ def test_memory(work, monkeypatch, name):
     monkeypatch.setenv("NETLIB_ENGINE", name)
     out = run_tool("time", "net.prototxt", "--memory").out
     assert re.search(r" 1\.00 MiB  blob depth 16x1x128x128$", out, re.MULTILINE)
-    assert ("blob convL1 " in out) == (name == "plain") and out.endswith(
-        "MiB  peak of the process\n"
-    )
+    assert ("blob convL1 " in out) == (name == "plain")
+    assert out.endswith("MiB  peak of the process\n")
 
 
 def test_threads_are_those_of_the_engine(work, other_engine):

@@ -105,14 +105,11 @@ def test_lines_for_another_program() -> None:
     header, *frames = (json.loads(line) for line in out.splitlines())
     assert header["format"] == "handpose" and header["source"] == "takes/take.npz"
     assert [frame["number"] for frame in frames] == list(range(COUNT))
-    assert (
-        header["joint_format"]["name"] == "mano"
-        and len(frames[0]["hands"][0]["mano"]["positions_m"]) == 21
-    )
+    assert header["joint_format"]["name"] == "mano"
+    assert len(frames[0]["hands"][0]["mano"]["positions_m"]) == 21
     assert "index1_x_m" in Path("takes/a.csv").read_text().splitlines()[0]
-    assert not json_schema.faults(header, "header") and not any(
-        json_schema.faults(frame, "frame") for frame in frames
-    )
+    assert not json_schema.faults(header, "header")
+    assert not any(json_schema.faults(frame, "frame") for frame in frames)
     assert said.startswith("takes/take.npz: ") and "frames/s" in said and "0 right" in said
     assert files() == []
 
@@ -134,12 +131,10 @@ def test_options() -> None:
         "track", "takes/take.npz", "--json", "a.json", "--raw", "--size", "1.1", "--frames", "3"
     )
     found = read_track("a.json")
-    assert (
-        not found.header.smoothed
-        and len(found.frames) == 3
-        and not found.cut
-        and files() == ["a.json"]
-    )
+    assert not found.header.smoothed
+    assert len(found.frames) == 3
+    assert not found.cut
+    assert files() == ["a.json"]
     bones = found.frames[-1].hands[0].bones
     np.testing.assert_allclose(bones, 1.1 * found.header.skeleton.bones, rtol=0.01, atol=1e-5)
 
@@ -304,9 +299,9 @@ def test_a_signal_leaves_whole_files(
     found = read_track("a.json")
     assert found.cut and [frame.number for frame in found.frames] == [0, 1, 2, 3]
     assert files() == ["a.csv", "a.json"] and Path("a.csv").read_text().endswith("\n")
-    assert (
-        error == "stopped after 4 frames\n" and "4 frames of 0.2 s" in out and "wrote a.json" in out
-    )
+    assert error == "stopped after 4 frames\n"
+    assert "4 frames of 0.2 s" in out
+    assert "wrote a.json" in out
 
 
 def test_a_frame_that_cannot_be_tracked(monkeypatch: pytest.MonkeyPatch) -> None:

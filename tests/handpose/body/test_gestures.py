@@ -110,14 +110,8 @@ def test_a_half_bent_hand_shows_none() -> None:
 
 
 def test_numbers() -> None:
-    assert set(FINGER_COUNTS) < set(GESTURES) and sorted(FINGER_COUNTS.values()) == [
-        0,
-        1,
-        2,
-        3,
-        4,
-        5,
-    ]
+    assert set(FINGER_COUNTS) < set(GESTURES)
+    assert sorted(FINGER_COUNTS.values()) == [0, 1, 2, 3, 4, 5]
 
 
 RATE = 30.0

@@ -34,10 +34,8 @@ flesh {
 def test_the_table_of_an_arm() -> None:
     """Names become indices; the surface's own joint and DoF follow the skeleton's."""
     surface = Surface(skeleton_of(ARM))
-    assert surface.whole.joint_names == ["root", "end", "tip"] and surface.skeleton.joint_names == [
-        "root",
-        "end",
-    ]
+    assert surface.whole.joint_names == ["root", "end", "tip"]
+    assert surface.skeleton.joint_names == ["root", "end"]
     assert (surface.start.tolist(), surface.end.tolist(), surface.limbs.tolist()) == (
         [0, 1],
         [1, 2],

@@ -56,7 +56,9 @@ def test_columns(n: int, dof: np.ndarray | None) -> None:
 def test_values() -> None:
     """Joints are clipped to the cube, and centres are in mm, too."""
     frames = made(20)
-    assert frames.joint.min() == -1 and frames.joint.max() == 1 and (frames.half_cube == 150).all()
+    assert frames.joint.min() == -1
+    assert frames.joint.max() == 1
+    assert (frames.half_cube == 150).all()
     np.testing.assert_allclose(frames.center, NYU.unproject(frames.center_uvd), atol=1e-3)
 
 

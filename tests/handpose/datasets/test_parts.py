@@ -111,9 +111,8 @@ def test_other_files_are_replaced_only_with_force(
     if refused:
         with pytest.raises(DataError) as error:
             parts.missing_of(wanted, lists)
-        assert str(error.value).startswith(f"{tmp_path / name}: {refused}") and "\n" not in str(
-            error.value
-        )
+        assert str(error.value).startswith(f"{tmp_path / name}: {refused}")
+        assert "\n" not in str(error.value)
         assert str(error.value).endswith("; choose another --out, or use --force to replace it")
     assert parts.missing_of(wanted, lists, force=bool(refused)) == wanted
 
@@ -130,10 +129,8 @@ def test_parts_with_their_recipe_are_kept(tmp_path: Path) -> None:
     )
     assert json.loads(last.recipe) == {"first": 2500, "start": 2500, "frames": 100}
     parts.write_part(last, 100, pieces(100), {})
-    assert (
-        parts.missing_of(wanted, []) == [first]
-        and parts.missing_of(wanted, [], force=True) == wanted
-    )
+    assert parts.missing_of(wanted, []) == [first]
+    assert parts.missing_of(wanted, [], force=True) == wanted
 
 
 @pytest.mark.parametrize("force", [False, True])

@@ -60,11 +60,9 @@ def test_crops() -> None:
     ):
         found, bad = frames(**changes).crops(0, 2)
         assert [(i, error.kind) for i, error in bad] == [(0, kind), (1, kind)]
-        assert (
-            len(found) == 0
-            and found.depth.shape == (0, 1, 128, 128)
-            and found.joint.shape == (0, 12)
-        )
+        assert len(found) == 0
+        assert found.depth.shape == (0, 1, 128, 128)
+        assert found.joint.shape == (0, 12)
 
 
 def test_recipe(tmp_path: Path) -> None:

@@ -119,10 +119,8 @@ def test_derivatives_of_point_residuals_agree_with_differences(
     slope = slopes(values, x, 2e-3)
     off = np.abs(slope - written_out(model, model.posed(x), r))[:, 0]  # mm per radian
     off[(r.value[:, 1, :, None] != 0) | (slope[:, 1] != 0)] = np.nan
-    assert (
-        np.isfinite(off).mean(axis=(0, 1)).min() > 0.7
-        and np.nanpercentile(off, 95, axis=(0, 1)).max() < 2
-    )
+    assert np.isfinite(off).mean(axis=(0, 1)).min() > 0.7
+    assert np.nanpercentile(off, 95, axis=(0, 1)).max() < 2
 
 
 def test_the_nearest_of_all_capsules(model: CapsuleModel, scene: Scene) -> None:
@@ -154,10 +152,8 @@ def test_derivatives_of_sphere_residuals_agree_with_differences(
     slope = np.where(r.value[:, 0, :, None] > 0, slopes(outside, x), np.nan)
     # mm per radian, except at borders of pixels
     off = np.abs(slope - written_out(model, model.posed(x), r)[:, 0])
-    assert (
-        np.isfinite(off).sum(axis=(0, 1)).min() > 25
-        and np.nanpercentile(off, 80, axis=(0, 1)).max() < 4
-    )
+    assert np.isfinite(off).sum(axis=(0, 1)).min() > 25
+    assert np.nanpercentile(off, 80, axis=(0, 1)).max() < 4
 
 
 def test_spheres_before_a_plate(model: CapsuleModel) -> None:

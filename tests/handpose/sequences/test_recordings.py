@@ -46,9 +46,8 @@ def test_a_camera_keeps_its_noise_and_its_background() -> None:
     equally noisy.
     """
     recording = SyntheticRecording("rest", ICVL, seconds=0.4)
-    assert (
-        recording.sensor and recording.sensor.depth_noise[0] == recording.sensor.depth_noise[1] > 0
-    )
+    assert recording.sensor
+    assert recording.sensor.depth_noise[0] == recording.sensor.depth_noise[1] > 0
     clean = SyntheticRecording("rest", ICVL, seconds=0.4, clean=True)
     truth = clean.frame(0).depth
     off = np.abs(np.stack([frame.depth for frame in recording]) - truth)[:, truth > 0]
@@ -66,11 +65,9 @@ def test_the_truth_is_what_is_seen() -> None:
         header = recording.header
         for frame, truth in zip(recording, recording.truths()):
             (hand,) = truth.hands
-            assert (
-                hand.hand == ("left" if script == "left" else "right")
-                and hand.confidence == 1
-                and hand.capsules
-            )
+            assert hand.hand == ("left" if script == "left" else "right")
+            assert hand.confidence == 1
+            assert hand.capsules
             alone = render_image(in_front(hand.capsules), NYU, np.inf)[0]
             seen = np.isfinite(alone)
             near = np.abs(frame.depth - alone)[seen] <= 0.5  # except for the sleeve
@@ -124,9 +121,8 @@ def test_two_hands() -> None:
         np.testing.assert_array_equal(right.bones, left.bones)
         assert right.center_uvd[0] < 160 < left.center_uvd[0]
     other = SyntheticRecording("two_hands", ICVL, rate=2, seconds=1, mirrored=True).truth(0).hands
-    assert [hand.hand for hand in other] == ["left", "right"] and other[0].center_uvd[0] > other[
-        1
-    ].center_uvd[0]
+    assert [hand.hand for hand in other] == ["left", "right"]
+    assert other[0].center_uvd[0] > other[1].center_uvd[0]
 
 
 def test_a_body_stands_behind() -> None:

@@ -66,9 +66,8 @@ def test_the_hands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     prior = prior_file.load()
     assert prior.body().name == "nyu" and prior.cube_mm == 300 and prior.camera in CAMERAS
-    assert len(prior.pose) == 11 and all(
-        len(pose.bend) == 4 and len(pose.at) == 4 for pose in prior.pose
-    )
+    assert len(prior.pose) == 11
+    assert all(len(pose.bend) == 4 and len(pose.at) == 4 for pose in prior.pose)
     again: prior_file.PosePrior = pickle.loads(pickle.dumps(prior.but(redraws=3)))
     assert again.redraws == 3 and again.body() is prior.body()
 

@@ -111,9 +111,8 @@ def test_a_net_with_sizes(net_of, rng, N, sizes, dtype, tolerance):
         y = net.forward(x=x, b=b)["y"]
         assert y.shape == (N, 93) and np.allclose(y, expected, rtol=0, atol=tolerance)
     for name, found in learning.backward(y=dy).items():
-        assert found.shape == gradients[name].shape and np.allclose(
-            found, gradients[name], rtol=0, atol=tolerance
-        )
+        assert found.shape == gradients[name].shape
+        assert np.allclose(found, gradients[name], rtol=0, atol=tolerance)
 
 
 def test_the_skeleton_is_found_beside_the_net(tmp_path, monkeypatch, arm_text):

@@ -129,7 +129,8 @@ def test_lines_on_standard_output(capsys: pytest.CaptureFixture[str]) -> None:
         for n, (depth, frame) in enumerate(frames()):
             outputs.write(depth, frame)
             lines = capsys.readouterr().out.splitlines()
-            assert len(lines) == (2 if n == 0 else 1) and json.loads(lines[-1])["number"] == n
+            assert len(lines) == (2 if n == 0 else 1)
+            assert json.loads(lines[-1])["number"] == n
     assert outputs.written == []
 
 
@@ -209,9 +210,8 @@ def test_the_addresses_of_the_server_are_printed(capsys: pytest.CaptureFixture[s
     with LiveOutput(parsed("--serve"), HEADER) as output:
         output.begin(source(live=True), ends, sys.stdout)
         first, second = capsys.readouterr().out.splitlines()
-        assert first.startswith("page: http://127.0.0.1:") and second.startswith(
-            "for programs: ws://127.0.0.1:"
-        )
+        assert first.startswith("page: http://127.0.0.1:")
+        assert second.startswith("for programs: ws://127.0.0.1:")
         with pytest.raises(StoppedError):
             output.begin(source(live=False), ends, sys.stdout)
         assert capsys.readouterr().out.splitlines()[2:] == [
@@ -237,9 +237,8 @@ def test_the_addresses_in_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         found = json.loads(path.read_text(encoding="utf-8"))
         assert path.stat().st_mode & 0o777 == 0o600
     assert not path.exists() and found["token"] == "0123456789abcdefABCDEF-_"
-    assert found["frames"].startswith("ws://127.0.0.1:") and found["page"].endswith(
-        f"/?token={found['token']}"
-    )
+    assert found["frames"].startswith("ws://127.0.0.1:")
+    assert found["page"].endswith(f"/?token={found['token']}")
 
 
 # -------------------------------------------------------------------------------- the whole command
@@ -311,17 +310,13 @@ def test_a_signal_ends_it(running: Callable[..., subprocess.Popen[str]]) -> None
     waiting = running("slow.npz", "--serve")
     address_of(waiting)
     waiting.send_signal(signal.SIGINT)
-    assert (
-        waiting.communicate(timeout=LONGEST_S)[1].splitlines()[-1] == "stopped"
-        and waiting.returncode == 130
-    )
+    assert waiting.communicate(timeout=LONGEST_S)[1].splitlines()[-1] == "stopped"
+    assert waiting.returncode == 130
     tracking = running("slow.npz", "--serve")
     with client_of(tracking) as client:
         json.loads(client.recv(timeout=LONGEST_S))
         json.loads(client.recv(timeout=LONGEST_S))
         tracking.send_signal(signal.SIGTERM)
         list(client)
-    assert (
-        tracking.wait(LONGEST_S) == 143
-        and client.protocol.close_reason == "the tracker was stopped"
-    )
+    assert tracking.wait(LONGEST_S) == 143
+    assert client.protocol.close_reason == "the tracker was stopped"

@@ -284,10 +284,8 @@ def test_frames_before_the_damage_of_a_bag_are_read(
         return values_of(message, where)
 
     monkeypatch.setattr(ros_bag, "values_of", failing)
-    assert (
-        len(list(recording)) == 2
-        and recording.cut == "damaged or cut after frame 1: the chunk ends"
-    )
+    assert len(list(recording)) == 2
+    assert recording.cut == "damaged or cut after frame 1: the chunk ends"
 
 
 def of_rows(rows: int) -> bytes:

@@ -297,10 +297,8 @@ def test_one_of_several_arrays_of_times_is_used(tmp_path: Path) -> None:
         "arrays 'stamps_s', 'time_us' are not used; known names are time, "
     )
     recording = opened(tmp_path, stamps=5 * SECONDS, time_us=10**6 * SECONDS)
-    assert (
-        times_of(recording) == pytest.approx(SECONDS)
-        and "array 'stamps' is not used" in recording.warnings[0]
-    )
+    assert times_of(recording) == pytest.approx(SECONDS)
+    assert "array 'stamps' is not used" in recording.warnings[0]
 
 
 def test_a_date_and_a_translation_are_not_taken_for_times(tmp_path: Path) -> None:
@@ -353,9 +351,8 @@ def test_unused_arrays_are_named_in_one_warning(
         time=SECONDS,
     )
     (line,) = (line for line in inspect(recording).warnings if "not used" in line)
-    assert line.startswith("arrays 'foo', 'color', 'notes' are not used; ") and line.endswith(
-        "(docs/camera.md)"
-    )
+    assert line.startswith("arrays 'foo', 'color', 'notes' are not used; ")
+    assert line.endswith("(docs/camera.md)")
     many = opened(tmp_path, **{f"a{i}": i for i in range(12)})
     assert "'a7' and 4 more are not used" in many.warnings[0]
 

@@ -54,10 +54,8 @@ def test_a_part_lies_within_the_frame(hands: list, time: float) -> None:
     follower.see(0.0, [NEAR])
     view = follower.see(time, hands)
     assert view.left >= 0 and view.top >= 0
-    assert (
-        view.left + view.width <= CAMERA.width + 1e-6
-        and view.top + view.height <= CAMERA.height + 1e-6
-    )
+    assert view.left + view.width <= CAMERA.width + 1e-6
+    assert view.top + view.height <= CAMERA.height + 1e-6
     assert CAMERA.width / MAX_ZOOM <= view.width * 1.0001
 
 

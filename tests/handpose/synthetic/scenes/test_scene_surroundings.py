@@ -52,9 +52,9 @@ def test_things_stand_on_the_table() -> None:
         "can", 1.0, (PartParameter("CYLINDER", Sizes(20.0, 30.0), Sizes(40.0, 60.0)),)
     )
     solids = things_of(can, table, people, most=3)
-    assert (
-        solids.shown.all() and solids.kind.shape == (COUNT, 3) and (solids.kind == CYLINDER).all()
-    )
+    assert solids.shown.all()
+    assert solids.kind.shape == (COUNT, 3)
+    assert (solids.kind == CYLINDER).all()
     on = table.there
     foot = solids.center - solids.axes[..., 1] * solids.half[..., 1:2]
     height = ((foot - table.top[:, None]) * table.axes[:, None, :, 1]).sum(axis=-1)
@@ -88,6 +88,7 @@ def test_the_shares_choose_what_stands_there() -> None:
         np.random.default_rng(8), prior, people.person, people.palms[:, 0], table
     )
     first = np.concatenate([[True], of[1:] != of[:-1]])
-    assert list(of[first]) == sorted(set(of)) and len(set(of)) == len(prior.thing)
+    assert list(of[first]) == sorted(set(of))
+    assert len(set(of)) == len(prior.thing)
     shown = [solids.shown[:, of == k].any() for k in range(len(prior.thing))]
     assert np.mean(shown) > 0.9

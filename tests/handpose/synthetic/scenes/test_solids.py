@@ -58,7 +58,8 @@ def balls(*z: float) -> Solids:
 
 def test_the_nearest_solid_is_shown_with_its_number() -> None:
     layer = solid_layer(balls(700, 500, 600), 7, (X[None], X[None]))
-    assert layer.depth[0, 4, 4] == pytest.approx(470) and layer.number[0, 4, 4] == 8
+    assert layer.depth[0, 4, 4] == pytest.approx(470)
+    assert layer.number[0, 4, 4] == 8
     assert np.isinf(layer.depth[0, 0, 0]) and layer.number[0, 0, 0] == 0
 
 
