@@ -99,7 +99,7 @@ def test_a_figure_is_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     """``python -m docs.making.figures NAME`` writes one figure, with colours for dark pages."""
     pytest.importorskip("matplotlib")
     monkeypatch.setattr("docs.making.figures.__main__.PLACE", tmp_path)
-    run_tool("docs.making.figures.__main__", "arm")
+    run_tool("docs.making.figures.__main__ arm")
     assert "prefers-color-scheme: dark" in (tmp_path / "arm.svg").read_text(encoding="utf-8")
 
 
@@ -111,6 +111,6 @@ def test_the_training_of_chapter_0_reduces_its_errors(
     monkeypatch.setattr("docs.making.five_minutes.BATCH", 8)
     monkeypatch.setattr("docs.making.five_minutes.HELD_OUT", 6)
     out = tmp_path / "hands.svg"
-    done = run_tool("docs.making.five_minutes", "--frames", 2, "--iterations", 10, "--out", out)
+    done = run_tool("docs.making.five_minutes --frames 2 --iterations 10 --out", out)
     errors = [float(error) for error in re.findall(r"training frames +([\d.]+) mm", done.out)]
     assert len(errors) == 11 and errors[-1] < errors[0] and out.is_file()

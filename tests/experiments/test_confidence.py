@@ -186,6 +186,6 @@ def test_synthetic_recordings() -> None:
 
 
 def test_a_missing_recording_is_a_usage_error() -> None:
-    done = run_tool("experiments.__main__", "confidence", status=2)
+    done = run_tool("experiments.__main__ confidence", status=2)
     assert "one of the arguments --recording --synthetic is required" in done.err
     assert done.err.count("\n") == 1

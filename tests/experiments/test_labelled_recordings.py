@@ -181,11 +181,7 @@ def test_the_labels_of_a_recording_and_its_half(tmp_path: Path) -> None:
 
 def test_the_packaged_finder_is_measured() -> None:
     done = run_tool(
-        "experiments.__main__",
-        "finder",
-        HAND_FINDER / "hand_finder.caffemodel.h5",
-        "--scenes",
-        "16",
+        "experiments.__main__ finder", HAND_FINDER / "hand_finder.caffemodel.h5", "--scenes", "16"
     )
     head, drawn, other = done.out.splitlines()[-3:]
     assert head.startswith("frames of")

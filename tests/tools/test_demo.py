@@ -20,7 +20,7 @@ def test_demo(here):
     """The demo writes two depth frames, a picture and the joints, and prints a command that
     runs as printed.
     """
-    first, second = run_tool("demo", "--out", "my frames ö", "--frames", "2").out.splitlines()
+    first, second = run_tool("demo --out", "my frames ö", "--frames", "2").out.splitlines()
     assert first.startswith("2 frames in ") and first.endswith(f": {Path('my frames ö/hands.png')}")
     command = second.removeprefix("For your own camera: ")
     assert shlex.split(command)[2:] == [
@@ -48,7 +48,7 @@ def test_an_uncertain_hand_is_shown_without_joints(here, monkeypatch):
     monkeypatch.setattr(
         demo, "load_predictor", functools.partial(demo.load_predictor, min_confidence=1)
     )
-    run_tool("demo", "--frames", "1")
+    run_tool("demo --frames 1")
     document = json.loads(Path("demo/hands.json").read_text())
     assert not json_schema.faults(document)
     (frame,) = document["frames"]
@@ -61,4 +61,4 @@ def test_an_uncertain_hand_is_shown_without_joints(here, monkeypatch):
 
 def test_nowhere_to_write(tmp_path):
     (tmp_path / "file").touch()
-    assert "expected a folder" in run_tool("demo", "--out", tmp_path / "file" / "d", status=1).err
+    assert "expected a folder" in run_tool("demo --out", tmp_path / "file" / "d", status=1).err

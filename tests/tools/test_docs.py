@@ -33,5 +33,5 @@ def test_a_word_that_names_no_page_is_searched_for() -> None:
 
 
 def test_an_unknown_word() -> None:
-    done = run_tool("docs", "camra", status=1)
+    done = run_tool("docs camra", status=1)
     assert "camra: no such page (did you mean 'camera'?), and no page contains it; " in done.err

@@ -32,15 +32,8 @@ def files(here):
 
 
 def run(*arguments, dataset="icvl", status=0):
-    return run_tool(
-        "evaluate",
-        dataset,
-        "--groundtruth",
-        "truth.txt",
-        "--predictions",
-        *arguments,
-        status=status,
-    )
+    command = f"evaluate {dataset} --groundtruth truth.txt --predictions"
+    return run_tool(command, *arguments, status=status)
 
 
 def test_tables(files):
@@ -129,9 +122,8 @@ def test_labels_of_hands_2017(hands2017):
         "thumb_pip",
     ]
     assert out[-2].split() == ["little_tip", "3.00"]
-    assert run("Low=uvd.txt", "--format", "uvd", dataset="hands2017").out.splitlines()[4].split()[
-        :2
-    ] == ["Low", "3.00"]
+    same = run("Low=uvd.txt", "--format", "uvd", dataset="hands2017").out.splitlines()
+    assert same[4].split()[:2] == ["Low", "3.00"]
 
 
 @pytest.mark.parametrize(

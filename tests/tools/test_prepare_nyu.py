@@ -56,7 +56,7 @@ def names(folder: Path) -> list[str]:
 
 def test_raw_equals_direct(root, tmp_path):
     """Frames converted through NYU's format equal those written directly, with depth to 0.5 mm."""
-    run_tool("make_synthetic", "--out", tmp_path / "direct", *COUNT)
+    run_tool("make_synthetic --out", tmp_path / "direct", *COUNT)
     out = prepare(root).out
     for split in ("train", "test"):
         with (
@@ -148,7 +148,7 @@ def test_a_signal_leaves_whole_files(root, small, monkeypatch):
 
 def test_rendered_frames_are_replaced_with_force_only(root):
     out = root.parent / "out"
-    run_tool("make_synthetic", "--out", out, *COUNT)
+    run_tool("make_synthetic --out", out, *COUNT)
     line = "train_000.h5: holds data made from synthetic frames of nyu.prototxt, expected NYU; choose another --out, "
     assert line in prepare(root, status=1).err and len(names(out)) == 4
     prepare(root, "--force")

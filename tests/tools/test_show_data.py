@@ -72,5 +72,5 @@ def test_mistakes(frames: Path, argv: str, message: str) -> None:
     Path("crops").mkdir()
     for n in range(3):
         cv2.imwrite(f"crops/{n}.png", np.full((128, 128), 127, np.uint8))
-    assert message in refusal("show_data", "--out", "out.png", *argv.split())
-    run_tool("show_data", "nan.h5", "--out", "out.png", "--plain")
+    assert message in refusal("show_data --out out.png", *argv.split())
+    run_tool("show_data nan.h5 --out out.png --plain")
