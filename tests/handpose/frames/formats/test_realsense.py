@@ -18,6 +18,7 @@ from handpose.frames.formats import realsense
 from handpose.frames.formats.realsense import open_live
 from handpose.frames.recording import UNKNOWN, CameraInfo
 from netlib.errors import DataError, NetlibError
+from tests.handpose.frames.conftest import times_of
 from tests.support.bad_input import bad_inputs
 
 SENT = [(10 + i, 5000 + i * 33.0) for i in range(4)]  # frame numbers, and times in ms
@@ -115,7 +116,7 @@ def test_a_camera_is_read_until_it_is_unplugged(fake: FakeModule) -> None:
         )
         frames = list(recording)
         assert [f.number for f in frames] == [0, 1, 2, 3]
-        assert [f.time for f in frames] == pytest.approx([0, 0.033, 0.066, 0.099])
+        assert times_of(frames) == pytest.approx([0, 0.033, 0.066, 0.099])
         assert [f.depth[0, 0] for f in frames] == pytest.approx([1.0, 1.1, 1.2, 1.3])
         assert "was the camera unplugged" in recording.cut
         assert recording.remarks == ()
