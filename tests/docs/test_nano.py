@@ -64,10 +64,8 @@ def test_errors_and_drawings_are_of_the_joints(hand) -> None:
     """
     true = nano.hand_model(np.zeros((1, 47)), hand)[0]
     assert nano.error_mm(true + [0.3, 0.4, 0], true) == pytest.approx(75)
-    same, moved = (
-        nano.drawing(true[0], true[0], hand),
-        nano.drawing(true[0] + [5, 0, 0], true[0], hand),
-    )
+    same = nano.drawing(true[0], true[0], hand)
+    moved = nano.drawing(true[0] + [5, 0, 0], true[0], hand)
     assert {len(line) for line in same} == {52} and set("".join(same)) == {" ", "o"}
     assert "." in "".join(moved)
     assert all(line[51] == "o" for line in moved if "o" in line)

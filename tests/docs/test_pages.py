@@ -48,11 +48,9 @@ def test_windows_are_those_of_the_layer(visit: Visit, page_of: PageOf, number: i
     """
     tab, rng = visit(page_of("windows")), np.random.default_rng(number)
     entry, (kind, options) = pages.windows()["layers"][number], list(pages.LAYERS.values())[number]
-    picture, kernel, bias = (
-        rng.integers(-3, 4, (6, 6)),
-        rng.integers(-3, 4, (3, 3)),
-        int(rng.integers(-3, 4)),
-    )
+    picture = rng.integers(-3, 4, (6, 6))
+    kernel = rng.integers(-3, 4, (3, 3))
+    bias = int(rng.integers(-3, 4))
     layer, pad = pages.SmallLayer(kind, options, picture, kernel, bias), entry["pad"]
     dy = rng.integers(-3, 4, layer.y.shape)
     dx = layer.backward(dy)

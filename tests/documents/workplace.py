@@ -66,12 +66,10 @@ def at_work_in(folder: Path) -> Iterator[None]:
     """Use ``folder`` as the working folder; afterwards restore the imports, settings and
     random numbers.
     """
-    before, modules, threads, drawn = (
-        Path.cwd(),
-        set(sys.modules),
-        netlib.threads(),
-        np.random.get_state(),
-    )
+    before = Path.cwd()
+    modules = set(sys.modules)
+    threads = netlib.threads()
+    drawn = np.random.get_state()
     os.chdir(folder)
     try:
         with (

@@ -57,10 +57,8 @@ def test_every_net_has_the_hidden_layers_of_ours(network: str, recipe: str) -> N
 
 
 def test_the_papers_recipe_changes_only_the_data_layers() -> None:
-    derived, own = (
-        derived_net("ours", RECIPES["paper"], LISTS),
-        prototxt.parse_file(PROTOTXT / NETWORKS["ours"]),
-    )
+    derived = derived_net("ours", RECIPES["paper"], LISTS)
+    own = prototxt.parse_file(PROTOTXT / NETWORKS["ours"])
     changed = [
         (str(a), str(b)) for a, b in zip(layers_of(derived), layers_of(own)) if str(a) != str(b)
     ]
@@ -74,10 +72,8 @@ def test_our_recipes_net_is_that_for_synthetic_hands() -> None:
     """Only the data, the augmentation and the second head differ from the net for
     synthetic hands.
     """
-    ours, others = (
-        PROTOTXT / "synthetic_train_test.prototxt",
-        ("data", "augment", "direct", "direct_loss"),
-    )
+    ours = PROTOTXT / "synthetic_train_test.prototxt"
+    others = ("data", "augment", "direct", "direct_loss")
     wanted = [
         str(layer)
         for layer in layers_of(prototxt.parse_file(ours))

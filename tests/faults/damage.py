@@ -105,12 +105,10 @@ def change_range(content: bytes, donor: bytes, rng: random.Random) -> bytes:
     first = rng.randrange(len(content))
     last = min(len(content), first + rng.choice((1, 8, 64, 512, 4096)))
     middle = rng.randrange(first, last + 1)
-    before, left, right, after = (
-        content[:first],
-        content[first:middle],
-        content[middle:last],
-        content[last:],
-    )
+    before = content[:first]
+    left = content[first:middle]
+    right = content[middle:last]
+    after = content[last:]
     return before + rng.choice(
         (
             b"\0" * (last - first) + after,

@@ -125,10 +125,8 @@ def test_copy_from_copies_by_layer_name(net_of: MakeNet, tmp_path: Path) -> None
     """Weights are copied from a file or a net; layers that exist only in the
     source are returned.
     """
-    source, net = (
-        net_of(X + ip("a", "x", "a") + ip("more", "a", "more")),
-        net_of(X + ip("a", "x", "y"), seed=2),
-    )
+    source = net_of(X + ip("a", "x", "a") + ip("more", "a", "more"))
+    net = net_of(X + ip("a", "x", "y"), seed=2)
     source.save(tmp_path / "w.h5")
     for origin in (source, tmp_path / "w.h5"):
         net.params["a"][0].data[...] = 0
@@ -226,7 +224,8 @@ def test_weights_that_lack_a_layer(
     """A layer without weights in the file keeps its initial values, as in pycaffe, and a
     note is logged.
     """
-    small, text = net_of(X + ip("a", "x", "a")), X + ip("a", "x", "a") + ip("b", "a", "b")
+    small = net_of(X + ip("a", "x", "a"))
+    text = X + ip("a", "x", "a") + ip("b", "a", "b")
     small.save(tmp_path / "w.caffemodel")
     path = tmp_path / "net.prototxt"
     path.write_text(text)

@@ -84,10 +84,8 @@ def hands2017(here):
     """Labels of 20 frames as HANDS 2017 writes them, and predictions 3 mm lower in another order
     and with folders.
     """
-    camera, truth = (
-        published_predictions.HANDS2017,
-        np.random.default_rng(0).normal((0, 50, 400), 30, (FRAMES, 21, 3)),
-    )
+    camera = published_predictions.HANDS2017
+    truth = np.random.default_rng(0).normal((0, 50, 400), 30, (FRAMES, 21, 3))
 
     def lines(joints, folder=""):
         rows = joints.reshape(FRAMES, 63)

@@ -84,11 +84,9 @@ def test_parts_of_different_digits_are_kept_apart() -> None:
     names = SURFACE_BLOCK.whole.joint_names
     ends = [(names[a], names[b]) for a, b in zip(SURFACE_BLOCK.start, SURFACE_BLOCK.end)]
     pairs = {frozenset((ends[i], ends[j])) for i, j in zip(*SURFACE_BLOCK.apart)}
-    tip, thumb, ring = (
-        ("index_dip", "index_tip"),
-        ("thumb_dip", "thumb_tip"),
-        ("ring_dip", "ring_tip"),
-    )
+    tip = ("index_dip", "index_tip")
+    thumb = ("thumb_dip", "thumb_tip")
+    ring = ("ring_dip", "ring_tip")
     for one, other in (
         (tip, ("middle_base", "middle_pip_a")),
         (thumb, ("wrist_left", "little_mcp")),
@@ -119,7 +117,9 @@ def test_penetration_of_two_arms() -> None:
     np.testing.assert_allclose(
         surface.penetration(ends, np.stack([surface.radii] * 2)), [-4.2, 0.2]
     )
-    a, b, radii = ends[:, surface.start], ends[:, surface.end], np.stack([surface.radii] * 2)
+    a = ends[:, surface.start]
+    b = ends[:, surface.end]
+    radii = np.stack([surface.radii] * 2)
     np.testing.assert_allclose(
         surface.mean_penetration(Capsules(a, b, radii[..., 0], radii[..., 1])), [0, 0.2]
     )

@@ -18,10 +18,8 @@ from tests.support.hdf5_files import write_hdf5
 def made(n: int, dof: np.ndarray | None = None) -> Frames:
     """``n`` frames with two joints, some of them outside the cube."""
     rng = np.random.default_rng(0)
-    joints, uvd = (
-        rng.normal(size=(n, 2, 3)),
-        np.array([320.0, 240.0, 700.0]) + rng.normal(size=(n, 3)),
-    )
+    joints = rng.normal(size=(n, 2, 3))
+    uvd = np.array([320.0, 240.0, 700.0]) + rng.normal(size=(n, 3))
     return Frames.of(np.zeros((n, 128, 128)), joints, uvd, NYU, 150.0, np.arange(n), dof)
 
 

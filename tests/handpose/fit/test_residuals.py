@@ -206,10 +206,8 @@ def test_normal_equations_are_those_of_the_written_out_jacobian(model: CapsuleMo
 def test_the_order_of_points_changes_nothing(model: CapsuleModel) -> None:
     """The sums are exact, so that the order of addition does not matter."""
     rng = np.random.default_rng(3)
-    posed, r = (
-        model.posed(rng.normal(0, 0.2, (3, model.variables))),
-        some_residuals(model, rng, 3, 400),
-    )
+    posed = model.posed(rng.normal(0, 0.2, (3, model.variables)))
+    r = some_residuals(model, rng, 3, 400)
     weight = rng.random((3, 2, 400)).astype(np.float32)
     found = normal_equations(model, posed, r, weight)
     for order in (np.arange(400)[::-1], rng.permutation(400)):

@@ -21,13 +21,11 @@ class Taken(Recording):
     def __init__(
         self, images: Sequence[np.ndarray], camera: Camera = CAMERA, unit_mm: float = 1.0
     ) -> None:
-        self.name, self.images, self.camera, self.unit_mm, self.count = (
-            "take",
-            images,
-            camera,
-            unit_mm,
-            len(images),
-        )
+        self.name = "take"
+        self.images = images
+        self.camera = camera
+        self.unit_mm = unit_mm
+        self.count = len(images)
         self.remarks = ("a remark",)
 
     def __iter__(self) -> Iterator[DepthFrame]:

@@ -151,11 +151,9 @@ def write_video(
         for title in titles:
             is_colour = title == "COLOR"
             stream = video.add_stream("mjpeg" if is_colour else "ffv1", rate=30)
-            stream.width, stream.height, stream.pix_fmt = (
-                64,
-                48,
-                "yuvj420p" if is_colour else "gray16le",
-            )
+            stream.width = 64
+            stream.height = 48
+            stream.pix_fmt = "yuvj420p" if is_colour else "gray16le"
             stream.codec_context.time_base = Fraction(1, 1000)
             stream.metadata["title"] = title
             streams.append(stream)

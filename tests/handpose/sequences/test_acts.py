@@ -126,7 +126,8 @@ def test_places_are_in_the_image(camera: Camera) -> None:
     for _ in range(50):
         place = volume.place(rng)
         u, v, d = camera.project(place)
-        across, down = MARGIN_MM * camera.fx / d - 1e-6, MARGIN_MM * camera.fy / d - 1e-6
+        across = MARGIN_MM * camera.fx / d - 1e-6
+        down = MARGIN_MM * camera.fy / d - 1e-6
         assert 0.5 * camera.width + across < u < camera.width - across
         assert down < v < camera.height - down
         assert volume.near <= d <= volume.far

@@ -78,10 +78,8 @@ def test_the_truth_is_what_is_seen() -> None:
             np.testing.assert_allclose(xyz, hand.xyz, atol=1e-9)
             np.testing.assert_allclose(hand.center_uvd, NYU.project(hand.origin_mm))
             surface = hand.capsules
-            ends, radii = (
-                np.hstack([surface.a, surface.b])[0],
-                np.hstack([surface.radius_a, surface.radius_b])[0],
-            )
+            ends = np.hstack([surface.a, surface.b])[0]
+            radii = np.hstack([surface.radius_a, surface.radius_b])[0]
             # also of a left hand
             assert (np.linalg.norm(xyz[:, None] - ends, axis=2) < radii + 15).any(axis=1).all()
 

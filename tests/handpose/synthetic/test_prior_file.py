@@ -130,11 +130,9 @@ def test_one_hand_and_a_second() -> None:
     np.testing.assert_array_equal(again[0, : len(hand.bones)], own[0])
 
 
-CUBE, NUMBER, POSITIVE = (
-    "cube_mm: 1000",
-    "expected a number between -100000 and 100000",
-    "expected 0 or more",
-)
+CUBE = "cube_mm: 1000"
+NUMBER = "expected a number between -100000 and 100000"
+POSITIVE = "expected 0 or more"
 CLIP = "expected less than 1 / scale_clip, so that none is below 0"
 FREE = "joint: expected one without a parent that translates along X, Y and Z"
 

@@ -207,10 +207,8 @@ def test_pages_of_any_size(tmp_path: Path, size: int) -> None:
 WHOLE = page(LEAF, 2, [node(b"a", b"1"), node(b"b", b"2")], 512)
 
 
-DAMAGED, UNSORTED = (
-    "; the database is damaged",
-    "its keys are out of order, or belong to another page",
-)
+DAMAGED = "; the database is damaged"
+UNSORTED = "its keys are out of order, or belong to another page"
 
 
 @bad_inputs(

@@ -96,11 +96,9 @@ def test_a_net_with_sizes(net_of, rng, N, sizes, dtype, tolerance):
         layer {{ name: "b" type: "Input" top: "b" input_param {{ shape {{ dim: {N} dim: {sizes} }} }} }}
         layer {{ name: "h" type: "HandModel" bottom: "x" bottom: "b" top: "y" }}
     """
-    x, b, dy = (
-        rng.normal(0, 0.5, (N, 47)),
-        rng.uniform(0.5, 1.5, (N, sizes)),
-        rng.normal(size=(N, 93)),
-    )
+    x = rng.normal(0, 0.5, (N, 47))
+    b = rng.uniform(0.5, 1.5, (N, sizes))
+    dy = rng.normal(size=(N, 93))
     predicting, learning = (
         net_of(start + layers, dtype=dtype) for start in ("", "force_backward: true")
     )

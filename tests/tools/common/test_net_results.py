@@ -64,7 +64,10 @@ def test_detections_in_the_picture(
     picture = results.drawn(rows, Shown(None, 0.5), STEPS, image)
     assert picture.shape == (100, 200, 3) and not image.any()
     seen = picture.any(axis=2)
-    top, bottom, left, right = seen[50, 50:150], seen[90, 50:150], seen[50:90, 50], seen[50:90, 150]
+    top = seen[50, 50:150]
+    bottom = seen[90, 50:150]
+    left = seen[50:90, 50]
+    right = seen[50:90, 150]
     assert all(side.all() for side in (top, bottom, left, right))
     assert not seen[55:85, 55:145].any()
     assert not seen[:, :45].any()

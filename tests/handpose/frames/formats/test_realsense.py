@@ -213,21 +213,17 @@ def software(rs: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
         device.register_info(key, value)
     sensor = device.add_sensor("Stereo Module")
     numbers = rs.intrinsics()
-    numbers.width, numbers.height, numbers.model, numbers.coeffs = (
-        64,
-        48,
-        rs.distortion.brown_conrady,
-        [0.0] * 5,
-    )
+    numbers.width = 64
+    numbers.height = 48
+    numbers.model = rs.distortion.brown_conrady
+    numbers.coeffs = [0.0] * 5
     numbers.fx, numbers.fy, numbers.ppx, numbers.ppy = 60.5, 61.5, 31.25, 23.75
     stream = rs.video_stream()
-    stream.type, stream.index, stream.uid, stream.fmt, stream.bpp = (
-        rs.stream.depth,
-        0,
-        0,
-        rs.format.z16,
-        2,
-    )
+    stream.type = rs.stream.depth
+    stream.index = 0
+    stream.uid = 0
+    stream.fmt = rs.format.z16
+    stream.bpp = 2
     stream.width, stream.height, stream.fps, stream.intrinsics = 64, 48, 30, numbers
     profile = sensor.add_video_stream(stream, True).as_video_stream_profile()
     sensor.add_read_only_option(rs.option.depth_units, 0.0001)
@@ -238,11 +234,9 @@ def software(rs: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     def send(number: int, time_ms: float, value: int) -> None:
         frame = rs.software_video_frame()
         frame.pixels, frame.stride, frame.bpp = np.full((48, 64), value, np.uint16), 128, 2
-        frame.timestamp, frame.domain, frame.frame_number = (
-            time_ms,
-            rs.timestamp_domain.hardware_clock,
-            number,
-        )
+        frame.timestamp = time_ms
+        frame.domain = rs.timestamp_domain.hardware_clock
+        frame.frame_number = number
         frame.profile, frame.depth_units = profile, 0.0001
         sensor.on_video_frame(frame)
 

@@ -26,11 +26,9 @@ from handpose.output.drawing.view import (
 from handpose.tracking.track import LostHand, PresentHand
 from tests.support.tracked_hands import CAMERA, tracked
 
-NEAR, FAR, BESIDE = (
-    tracked("right", (0, 0, 600)),
-    tracked("left", (40, 0, 3000)),
-    tracked("right", (-250, 0, 600)),
-)
+NEAR = tracked("right", (0, 0, 600))
+FAR = tracked("left", (40, 0, 3000))
+BESIDE = tracked("right", (-250, 0, 600))
 WHOLE = Viewport(0.0, 0.0, CAMERA.width, CAMERA.height)
 
 

@@ -37,7 +37,8 @@ def test_solids_agree_with_steps_along_the_rays(kind: int) -> None:
         ELLIPSOID: np.linalg.norm(local, axis=-1),
         CYLINDER: np.maximum(local[..., 1], np.hypot(local[..., 0], local[..., 2])),
     }[kind]
-    hit, missed = (size <= 1).sum(axis=-1) > 8, size.min(axis=-1) > 1.01
+    hit = (size <= 1).sum(axis=-1) > 8
+    missed = size.min(axis=-1) > 1.01
     np.testing.assert_allclose(entry[hit], steps[(size <= 1).argmax(axis=-1)][hit], atol=0.5)
     assert np.isinf(entry[missed]).all() and hit.sum() > 10
 
@@ -70,7 +71,8 @@ def test_hidden_and_too_near_solids_are_left_out() -> None:
 
 
 def test_the_nearest_layer_wins() -> None:
-    back, front = one(np.full((1, 2, 2), 900.0, np.float32), 3), np.full((1, 2, 2), np.inf)
+    back = one(np.full((1, 2, 2), 900.0, np.float32), 3)
+    front = np.full((1, 2, 2), np.inf)
     front[0, 0, 0] = 400.0
     both = nearest([back, Layer(front.astype(np.float32), np.full((1, 2, 2), 5, np.int16))])
     np.testing.assert_array_equal(both.depth[0], [[400, 900], [900, 900]])
