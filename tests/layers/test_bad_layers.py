@@ -11,14 +11,11 @@ import numpy as np
 
 from netlib.errors import DataError, LayerError, PrototxtError
 from tests.layers.conftest import Run
-from tests.support.bad_input import bad_inputs, rows_of
+from tests.support.bad_input import bad_inputs
 from tests.support.nets import inputs
+from tests.support.tables import pairs_of, shape_of
 
 INVALID = Path(__file__).parent / "invalid"
-
-
-def shape_of(word: str) -> tuple[int, ...]:
-    return () if word == "()" else tuple(int(size) for size in word.split("x"))
 
 
 def array_of(word: str) -> np.ndarray:
@@ -35,7 +32,7 @@ def run(layer: str, bottoms: str, tops: str = "1 top") -> Run:
 
 def invalid(table: str) -> Any:
     """Parametrize a test by the rows of a table."""
-    rows = rows_of(INVALID / table)
+    rows = pairs_of(INVALID / table)
     at = "<gradcheck>:1:...: error: layer 'it': "
     return bad_inputs(LayerError, {" ".join(given): (given, at + line) for given, line in rows})
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -32,15 +31,3 @@ def bad_inputs(
         rejected = pytest.raises(others[0] if others else error, match=whole_line(line))
         params.append(pytest.param(given, rejected, id=name))
     return pytest.mark.parametrize(("given", "rejected"), params)
-
-
-def rows_of(table: Path) -> list[tuple[list[str], str]]:
-    """Return the rows of a text file of two lines a row: the fields of the first, which ``|``
-    separates, and the second, the line of the error. A line that begins with ``#`` is a comment.
-    """
-    text = table.read_text(encoding="utf-8")
-    lines = [line.strip() for line in text.splitlines() if line and line[0] != "#"]
-    return [
-        ([field.strip() for field in given.split("|")], error)
-        for given, error in zip(lines[::2], lines[1::2], strict=True)
-    ]
