@@ -16,8 +16,8 @@ import numpy as np
 
 import netlib
 from netlib.files import own_modules
+from tests.support.running import ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
 COPIED = ("prototxt", "models")  # folders into which documents may write
 UNTRACKED = ("data", "snapshots", "site", "build", "demo")
 LINKED = [
