@@ -14,7 +14,6 @@ import netlib
 from netlib.proto import prototxt
 from netlib.proto.messages import SolverParameter
 from tests.netlib.conftest import MakeNet
-from tests.support.hdf5_files import write_hdf5
 from tests.support.nets import ONE, TWO, X, ip, loss
 
 pytestmark = pytest.mark.both_engines
@@ -134,25 +133,24 @@ def test_copy_from_copies_by_layer_name(net_of: MakeNet, tmp_path: Path) -> None
         assert np.array_equal(net.params["a"][0].data, source.params["a"][0].data)
 
 
-BOTH = TWO
-NO_BIAS = BOTH.replace("num_output: 3", "num_output: 3 bias_term: false")
+NO_BIAS = TWO.replace("num_output: 3", "num_output: 3 bias_term: false")
 
 
 @pytest.mark.parametrize(
     ("saved", "text", "message"),
     [
         (
-            BOTH,
+            TWO,
             ONE + ip("b", "a", "b", outputs=4),
             r"layer 'b' parameter 0 has shape \(3, 3\), the net expects \(4, 3\)",
         ),
         (
-            BOTH,
+            TWO,
             X + ip("other", "x", "y"),
             "it has no layer of net ''; it has a, b.*, the net has other",
         ),
-        (BOTH, NO_BIAS, "layer 'a' has 2 parameters, the net expects 1"),
-        (NO_BIAS, BOTH, "layer 'a' lacks parameter 1, the net has 2"),
+        (TWO, NO_BIAS, "layer 'a' has 2 parameters, the net expects 1"),
+        (NO_BIAS, TWO, "layer 'a' lacks parameter 1, the net has 2"),
     ],
 )
 def test_weights_that_do_not_fit_change_nothing(
@@ -166,12 +164,26 @@ def test_weights_that_do_not_fit_change_nothing(
     assert all(np.array_equal(p.blob.data, old) for p, old in zip(net.learnable, before))
 
 
-def test_old_four_dimensional_weights(net_of: MakeNet, tmp_path: Path) -> None:
-    arrays = {"data/a/0": np.arange(9.0).reshape(1, 1, 3, 3), "data/a/1": np.ones((1, 1, 1, 3))}
-    write_hdf5(tmp_path / "old.h5", **arrays)
-    net = net_of(ONE)
-    net.copy_from(tmp_path / "old.h5")
-    assert net.params["a"][0].data[2].tolist() == [6, 7, 8]
+@pytest.mark.parametrize(
+    "layer",
+    [
+        ip("a", "x", "a"),
+        'layer { name: "a" type: "PReLU" bottom: "x" top: "a" prelu_param { channel_shared: true } }',
+    ],
+)
+@pytest.mark.parametrize("name", ["old.caffemodel", "old.caffemodel.h5"])
+def test_weights_with_leading_axes_of_one(
+    net_of: MakeNet, tmp_path: Path, layer: str, name: str
+) -> None:
+    """Older versions of Caffe stored four axes, other programs any number."""
+    old, net = net_of(X + layer), net_of(X + layer)
+    for blob in old.params["a"]:
+        blob.data[...] += 1
+        blob.reshape(1, 1, *blob.shape)
+    old.save(tmp_path / name)
+    net.copy_from(tmp_path / name)
+    for found, blob in zip(net.params["a"], old.params["a"]):
+        assert np.array_equal(found.data, blob.data[0, 0])
 
 
 def test_nets_share_parameters_and_not_their_gradients(net_of: MakeNet) -> None:

@@ -7,10 +7,6 @@ import pytest
 PAIRS = np.array([[1.0, 3], [10, 30]]).reshape(1, 2, 1, 2)
 LINE = np.array([1.0, 2, 3])
 SCALED = [1 / (1 + 5), 2 / (1 + 14), 3 / (1 + 13)]  # 1 + squares of a value and its neighbours
-NET = """
-input: "x" input_shape { dim: 2 dim: 3 }
-layer { name: "n" type: "Normalize" bottom: "x" top: "y" norm_param { channel_shared: %s } }
-"""
 
 
 def mvn(x, eps):
@@ -138,23 +134,3 @@ def test_any_size_of_lrn_gives_what_plain_loops_give(run, rng, size, region):
     options = f"local_size: {size} alpha: 0.7 beta: 0.6 norm_region: {region}"
     done = run(f'type: "LRN" lrn_param {{ {options} }}', x)
     assert np.allclose(done.y, x / s**0.6)
-
-
-@pytest.mark.parametrize(
-    ("shared", "values", "shapes"),
-    [
-        ("false", [1, 2, 3], [(3,), (1, 3), (1, 1, 3), (1, 1, 1, 3)]),
-        ("true", 7, [(), (1,), (1, 1, 1, 1)]),
-    ],
-)
-def test_weights_with_leading_ones(net_of, tmp_path, shared, values, shapes):
-    """Scales of other programs, with leading axes of size 1, are loaded from both formats."""
-    net, other = net_of(NET % shared), net_of(NET % shared)
-    net.params["n"][0].data[...] = values
-    for shape in shapes:
-        net.params["n"][0].reshape(shape)
-        for name in ("n.caffemodel", "n.caffemodel.h5"):
-            net.save(tmp_path / name)
-            other.params["n"][0].data[...] = 0
-            other.copy_from(tmp_path / name)
-            assert other.params["n"][0].data.tolist() == values
