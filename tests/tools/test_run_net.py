@@ -13,6 +13,7 @@ from netlib.blob import Array
 from tests.support.caffe_messages import write_blob
 from tests.support.nets import inputs, ip
 from tests.support.running import Done, refusal, run_tool
+from tests.support.tables import pairs_of
 
 NET = (
     inputs(data=(2, 3, 8, 10))
@@ -246,88 +247,10 @@ TRAIN = (
 
 
 @pytest.mark.parametrize(
-    ("net", "argv", "message"),
-    [
-        (NET, "none.png", "none.png: cannot read the image: No such file or directory"),
-        (NET, "labels.npy", "labels.npy: not an image that OpenCV can decode"),
-        (
-            NET,
-            "labels.txt",
-            "labels.txt:1: the label 'tabby' is not a whole number; expected 'path label'",
-        ),
-        (
-            NET,
-            "0.png --labels net.prototxt",
-            "net.prototxt: 1 labels, but blob 'prob' has 4 classes",
-        ),
-        (
-            NET,
-            "0.png --labels empty.txt",
-            "empty.txt: the file is empty; expected the name of a class",
-        ),
-        (NET, "0.png --blob fc1", "net.prototxt: the net has no blob 'fc1' (did you mean 'fc/1'?)"),
-        (NET, "0.png --mean 1,2", "the mean has 2 channels, the net's input 3"),
-        (
-            NET,
-            "0.png --mean-file bad.npy",
-            "bad.npy: found float64 (2, 2); expected numbers (C,), (C, H, W)",
-        ),
-        (NET, "0.png --mean-file nan.npy", "nan.npy: the mean has values that are not finite"),
-        (NET, "0.png --mean-file 0.png", "0.png: "),
-        (NET, "0.png --mean 1e99", "the mean has values that are not finite in float32"),
-        (NET, "0.png --mean-file labels.npy", "labels.npy: no array as NumPy writes it"),
-        (NET, "0.png --out none/a.npz", "none/a.npz: folder none does not exist"),
-        (NET, "0.png --out bad.npy --mean-file bad.npy", "bad.npy: is read in this run"),
-        (NET, "labels.npy --out labels.npy", "labels.npy: is read in this run"),
-        (
-            NET,
-            "0.png --out a.npy --blob pool --blob prob",
-            "a.npy: a .npy file holds one array, found pool, prob; expected .npz or --blob",
-        ),
-        (NET, "0.png --resize 3x4", "images of 3 x 4 px are smaller than the net's input, 10 x 8"),
-        (
-            NET,
-            "0.png --resize 20x16 --mean-file mean.npy",
-            "the mean image has 15 x 13 px, images are "
-            "resized to 20 x 16; expected the same size, or one number per channel",
-        ),
-        (
-            NET,
-            "0.png --draw a.png",
-            "a.png: blob 'prob' holds no detections; --draw needs a net that ends in",
-        ),
-        (NET, "0.png --labels labels.txt --confusion", "--confusion needs lists of images with"),
-        (NET, "nul.txt --blob prob --out o.npy", "a\\x00b.png: cannot read the image: "),
-        (
-            NET,
-            "list.txt --confusion",
-            "--confusion needs one blob of classes, and --labels with their names",
-        ),
-        (NET, "list.txt --confusion --labels three.txt", "3 labels, but blob 'prob' has 4 values"),
-        (
-            TRAIN,
-            "0.png",
-            "net.prototxt:1:19: this is a training net: layer 'd' of type DummyData reads the data",
-        ),
-        (
-            inputs(a=(1, 3, 2, 2)) + SILENCE,
-            "0.png",
-            "net.prototxt: no layer leaves a blob unread, so the net has no "
-            "output; name one with --blob",
-        ),
-        (
-            inputs(a=(1, 3, 2, 2), b=(1, 3)),
-            "0.png",
-            "net.prototxt: the net has the inputs a, b; expected one",
-        ),
-        (
-            inputs(a=(1, 7)),
-            "0.png",
-            "net.prototxt: the input 'a' has shape (1, 7); expected (N, C, H, W)",
-        ),
-    ],
+    ("argv", "message"),
+    [(argv, line) for [argv], line in pairs_of(Path(__file__).with_name("run_net_mistakes.txt"))],
 )
-def test_mistakes(net: str, argv: str, message: str) -> None:
+def test_mistakes(argv: str, message: str) -> None:
     """Each mistake is one line with the file or the option, and nothing is written."""
     Path("empty.txt").write_text("")
     Path("labels.npy").write_text("cat\n")
@@ -337,8 +260,25 @@ def test_mistakes(net: str, argv: str, message: str) -> None:
     np.save("bad.npy", np.zeros((2, 2)))
     np.save("mean.npy", np.zeros((3, 13, 15)))
     np.save("nan.npy", np.full(3, np.nan))
-    Path("net.prototxt").write_text(net)
     assert message in refusal(f"run_net net.prototxt net.caffemodel {argv}")
+
+
+@pytest.mark.parametrize(
+    ("net", "message"),
+    [
+        (TRAIN, ":1:19: this is a training net: layer 'd' of type DummyData reads the data"),
+        (
+            inputs(a=(1, 3, 2, 2)) + SILENCE,
+            ": no layer leaves a blob unread, so the net has no output; name one with --blob",
+        ),
+        (inputs(a=(1, 3, 2, 2), b=(1, 3)), ": the net has the inputs a, b; expected one"),
+        (inputs(a=(1, 7)), ": the input 'a' has shape (1, 7); expected (N, C, H, W)"),
+    ],
+)
+def test_unsuitable_nets_are_rejected(net: str, message: str) -> None:
+    Path("net.prototxt").write_text(net)
+    line = refusal("run_net net.prototxt net.caffemodel 0.png")
+    assert line.startswith(f"net.prototxt{message}")
 
 
 LABEL_MAP = """# names
