@@ -75,14 +75,10 @@ def test_many_test_outputs(tmp_path, figures, count, said):
 
     A name is not typeset.
     """
-    names = [
-        "begin" + r"$\wrong{$" + "x" * 60000 + "end",
-        *(f"out{i:03d}" for i in range(1, count)),
-    ]
-    (tmp_path / "a.log").write_text(
-        "Iteration 0, loss = 1\n"
-        + "\n".join(f"Test net output #{i}: {name} = {i}" for i, name in enumerate(names))
-    )
+    names = [f"out{i:03d}" for i in range(count)]
+    names[0] = r"begin$\wrong{$" + "x" * 60000
+    lines = [f"Test net output #{i}: {name} = {i}" for i, name in enumerate(names)]
+    (tmp_path / "a.log").write_text("\n".join(["Iteration 0, loss = 1", *lines]))
     done = run_tool("plot_log", tmp_path / "a.log", "--out", tmp_path / "log.png")
     assert done.err == said
     loss, first, *titles = [axis.get_title() for axis in figures[0].axes]
