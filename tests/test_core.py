@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import inspect
 import textwrap
-from pathlib import Path
 
 from netlib.layer import Layer
 from netlib.solver import Solver
+from tests.support.running import ROOT
 from tests.test_totals import size_of
-
-ROOT = Path(__file__).resolve().parents[1]
 
 
 def test_the_core_can_be_read_in_an_afternoon() -> None:

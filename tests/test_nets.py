@@ -91,10 +91,8 @@ def test_the_papers_losses() -> None:
     """
     layers = {x.name: x for x in load_parameter(PROTOTXT / "nyu_train_test.prototxt").layer}
     hand, joints, limits = (layers[name] for name in ("HandModel", "joint_loss", "limit_loss"))
-    assert (
-        joints.bottom == (hand.top[0], "joint")
-        and limits.bottom == hand.bottom == layers["DoF"].top
-    )
+    assert joints.bottom == (hand.top[0], "joint")
+    assert limits.bottom == hand.bottom == layers["DoF"].top
     assert joints.loss_weight == limits.loss_weight == (1.0,)
 
 

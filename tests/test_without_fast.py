@@ -11,9 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.running import Done, run_python
+from tests.support.running import ROOT, Done, run_python
 
-ROOT = Path(__file__).resolve().parents[1]
 LEFT_OUT = (
     "fast",
     "test_without_fast.py",

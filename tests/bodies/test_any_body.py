@@ -82,9 +82,8 @@ def test_frames(tmp_path: Path, seed: int) -> None:
     recipe = exact_recipe(write_body(tmp_path, seed))
     frames, skeleton = Generator(seed, "train", recipe).block(0), recipe.prior.body()
     assert frames.dof is not None
-    assert (frames.dof >= skeleton.lower - 1e-6).all() and (
-        frames.dof <= skeleton.upper + 1e-6
-    ).all()
+    assert (frames.dof >= skeleton.lower - 1e-6).all()
+    assert (frames.dof <= skeleton.upper + 1e-6).all()
     radius = max(max(capsule.radius) for capsule in skeleton.param.flesh.capsule)  # type: ignore[union-attr]
     joints = frames.joint.reshape(len(frames), -1, 3).astype(float)
     assert np.abs(joints).max() < 1
@@ -141,9 +140,8 @@ def test_fits_to_joints(tmp_path: Path, seed: int) -> None:
     bodies = Generator(seed, "train", recipe).scene(0).bodies
     skeleton = recipe.prior.body()
     found = fit_joints(skeleton, bodies.joints[:24], starts=12)
-    assert (found.inputs >= skeleton.lower - 1e-9).all() and (
-        found.inputs <= skeleton.upper + 1e-9
-    ).all()
+    assert (found.inputs >= skeleton.lower - 1e-9).all()
+    assert (found.inputs <= skeleton.upper + 1e-9).all()
     assert np.mean(found.residuals.max(axis=1) < 1e-3) > 0.9
 
 

@@ -153,10 +153,9 @@ def test_the_tools(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     joint, and pictures.
     """
     monkeypatch.chdir(tmp_path)
-    prior = str(BODY / f"{name}_prior.prototxt")
-    done = run_tool(
-        "make_synthetic", "--body", prior, "--train", "20", "--test", "20", "--workers", "1"
-    )
+    prior, deploy = BODY / f"{name}_prior.prototxt", BODY / f"{name}_deploy.prototxt"
+    weights = f"snapshots/{name}_iter_2.caffemodel.h5"
+    done = run_tool(f"make_synthetic --body {prior} --train 20 --test 20 --workers 1")
     assert f"data/{name}: 20 train and 20 test frames" in done.out
     for kind in ("train_test", "solver"):
         text = (BODY / f"{name}_{kind}.prototxt").read_text()
@@ -166,46 +165,39 @@ def test_the_tools(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         text = text.replace(f"prototxt/body/{name}_train_test", f"{name}_train_test")
         text = text.replace(f'"{name}.prototxt"', f'"{BODY / name}.prototxt"')
         (tmp_path / f"{name}_{kind}.prototxt").write_text(text)
-    run_tool("train", f"{name}_solver.prototxt", "--max-iter", "2")
-    model = ["--model", f"{name}_train_test.prototxt", f"snapshots/{name}_iter_2.caffemodel.h5"]
-    scored = json.loads(
-        run_tool("test", *model, "--picture", "found.png", "--joints", "--json").out
-    )
+    run_tool(f"train {name}_solver.prototxt --max-iter 2")
+    score = f"test --model {name}_train_test.prototxt {weights}"
+    scored = json.loads(run_tool(f"{score} --picture found.png --joints --json").out)
     (row,) = scored["snapshots"]
     assert "error_14_mm" not in row and 0 <= row["out_of_limits"] <= 1
     skeleton = skeletons.load(BODY / f"{name}.prototxt")
     assert list(scored["joints_mm"]) == skeleton.joint_names
-    said = run_tool("test", *model, "--joints").out
-    assert (
-        "out of limits" in said
-        and "14 joints" not in said
-        and all(joint in said for joint in skeleton.joint_names)
-    )
-    deployed = netlib.Net(
-        str(BODY / f"{name}_deploy.prototxt"), f"snapshots/{name}_iter_2.caffemodel.h5", netlib.TEST
-    )
+    said = run_tool(f"{score} --joints").out
+    assert "out of limits" in said
+    assert "14 joints" not in said
+    assert all(joint in said for joint in skeleton.joint_names)
+    deployed = netlib.Net(deploy, weights, netlib.TEST)
     found = deployed.forward(depth=np.ones((1, 1, 128, 128), np.float32))
     assert found["pred"].shape == (1, 3 * len(skeleton.joint_names))
-    shown = ["--skeleton", str(BODY / f"{name}.prototxt")]
-    run_tool("show_data", f"data/{name}/test.txt", "--out", "frames.png", *shown)
+    body = BODY / f"{name}.prototxt"
+    run_tool(f"show_data data/{name}/test.txt --out frames.png --skeleton {body}")
     assert cv2.imread("found.png") is not None
     picture = cv2.imread("frames.png")
     # limbs in colours
     assert picture is not None and np.ptp(picture.astype(int), axis=2).max() > 100
-    done = run_tool("test", *model, "--fit", "fast", status=1)
+    done = run_tool(f"{score} --fit fast", status=1)
     assert (
         f"its body is 'nyu', that of {name}_train_test.prototxt is '{name}'; expected" in done.err
     )
-    net = [str(BODY / f"{name}_deploy.prototxt"), f"snapshots/{name}_iter_2.caffemodel.h5"]
     cv2.imwrite("crop.png", np.full((128, 128), 128, np.uint8))
-    see = ["predict", "crop.png", "--model", net[0], "--weights", net[1], "--fit", "no"]
-    for command in (see, ["export_onnx", *net, "net.onnx"]):
-        done = run_tool(*command, status=1)
+    see = f"predict crop.png --model {deploy} --weights {weights} --fit no"
+    for command in (see, f"export_onnx {deploy} {weights} net.onnx"):
+        done = run_tool(command, status=1)
         assert (
             f"skeleton '{name}' is not a hand: it has no joint 'palm'; expected the edge"
             in done.err
         )
-        run_tool(*command, "--cube", "1000")
+        run_tool(f"{command} --cube 1000")
     assert cv2.imread("crop_body.png") is not None
 
 
@@ -227,10 +219,8 @@ def test_unsuitable_bodies_and_recipes_are_rejected(
     for name in ("arm", "arm_prior"):
         text = (BODY / f"{name}.prototxt").read_text().replace('name: "arm"', 'name: "../arm"', 1)
         (tmp_path / f"{name}.prototxt").write_text(text)
-    done = run_tool("make_synthetic", "--body", "arm_prior.prototxt", status=1)
+    done = run_tool("make_synthetic --body arm_prior.prototxt", status=1)
     assert done.err.startswith("arm_prior.prototxt: its skeleton is named")
-    assert "arm.prototxt:" in run_tool("make_synthetic", "--body", "arm.prototxt", status=1).err
-    done = run_tool(
-        "make_synthetic", "--body", "arm_prior.prototxt", "--recipe", "nyu", "--out", "x", status=2
-    )
+    assert "arm.prototxt:" in run_tool("make_synthetic --body arm.prototxt", status=1).err
+    done = run_tool("make_synthetic --body arm_prior.prototxt --recipe nyu --out x", status=2)
     assert "--recipe applies only to hands" in done.err and not (tmp_path / "x").exists()

@@ -78,7 +78,6 @@ class Case:
     name: str
     phase: int
     backward: bool
-    types: frozenset[str]
     prototxt: str
     arrays: dict[str, Array]
 
@@ -124,7 +123,7 @@ def differences(case: Case, dtype: Any) -> dict[str, float]:
 
 @functools.cache
 def layer_cases() -> list[Case]:
-    """Return all recorded layer cases, including those with unknown layer types."""
+    """Return all recorded layer cases."""
     with h5py.File(FOLDER / "layers.h5") as file:
         single, difference = file["float32"][...], file["float64_bits_minus_float32"][...]
     cases = []
@@ -141,10 +140,7 @@ def layer_cases() -> list[Case]:
                 twin = (mine.astype(np.float64).view(np.int64) + bits).view(np.float64)
             arrays[part] = Array(tuple(shape), kept, mine, twin)
         phase = ("TRAIN", "TEST").index(entry["phase"])
-        types = frozenset(entry["types"])
-        cases.append(
-            Case(entry["case"], phase, entry["backward"], types, entry["prototxt"], arrays)
-        )
+        cases.append(Case(entry["case"], phase, entry["backward"], entry["prototxt"], arrays))
     assert not single.size, "numbers left over: layers.json and layers.h5 do not belong together"
     assert not difference.size
     return cases
@@ -154,10 +150,11 @@ def slices(text: str) -> Any:
     """Convert a text such as ``[:, ::2]`` to an index."""
     if text == "[...]":
         return ...
-    return tuple(
-        slice(*(int(n) if n.strip() else None for n in axis.split(":")))
-        for axis in text.strip("[]").split(",")
-    )
+    index = []
+    for axis in text.strip("[]").split(","):
+        ends = [int(n) if n.strip() else None for n in axis.split(":")]
+        index.append(slice(*ends))
+    return tuple(index)
 
 
 # ------------------------------------------------------------------------------------------ solvers
@@ -206,9 +203,8 @@ class Follow:
         solver = self.solver
         self.updates += 1
         loss = solver.net.loss()  # of the last batch: before the update
-        self.worst_loss = max(
-            self.worst_loss, abs(loss / float(self.theirs.losses[solver.iter - 1]) - 1)
-        )
+        ratio = loss / float(self.theirs.losses[solver.iter - 1])
+        self.worst_loss = max(self.worst_loss, abs(ratio - 1))
         for (layer, index), after in self.theirs.weights.items():
             if solver.iter in after:
                 far = distance(solver.net.params[layer][index].data, after[solver.iter])
@@ -280,7 +276,10 @@ def same_print(ours: str | float, theirs: str | float) -> bool:
     The last digit may differ by one: 0.5 rounds either way.
     """
     a, b = float(ours), float(theirs)
-    return abs(a - b) <= 1.01 * 10 ** (np.floor(np.log10(abs(b))) - 5) if b else a == 0
+    if b == 0:
+        return a == 0
+    last_digit = 10 ** (np.floor(np.log10(abs(b))) - 5)
+    return abs(a - b) <= 1.01 * last_digit
 
 
 def check_same_log(mine: list[str], theirs: list[str]) -> None:

@@ -54,10 +54,8 @@ def test_losses_are_those_of_netlib(
     monkeypatch.setattr(check_nano.largest_difference, "__defaults__", (2,))
     runpy.run_path(COMMAND[-1], run_name="__main__")
     text, difference = capsys.readouterr().out.rsplit(" ", 1)
-    assert (
-        text == "largest relative difference from netlib's losses, 20 updates:"
-        and float(difference) <= 1e-10
-    )
+    assert text == "largest relative difference from netlib's losses, 20 updates:"
+    assert float(difference) <= 1e-10
 
 
 def test_errors_and_drawings_are_of_the_joints(hand) -> None:
@@ -66,12 +64,11 @@ def test_errors_and_drawings_are_of_the_joints(hand) -> None:
     """
     true = nano.hand_model(np.zeros((1, 47)), hand)[0]
     assert nano.error_mm(true + [0.3, 0.4, 0], true) == pytest.approx(75)
-    same, moved = (
-        nano.drawing(true[0], true[0], hand),
-        nano.drawing(true[0] + [5, 0, 0], true[0], hand),
-    )
+    same = nano.drawing(true[0], true[0], hand)
+    moved = nano.drawing(true[0] + [5, 0, 0], true[0], hand)
     assert {len(line) for line in same} == {52} and set("".join(same)) == {" ", "o"}
-    assert "." in "".join(moved) and all(line[51] == "o" for line in moved if "o" in line)
+    assert "." in "".join(moved)
+    assert all(line[51] == "o" for line in moved if "o" in line)
 
 
 def test_it_prints_losses() -> None:
@@ -84,7 +81,9 @@ def test_it_prints_losses() -> None:
         first = running.stdout.readline().split()
         running.kill()
     assert first[:3] == ["update", "0", "loss"] and 7 < float(first[3]) < 9
-    assert first[4] == "error" and 90 < float(first[5]) < 98 and 95 < float(first[-2]) < 105
+    assert first[4] == "error"
+    assert 90 < float(first[5]) < 98
+    assert 95 < float(first[-2]) < 105
 
 
 def test_frames_are_the_renderers() -> None:

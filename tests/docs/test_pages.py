@@ -48,11 +48,9 @@ def test_windows_are_those_of_the_layer(visit: Visit, page_of: PageOf, number: i
     """
     tab, rng = visit(page_of("windows")), np.random.default_rng(number)
     entry, (kind, options) = pages.windows()["layers"][number], list(pages.LAYERS.values())[number]
-    picture, kernel, bias = (
-        rng.integers(-3, 4, (6, 6)),
-        rng.integers(-3, 4, (3, 3)),
-        int(rng.integers(-3, 4)),
-    )
+    picture = rng.integers(-3, 4, (6, 6))
+    kernel = rng.integers(-3, 4, (3, 3))
+    bias = int(rng.integers(-3, 4))
     layer, pad = pages.SmallLayer(kind, options, picture, kernel, bias), entry["pad"]
     dy = rng.integers(-3, 4, layer.y.shape)
     dx = layer.backward(dy)
@@ -73,9 +71,8 @@ def test_windows_in_use(visit: Visit, page_of: PageOf) -> None:
     """An output highlights its window; an edited number changes what depends on it."""
     tab = visit(page_of("windows"))
     tab.locator("#y button").nth(5).hover()
-    assert tab.locator("#x .marked").count() == 9 and tab.locator(
-        "#formula b"
-    ).inner_text().endswith("= −7")
+    assert tab.locator("#x .marked").count() == 9
+    assert tab.locator("#formula b").inner_text().endswith("= −7")
     tab.locator("#b button").click()
     tab.locator("#value").fill("10")
     assert tab.locator("#y button").first.inner_text() == "−11"  # -21 without the bias

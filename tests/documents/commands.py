@@ -18,10 +18,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from unittest import mock
 
-from tests.support.running import run_tool
+from tests.support.running import ROOT, run_tool
 from tools.common import commands as subcommands
 
-ROOT = Path(__file__).resolve().parents[2]
 SETUP = (ROOT / "setup.cfg").read_text(encoding="utf-8")
 PROGRAMS = ("handpose", "netlib")
 SECONDS = 300  # for the commands of one block; reached by a hang only

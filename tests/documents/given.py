@@ -24,9 +24,9 @@ from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
 from tests.support.nets import inputs, ip
+from tests.support.running import ROOT
 from tools import make_synthetic
 
-ROOT = Path(__file__).resolve().parents[2]
 Names = dict[str, object] | None
 
 

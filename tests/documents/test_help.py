@@ -121,7 +121,7 @@ def recordings(folder: Path) -> None:
 def demo(folder: Path) -> None:
     """frame.png and crop.png, and demo/frame_0.png, as of tools/demo.py."""
     given.frame(folder)
-    run_tool("make_recording", "rest", "--camera", "nyu", "--seconds", "0.1", "--out", "demo")
+    run_tool("make_recording rest --camera nyu --seconds 0.1 --out demo")
     min((folder / "demo").glob("*.png")).rename(folder / "demo" / "frame_0.png")
 
 
@@ -173,7 +173,7 @@ def old(folder: Path) -> None:
     (folder / "old_solver.prototxt").write_text(
         'net: "net.prototxt" base_lr: 0.1 solver_type: ADAM'
     )
-    assert run_tool("upgrade_net", "lenet_v1.prototxt", "new.prototxt").status == 0
+    assert run_tool("upgrade_net lenet_v1.prototxt new.prototxt").status == 0
     netlib.Net("new.prototxt", netlib.TEST).save(folder / "old.caffemodel")
 
 

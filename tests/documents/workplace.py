@@ -16,8 +16,8 @@ import numpy as np
 
 import netlib
 from netlib.files import own_modules
+from tests.support.running import ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
 COPIED = ("prototxt", "models")  # folders into which documents may write
 UNTRACKED = ("data", "snapshots", "site", "build", "demo")
 LINKED = [
@@ -66,12 +66,10 @@ def at_work_in(folder: Path) -> Iterator[None]:
     """Use ``folder`` as the working folder; afterwards restore the imports, settings and
     random numbers.
     """
-    before, modules, threads, drawn = (
-        Path.cwd(),
-        set(sys.modules),
-        netlib.threads(),
-        np.random.get_state(),
-    )
+    before = Path.cwd()
+    modules = set(sys.modules)
+    threads = netlib.threads()
+    drawn = np.random.get_state()
     os.chdir(folder)
     try:
         with (

@@ -31,7 +31,7 @@ def check(here: Path, *words: str, status: int = 0) -> Done:
 
 
 def test_the_list_marks_what_is_started(here: Path) -> None:
-    run_tool("exercise", "inner_product", "--start")
+    run_tool("exercise inner_product --start")
     lines = run_tool("exercise").out.splitlines()
     assert [line[5:].split()[0] for line in lines[:-1]] == list(EXERCISES)
     assert [line[0] for line in lines[:3]] == [" ", "·", " "]
@@ -39,12 +39,12 @@ def test_the_list_marks_what_is_started(here: Path) -> None:
 
 
 def test_start_keeps_a_file(here: Path) -> None:
-    assert run_tool("exercise", "relu", "--start").out.startswith("wrote relu.py: ")
+    assert run_tool("exercise relu --start").out.startswith("wrote relu.py: ")
     assert Path("relu.py").read_text(encoding="utf-8") == stub(
         EXERCISES["relu"], "python tools/exercise.py"
     )
     Path("relu.py").write_text("mine")
-    done = run_tool("exercise", "relu", "--start", status=1)
+    done = run_tool("exercise relu --start", status=1)
     assert done.err == "relu.py: already exists and is kept; remove it to start again\n"
     assert Path("relu.py").read_text() == "mine"
 
@@ -63,8 +63,8 @@ def test_a_solution_passes(here: Path) -> None:
 
 
 def test_a_bug_to_find(here: Path) -> None:
-    run_tool("exercise", "split", "--bug", "1")
-    run_tool("exercise", "split", "--bug", "1", status=1)
+    run_tool("exercise split --bug 1")
+    run_tool("exercise split --bug 1", status=1)
     lines = check(here, "--file", "split_bug1.py", status=1).out.splitlines()
     assert lines[2].startswith("✓ values") and lines[3].startswith("✗ gradient")
     assert all(line.startswith("    ") and len(line) <= 120 for line in lines[4:])

@@ -66,8 +66,3 @@ def test_each_name_exists_where_the_student_works(exercise: Exercise) -> None:
     advice = [mistake.advice for mistake in exercise.mistakes]
     texts = [*exercise.to_do, *exercise.to_do.values(), *checks, *advice]
     assert [name for text in texts for name in unknown(exercise, text)] == []
-
-
-def test_missing_names_are_found() -> None:
-    text = "Call snapshot.pair_of, solver.history, weights_of.write(x[0].data), resumed(it) and self.new_history"
-    assert unknown(EXERCISES["resume"], text) == ["snapshot.pair_of", "resumed", "self.new_history"]

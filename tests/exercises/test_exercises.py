@@ -60,9 +60,9 @@ def lines_of(name: str, bodies: dict[str, str]) -> str:
 
 def test_there_are_12_exercises_with_5_mistakes_each() -> None:
     chapters = [exercise.chapter for exercise in EXERCISES.values()]
-    assert (
-        len(EXERCISES) == 12 and chapters == sorted(chapters) and set(chapters) == set(range(1, 11))
-    )
+    assert len(EXERCISES) == 12
+    assert chapters == sorted(chapters)
+    assert set(chapters) == set(range(1, 11))
     for exercise in EXERCISES.values():
         assert (
             len({mistake.advice for mistake in exercise.mistakes})

@@ -34,14 +34,12 @@ from netlib import fillers
 from netlib.proto import prototxt
 from tests.support.running import Done, run_tool
 from tests.support.tracked_hands import HEADER, tracked
-from tools import make_synthetic
 
-RECORDING = ["--cameras", "icvl", "--seconds", "0.3"]
 DEPLOY = str(SYNTHETIC_HAND / "deploy.prototxt")
 
 
-def run(*words: object, status: int = 0) -> Done:
-    return run_tool("experiments.__main__", *words, status=status)
+def run(command: str = "", *words: object, status: int = 0) -> Done:
+    return run_tool(f"experiments.__main__ {command}", *words, status=status)
 
 
 def test_the_list() -> None:
@@ -72,7 +70,7 @@ def test_help_is_the_docstring(name: str) -> None:
     ],
 )
 def test_wrong_usage_is_one_line(words: str, message: str) -> None:
-    done = run(*words.split(), status=2)
+    done = run(words, status=2)
     assert done.err.startswith("python -m experiments") and message in done.err
     assert done.err.count("\n") == 1 and done.out == ""
 
@@ -81,9 +79,8 @@ def test_bench(keep_threads: None) -> None:
     """Our time is measured without any peer; a ratio is the peer's time divided by ours."""
     done = run("bench", "--nets", "LeNet", "hand-1", "--rounds", "1", "--threads", "1", "--cpu")
     rows = [line.split() for line in done.out.splitlines()[2:]]
-    assert {row[0] for row in rows} == {"LeNet", "hand-1"} and all(
-        float(row[1]) > 0 for row in rows
-    )
+    assert {row[0] for row in rows} == {"LeNet", "hand-1"}
+    assert all(float(row[1]) > 0 for row in rows)
     for row in (row for row in rows if len(row) > 2):
         assert float(row[-1]) == pytest.approx(
             float(row[-2]) / float(row[1]), abs=0.02 + 0.02 * float(row[-1])
@@ -124,7 +121,7 @@ def test_fit(small_blocks: None) -> None:
     """There is a row for the network and for each plan, with the fraction of right hands where it
     was requested.
     """
-    done = run("fit", "--frames", "3", "--recipes", "nyu", "--plans", "fast", "--hands")
+    done = run("fit --frames 3 --recipes nyu --plans fast --hands")
     first, head, network, fast = done.out.splitlines()
     assert first.startswith("24 frames per recipe, seed 0") and head.split()[-2:] == ["right", "ms"]
     assert network.split()[:2] == ["nyu", "network"] and fast.split()[:2] == ["nyu", "fast"]
@@ -134,18 +131,8 @@ def test_fit(small_blocks: None) -> None:
 
 def test_tracking() -> None:
     """There is a row for each hand of both recordings, and a line for all."""
-    done = run(
-        "tracking",
-        "--scripts",
-        "rest",
-        "left",
-        "--seeds",
-        "3",
-        "--rate",
-        "10",
-        "--frame-by-frame",
-        *RECORDING,
-    )
+    recording = "--scripts rest left --seeds 3 --cameras icvl --rate 10 --seconds 0.3"
+    done = run(f"tracking {recording} --frame-by-frame")
     head, right, left, last = done.out.splitlines()
     assert head.split()[:6] == ["script", "camera", "seed", "hand", "in", "sight"]
     assert right.split()[:7] == ["rest", "icvl", "3", "0", "right", "3", "100.0%"]
@@ -159,24 +146,15 @@ def test_tracking() -> None:
 def one_hand(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """64 training frames, and test frames of both hands."""
     folder = tmp_path_factory.mktemp("data") / "one_hand"
-    options = ["--recipe", "one_hand", "--train", "64", "--test", "72", "--workers", "1"]
-    assert make_synthetic.main([*options, "--out", str(folder)]) == 0
+    options = "--recipe one_hand --train 64 --test 72 --workers 1"
+    run_tool(f"make_synthetic {options} --out {folder}")
     return folder
 
 
 def test_table1(one_hand: Path, tmp_path: Path, keep_threads: None) -> None:
     """A network is trained in two stages and scored; the second run only scores."""
-    words = [
-        "table1",
-        "direct_parameter",
-        "--data",
-        one_hand,
-        "--iterations",
-        "4",
-        "--work",
-        tmp_path,
-    ]
-    first, head, row = run(*words).out.splitlines()
+    command = f"table1 direct_parameter --data {one_hand} --iterations 4 --work {tmp_path}"
+    first, head, row = run(command).out.splitlines()
     assert first.startswith(f"72 test frames of {one_hand} (synthetic); ")
     assert row.split()[:4] == ["direct_parameter", "adam", "4", "1"] and "cube of 261" in head
     states = sorted(path.name for path in tmp_path.glob("*.solverstate.h5"))
@@ -186,12 +164,12 @@ def test_table1(one_hand: Path, tmp_path: Path, keep_threads: None) -> None:
     ]
     log = next(tmp_path.glob("*.log"))
     before = log.stat().st_mtime_ns
-    assert run(*words).out.splitlines()[-1] == row and log.stat().st_mtime_ns == before
+    assert run(command).out.splitlines()[-1] == row and log.stat().st_mtime_ns == before
     (model,) = tmp_path.glob("*_net.prototxt")
     model.write_text(model.read_text().replace("batch_size: 64", "batch_size: 32"))
     assert (
         "its snapshots are of another net; remove them, or choose another --work"
-        in run(*words, status=1).err
+        in run(command, status=1).err
     )
 
 
@@ -199,26 +177,23 @@ def test_table1_of_a_bottleneck_with_the_papers_solver(
     one_hand: Path, tmp_path: Path, keep_threads: None
 ) -> None:
     """The bottleneck starts from principal components; its angles are fitted to its joints."""
-    words = ["--data", one_hand, "--recipe", "paper", "--iterations", "2", "--work", tmp_path]
-    row = run("table1", "bottleneck", *words).out.splitlines()[-1].split()
+    options = f"--data {one_hand} --recipe paper --iterations 2 --work {tmp_path}"
+    row = run(f"table1 bottleneck {options}").out.splitlines()[-1].split()
     assert row[0] == "bottleneck" and float(row[4]) < 150 and row[-2] == "–"
     with h5py.File(tmp_path / "one_hand_bottleneck_paper_2_seed1_components.caffemodel.h5") as file:
         basis, mean = file["data/joints/0"][...], file["data/joints/1"][...]
     with h5py.File(one_hand / "train_000.h5") as file:
         joints = file["joint"][...]
     assert basis.shape == (93, 30) and mean == pytest.approx(joints.mean(axis=0), abs=1e-6)
-    assert ((joints - mean) @ np.linalg.pinv(basis).T).std(axis=0) == pytest.approx(
-        np.ones(30), abs=1e-3
-    )
+    components = (joints - mean) @ np.linalg.pinv(basis).T
+    assert components.std(axis=0) == pytest.approx(np.ones(30), abs=1e-3)
 
 
 def test_table1_without_data(tmp_path: Path) -> None:
-    done = run("table1", "ours", "--data", tmp_path / "gone", status=1)
-    assert (
-        done.err.count("\n") == 1
-        and f"make_synthetic.py --recipe one_hand --out {tmp_path / 'gone'}" in done.err
-    )
-    done = run("table1", "direct_parameter_exact", "--setting", "nyu", status=1)
+    done = run(f"table1 ours --data {tmp_path}/gone", status=1)
+    assert done.err.count("\n") == 1
+    assert f"make_synthetic.py --recipe one_hand --out {tmp_path / 'gone'}" in done.err
+    done = run("table1 direct_parameter_exact --setting nyu", status=1)
     assert done.err.startswith(
         "direct_parameter_exact: the exact angles of NYU's frames are unknown"
     )
@@ -230,13 +205,12 @@ def test_package_model(tmp_path: Path, small_blocks: None) -> None:
     """
     big, small = tmp_path / "big.caffemodel.h5", tmp_path / "small.caffemodel.h5"
     netlib.Net(DEPLOY, read_card(SYNTHETIC_HAND).weights, netlib.TEST).save(big)
-    out = run(
-        "package_model", big, "--model", DEPLOY, "--out", small, "--bits", "6", "--frames", "1"
-    ).out
+    package = f"package_model {big} --model {DEPLOY} --out"
+    out = run(f"{package} {small} --bits 6 --frames 1").out
     assert "24 frames of the recipe people: network " in out and "with 6 bits " in out
     assert small.stat().st_size < 0.5 * big.stat().st_size
-    run("fit", "--network", small, DEPLOY, "--frames", "1", "--recipes", "nyu", "--plans", "fast")
-    done = run("package_model", big, "--model", DEPLOY, "--out", big, status=1)
+    run(f"fit --network {small} {DEPLOY} --frames 1 --recipes nyu --plans fast")
+    done = run(f"{package} {big}", status=1)
     assert done.err.count("\n") == 1 and str(big) in done.err
 
 
@@ -245,7 +219,7 @@ def test_packaging_a_net_without_a_hand(tmp_path: Path) -> None:
     deploy, big, small = HAND_FINDER / "deploy.prototxt", tmp_path / "big.h5", tmp_path / "small.h5"
     net = netlib.Net(deploy, netlib.TEST, seed=1)
     net.save(big)
-    run_tool("experiments.__main__", "package_model", big, "--model", deploy, "--out", small)
+    run(f"package_model {big} --model {deploy} --out {small}")
     again = netlib.Net(deploy, small, netlib.TEST)
     for name, blobs in net.params.items():
         np.testing.assert_array_equal(again.params[name][0].data, rounded(blobs[0].data, 10))
@@ -296,11 +270,8 @@ def test_a_track_compared_with_single_frames() -> None:
     """Errors are compared where both find the hand."""
     done: list[int] = []
     found = follow(MadeRecording(), MadeTracker(), alone, progress=done.append)  # type: ignore[arg-type]
-    assert (found.scores.frames, found.scores.invented, done) == (
-        4,
-        1,
-        [1, 1, 1, 1],
-    ) and found.seconds > 0
+    assert (found.scores.frames, found.scores.invented, done) == (4, 1, [1, 1, 1, 1])
+    assert found.seconds > 0
     (id,) = found.scores.hands
     assert found.both[id] == pytest.approx(np.array([[3, 2], [3, 2]]))
     assert cells_of(found, id)[:5] == ["3", "66.7%", "3.0", "3.0", "2.0"]

@@ -210,9 +210,8 @@ def test_a_recording_is_scored(tmp_path: Path, mirrored: bool) -> None:
     """
     source, labels = write_labelled(tmp_path, unlabelled=[1])
     seen = list(followed(str(source), constants.labels_of(labels), 0, mirrored, Settings()))
-    assert len(seen) == 3 and all(
-        one is not None and one.is_right_side and one.error_mm < 20 for one in seen[1:]
-    )
+    assert len(seen) == 3
+    assert all(one is not None and one.is_right_side and one.error_mm < 20 for one in seen[1:])
 
 
 @pytest.mark.parametrize(
@@ -281,11 +280,7 @@ def test_the_labels_of_a_recording_and_its_half(tmp_path: Path) -> None:
 
 def test_the_packaged_finder_is_measured() -> None:
     done = run_tool(
-        "experiments.__main__",
-        "finder",
-        HAND_FINDER / "hand_finder.caffemodel.h5",
-        "--scenes",
-        "16",
+        "experiments.__main__ finder", HAND_FINDER / "hand_finder.caffemodel.h5", "--scenes", "16"
     )
     head, drawn, other = done.out.splitlines()[-3:]
     assert head.startswith("frames of")

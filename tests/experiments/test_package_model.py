@@ -42,10 +42,8 @@ def test_a_model_file(tmp_path: Path) -> None:
     """The file is read back as weights and as the network's errors, and is smaller
     than its numbers.
     """
-    net, path = (
-        netlib.Net(HAND_FINDER / "deploy.prototxt", netlib.TEST, seed=3),
-        tmp_path / "x.caffemodel.h5",
-    )
+    net = netlib.Net(HAND_FINDER / "deploy.prototxt", netlib.TEST, seed=3)
+    path = tmp_path / "x.caffemodel.h5"
     for blobs in net.params.values():
         for blob in blobs:
             blob.data[...] = rounded(blob.data, 8)

@@ -43,10 +43,8 @@ def test_every_net_has_the_hidden_layers_of_ours(network: str, recipe: str) -> N
     sources = [
         str(layer.blocks["hdf5_data_param"].values("source")[0]) for layer in param.layer[:2]
     ]
-    assert (
-        sources == ['"/data/train.txt"', '"/data/test.txt"']
-        and str(prototxt.parse(printed)) == printed
-    )
+    assert sources == ['"/data/train.txt"', '"/data/test.txt"']
+    assert str(prototxt.parse(printed)) == printed
     kinds = [layer.type for layer in param.layer]
     assert ("Dropout" in kinds, "SmoothL1Loss" in kinds) == (
         (False, True) if recipe == "adam" else (True, False)
@@ -59,29 +57,23 @@ def test_every_net_has_the_hidden_layers_of_ours(network: str, recipe: str) -> N
 
 
 def test_the_papers_recipe_changes_only_the_data_layers() -> None:
-    derived, own = (
-        derived_net("ours", RECIPES["paper"], LISTS),
-        prototxt.parse_file(PROTOTXT / NETWORKS["ours"]),
-    )
+    derived = derived_net("ours", RECIPES["paper"], LISTS)
+    own = prototxt.parse_file(PROTOTXT / NETWORKS["ours"])
     changed = [
         (str(a), str(b)) for a, b in zip(layers_of(derived), layers_of(own)) if str(a) != str(b)
     ]
     assert len(changed) == 2 and all('"HDF5Data"' in a for a, _ in changed)
-    assert (
-        "batch_size: 512" in changed[0][0]
-        and "batch_size: 256" in changed[1][0]
-        and "shuffle" in changed[0][0]
-    )
+    assert "batch_size: 512" in changed[0][0]
+    assert "batch_size: 256" in changed[1][0]
+    assert "shuffle" in changed[0][0]
 
 
 def test_our_recipes_net_is_that_for_synthetic_hands() -> None:
     """Only the data, the augmentation and the second head differ from the net for
     synthetic hands.
     """
-    ours, others = (
-        PROTOTXT / "synthetic_train_test.prototxt",
-        ("data", "augment", "direct", "direct_loss"),
-    )
+    ours = PROTOTXT / "synthetic_train_test.prototxt"
+    others = ("data", "augment", "direct", "direct_loss")
     wanted = [
         str(layer)
         for layer in layers_of(prototxt.parse_file(ours))
@@ -96,10 +88,8 @@ def test_the_weight_of_physlimit() -> None:
     net = derived_net("ours", RECIPES["paper"], LISTS)
     table1.set_limit(net, 10.0, "L2")
     *_, limit = layers_of(net)
-    assert (text_of(limit, "type"), text_of(limit, "loss_weight")) == (
-        "PhysLimit",
-        "10.0",
-    ) and "L2" in str(limit)
+    assert (text_of(limit, "type"), text_of(limit, "loss_weight")) == ("PhysLimit", "10.0")
+    assert "L2" in str(limit)
     with pytest.raises(NetlibError, match="no PhysLimit"):
         table1.set_limit(derived_net("direct_joint", RECIPES["paper"], LISTS), 10.0, "L2")
 
@@ -111,11 +101,9 @@ def test_the_papers_solver() -> None:
     )
     solver = schema.read(tree, messages.SolverParameter, "solver")
     paper = solver_parameter.read(RECIPES["paper"].solver)
-    assert (
-        last == solver.max_iter == 4000
-        and solver.net == 'a "b".prototxt'
-        and solver.random_seed == 3
-    )
+    assert last == solver.max_iter == 4000
+    assert solver.net == 'a "b".prototxt'
+    assert solver.random_seed == 3
     assert (solver.momentum, solver.type, solver.test_iter, solver.snapshot) == (
         paper.momentum,
         paper.type,
@@ -131,9 +119,8 @@ def test_our_recipe_decays_the_rate_linearly() -> None:
     (branch, first), (last, second) = solvers(RECIPES["adam"], 20000, {})
     trunk, end = (schema.read(tree, messages.SolverParameter, "solver") for tree in (first, second))
     assert (branch, trunk.max_iter, last, end.max_iter) == (14000, 14000, 20000, 20000)
-    assert learning_rate(trunk, 500) == pytest.approx(0.001) and learning_rate(
-        trunk, 13999
-    ) == pytest.approx(0.002)
+    assert learning_rate(trunk, 500) == pytest.approx(0.001)
+    assert learning_rate(trunk, 13999) == pytest.approx(0.002)
     assert [learning_rate(end, i) for i in (14000, 17000, 20000)] == pytest.approx(
         [0.002, 0.001, 0]
     )

@@ -264,9 +264,7 @@ def read_pictures(path: Path) -> None:
     read_batches(path)
     if path.suffix in (".png", ".jpg", ".bmp"):
         load_image(path)
-    done = run_tool(
-        "compute_image_mean", "list.txt", "-resize_width=4", "-resize_height=4", status=None
-    )
+    done = run_tool("compute_image_mean list.txt -resize_width=4 -resize_height=4", status=None)
     if done.status:
         raise NetlibError(done.err.strip().split("\n")[-1])
 

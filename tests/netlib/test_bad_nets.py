@@ -17,7 +17,7 @@ from netlib.proto.wire import WireError
 from netlib.system.memory import OutOfMemoryError
 from tests.netlib.conftest import MakeNet
 from tests.support.bad_input import bad_inputs
-from tests.support.nets import X, inputs, ip, loss, shared
+from tests.support.nets import ONE, X, inputs, ip, loss, shared
 
 pytestmark = pytest.mark.both_engines
 
@@ -59,7 +59,7 @@ def after(shape: str, layer: str) -> str:
             ),
             (
                 "top twice",
-                X + ip("a", "x", "a") + ip("b", "x", "a"),
+                ONE + ip("b", "x", "a"),
                 f"layer 'b': top blob 'a' {WRITTEN.format('a', 0)}",
             ),
             (
@@ -296,7 +296,7 @@ def test_invalid_calls_are_rejected(
     net_of: MakeNet, given: Callable[[netlib.Net], object], rejected: Any
 ) -> None:
     with rejected:
-        given(net_of(X + ip("a", "x", "a")))
+        given(net_of(ONE))
 
 
 @bad_inputs(

@@ -29,7 +29,8 @@ def test_an_array_has_its_own_shape_and_flags() -> None:
             array.shape = (3, 2)
             array[0, 1] = 7
             array.flags.writeable = False
-            assert getattr(one, name).shape == one.shape and getattr(one, name).reshape(-1)[1] == 7
+            assert getattr(one, name).shape == one.shape
+            assert getattr(one, name).reshape(-1)[1] == 7
             getattr(one, name)[...] = 0
 
 

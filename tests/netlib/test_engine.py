@@ -8,12 +8,12 @@ import netlib
 from netlib import engine
 from netlib.engine import Engine, Step
 from tests.netlib.conftest import ONE_WEIGHT, MakeNet, MakeSolver
-from tests.support.nets import X, ip
+from tests.support.nets import ONE
 from tests.support.running import run_python
 
 needs_fast = pytest.mark.skipif(not engine.has_fast(), reason="the folder fast/ is not there")
 
-NET = X + ip("a", "x", "a") + 'layer { name: "r" type: "ReLU" bottom: "a" top: "a" }'
+NET = ONE + 'layer { name: "r" type: "ReLU" bottom: "a" top: "a" }'
 
 
 def test_the_plain_engine_runs_each_layer_in_its_own_step(net_of: MakeNet) -> None:

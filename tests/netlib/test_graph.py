@@ -9,7 +9,7 @@ import pytest
 
 import netlib
 from tests.netlib.conftest import MakeNet
-from tests.support.nets import X, ip, loss
+from tests.support.nets import ONE, X, ip, loss
 
 pytestmark = pytest.mark.both_engines
 
@@ -84,7 +84,7 @@ def test_force_backward_runs_everything(net_of: MakeNet) -> None:
 
 
 def test_propagate_down_cuts_the_gradient(net_of: MakeNet) -> None:
-    net = net_of(X + ip("a", "x", "a") + ip("b", "a", "b", "propagate_down: false") + loss("b"))
+    net = net_of(ONE + ip("b", "a", "b", "propagate_down: false") + loss("b"))
     assert backwards(net) == {"b": [False], "loss": [True, False]}
 
 
@@ -101,7 +101,7 @@ def test_propagate_down_true_asks_for_a_gradient(net_of: MakeNet) -> None:
 )
 def test_loss_weight(net_of: MakeNet, weight: float, layer: str) -> None:
     """The top holds the unweighted loss; the net's loss and the gradients are weighted."""
-    net = net_of(X + ip("a", "x", "a") + loss("a", layer))
+    net = net_of(ONE + loss("a", layer))
     net.params["a"][0].data[...] = np.eye(3)
     total = None
     net.forward(x=np.ones((2, 3)), t=np.zeros((2, 3)))
@@ -121,20 +121,16 @@ def test_loss_weight_on_an_ordinary_top(net_of: MakeNet) -> None:
     net.backward()
     assert net.loss() == pytest.approx(0.5 * net.blobs["a"].data.sum(), rel=1e-5)
     assert np.allclose(net.params["a"][1].diff, 2 * 0.5)
-    assert not backwards(net_of(X + ip("a", "x", "a") + loss("a", "loss_weight: 0")))
+    assert not backwards(net_of(ONE + loss("a", "loss_weight: 0")))
 
 
 def test_a_loss_may_go_without_a_top(net_of: MakeNet) -> None:
     """A loss without a top is named "(automatic)" as in Caffe; it contributes to the loss and is
     not an output.
     """
-    net = net_of(
-        X + ip("a", "x", "a") + 'layer { name: "l" type: "EuclideanLoss" bottom: "a" bottom: "x" }'
-    )
+    net = net_of(ONE + 'layer { name: "l" type: "EuclideanLoss" bottom: "a" bottom: "x" }')
     named = net_of(
-        X
-        + ip("a", "x", "a")
-        + 'layer { name: "l" type: "EuclideanLoss" bottom: "a" bottom: "x" top: "l" }'
+        ONE + 'layer { name: "l" type: "EuclideanLoss" bottom: "a" bottom: "x" top: "l" }'
     )
     for one in (net, named):
         one.blobs["x"].data[...] = 1
@@ -176,9 +172,7 @@ def test_layers_in_place_that_spoil_a_gradient_give_a_warning(
     warning: str,
 ) -> None:
     """The layer overwrites a top needed by another gradient. Caffe gives no warning."""
-    text = (
-        X + ip("a", "x", "a") + f'layer {{ name: "r" type: "{below}" bottom: "a" top: "{top}" }} '
-    )
+    text = ONE + f'layer {{ name: "r" type: "{below}" bottom: "a" top: "{top}" }} '
     for i, kind in enumerate(behind):
         text += f'layer {{ name: "p{i}" bottom: "{top}" top: "{top}" type: {kind} }} '
     net_of(text)  # without a loss nothing runs backwards, so there is no warning
@@ -194,12 +188,7 @@ def test_two_layers_of_one_name(
     net_of: MakeNet, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     """Both layers run, as in Caffe; the second gets a new name, so that both keep their weights."""
-    text = (
-        X
-        + ip("a", "x", "a")
-        + 'layer { name: "r" type: "ReLU" bottom: "a" top: "a" } '
-        + ip("a", "a", "b")
-    )
+    text = ONE + 'layer { name: "r" type: "ReLU" bottom: "a" top: "a" } ' + ip("a", "a", "b")
     net = net_of(text + 'layer { name: "r" type: "ReLU" bottom: "b" top: "b" }')
     assert list(net.layer_dict) == ["x", "a", "r", "a (2)", "r (2)"]
     assert [message.split(": a second")[1] for message in caplog.messages] == [

@@ -14,8 +14,7 @@ import netlib
 from netlib.proto import prototxt
 from netlib.proto.messages import SolverParameter
 from tests.netlib.conftest import MakeNet
-from tests.support.hdf5_files import write_hdf5
-from tests.support.nets import X, ip, loss
+from tests.support.nets import ONE, TWO, X, ip, loss
 
 pytestmark = pytest.mark.both_engines
 
@@ -59,7 +58,7 @@ def test_forward_takes_inputs_and_gives_outputs(net_of: MakeNet) -> None:
     """Inputs and outputs are passed by name, with more blobs on request; outputs are blobs that
     no layer reads.
     """
-    net = net_of(X + ip("a", "x", "a") + ip("b", "a", "b"))
+    net = net_of(TWO)
     x = np.random.default_rng(0).normal(size=(2, 3)).astype(np.float32)
     found = net.forward(["a"], x=x)
     assert sorted(found) == ["a", "b"]
@@ -76,7 +75,7 @@ def test_a_new_batch_size_reshapes_the_net(net_of: MakeNet) -> None:
 
 
 def test_forward_from_one_layer_to_another(net_of: MakeNet) -> None:
-    net = net_of(X + ip("a", "x", "a") + ip("b", "a", "b") + ip("c", "b", "c"))
+    net = net_of(TWO + ip("c", "b", "c"))
     x = np.ones((2, 3))
     whole = {name: net.forward(["a", "b"], x=x)[name].copy() for name in "abc"}
     net.blobs["a"].data[...] = 0
@@ -89,7 +88,7 @@ def test_forward_from_one_layer_to_another(net_of: MakeNet) -> None:
 
 
 def test_backward_from_one_layer_to_another(net_of: MakeNet) -> None:
-    net = net_of("force_backward: true " + X + ip("a", "x", "a") + ip("b", "a", "b"))
+    net = net_of("force_backward: true " + TWO)
     net.forward(x=np.ones((2, 3)))
     found = net.backward(["a"], end="b", b=np.ones((2, 3)))
     assert np.allclose(found["a"], np.ones((2, 3)) @ net.params["b"][0].data)
@@ -106,7 +105,7 @@ def test_backward_from_one_layer_to_another(net_of: MakeNet) -> None:
 
 
 def test_param_diffs_add_up_until_they_are_cleared(net_of: MakeNet) -> None:
-    net = net_of(X + ip("a", "x", "a") + loss("a"))
+    net = net_of(ONE + loss("a"))
     diff = net.params["a"][0].diff  # stays the parameter's own, for a layer that keeps it
     net.forward(x=np.ones((2, 3)))
     net.backward()
@@ -125,10 +124,8 @@ def test_copy_from_copies_by_layer_name(net_of: MakeNet, tmp_path: Path) -> None
     """Weights are copied from a file or a net; layers that exist only in the
     source are returned.
     """
-    source, net = (
-        net_of(X + ip("a", "x", "a") + ip("more", "a", "more")),
-        net_of(X + ip("a", "x", "y"), seed=2),
-    )
+    source = net_of(ONE + ip("more", "a", "more"))
+    net = net_of(X + ip("a", "x", "y"), seed=2)
     source.save(tmp_path / "w.h5")
     for origin in (source, tmp_path / "w.h5"):
         net.params["a"][0].data[...] = 0
@@ -136,25 +133,24 @@ def test_copy_from_copies_by_layer_name(net_of: MakeNet, tmp_path: Path) -> None
         assert np.array_equal(net.params["a"][0].data, source.params["a"][0].data)
 
 
-BOTH = X + ip("a", "x", "a") + ip("b", "a", "b")
-NO_BIAS = BOTH.replace("num_output: 3", "num_output: 3 bias_term: false")
+NO_BIAS = TWO.replace("num_output: 3", "num_output: 3 bias_term: false")
 
 
 @pytest.mark.parametrize(
     ("saved", "text", "message"),
     [
         (
-            BOTH,
-            X + ip("a", "x", "a") + ip("b", "a", "b", outputs=4),
+            TWO,
+            ONE + ip("b", "a", "b", outputs=4),
             r"layer 'b' parameter 0 has shape \(3, 3\), the net expects \(4, 3\)",
         ),
         (
-            BOTH,
+            TWO,
             X + ip("other", "x", "y"),
             "it has no layer of net ''; it has a, b.*, the net has other",
         ),
-        (BOTH, NO_BIAS, "layer 'a' has 2 parameters, the net expects 1"),
-        (NO_BIAS, BOTH, "layer 'a' lacks parameter 1, the net has 2"),
+        (TWO, NO_BIAS, "layer 'a' has 2 parameters, the net expects 1"),
+        (NO_BIAS, TWO, "layer 'a' lacks parameter 1, the net has 2"),
     ],
 )
 def test_weights_that_do_not_fit_change_nothing(
@@ -168,16 +164,30 @@ def test_weights_that_do_not_fit_change_nothing(
     assert all(np.array_equal(p.blob.data, old) for p, old in zip(net.learnable, before))
 
 
-def test_old_four_dimensional_weights(net_of: MakeNet, tmp_path: Path) -> None:
-    arrays = {"data/a/0": np.arange(9.0).reshape(1, 1, 3, 3), "data/a/1": np.ones((1, 1, 1, 3))}
-    write_hdf5(tmp_path / "old.h5", **arrays)
-    net = net_of(X + ip("a", "x", "a"))
-    net.copy_from(tmp_path / "old.h5")
-    assert net.params["a"][0].data[2].tolist() == [6, 7, 8]
+@pytest.mark.parametrize(
+    "layer",
+    [
+        ip("a", "x", "a"),
+        'layer { name: "a" type: "PReLU" bottom: "x" top: "a" prelu_param { channel_shared: true } }',
+    ],
+)
+@pytest.mark.parametrize("name", ["old.caffemodel", "old.caffemodel.h5"])
+def test_weights_with_leading_axes_of_one(
+    net_of: MakeNet, tmp_path: Path, layer: str, name: str
+) -> None:
+    """Older versions of Caffe stored four axes, other programs any number."""
+    old, net = net_of(X + layer), net_of(X + layer)
+    for blob in old.params["a"]:
+        blob.data[...] += 1
+        blob.reshape(1, 1, *blob.shape)
+    old.save(tmp_path / name)
+    net.copy_from(tmp_path / name)
+    for found, blob in zip(net.params["a"], old.params["a"]):
+        assert np.array_equal(found.data, blob.data[0, 0])
 
 
 def test_nets_share_parameters_and_not_their_gradients(net_of: MakeNet) -> None:
-    text = "force_backward: true " + X + ip("a", "x", "a")
+    text = "force_backward: true " + ONE
     one, two = net_of(text), net_of(text, seed=2)
     two.share_params(one)
     assert np.shares_memory(one.params["a"][0].data, two.params["a"][0].data)
@@ -192,12 +202,12 @@ def test_nets_share_parameters_and_not_their_gradients(net_of: MakeNet) -> None:
 def test_a_net_is_not_copied(net_of: MakeNet, how: Callable[[object], object]) -> None:
     """Copying or pickling raises an error, because the copy would share some blobs with the net."""
     with pytest.raises(netlib.NetlibError, match="a net cannot be copied or pickled"):
-        how(net_of(X + ip("a", "x", "a")))
+        how(net_of(ONE))
 
 
 @pytest.mark.parametrize("other", ["shape", "dtype"])
 def test_nets_that_cannot_share_parameters_share_none(net_of: MakeNet, other: str) -> None:
-    text = X + ip("a", "x", "a") + ip("b", "a", "b")
+    text = TWO
     one = net_of(text)
     two = (
         net_of(text.replace("num_output: 3", "num_output: 4"))
@@ -226,7 +236,8 @@ def test_weights_that_lack_a_layer(
     """A layer without weights in the file keeps its initial values, as in pycaffe, and a
     note is logged.
     """
-    small, text = net_of(X + ip("a", "x", "a")), X + ip("a", "x", "a") + ip("b", "a", "b")
+    small = net_of(ONE)
+    text = TWO
     small.save(tmp_path / "w.caffemodel")
     path = tmp_path / "net.prototxt"
     path.write_text(text)

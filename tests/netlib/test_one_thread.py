@@ -150,10 +150,8 @@ def test_two_threads_with_a_net_each(
     """
     if netlib.threads() > 1:
         netlib.set_threads(3)
-    nets, images = (
-        [net_of(NET, seed=seed) for seed in (1, 2)],
-        rng.normal(size=(2, 5, 40, 1, 30, 30)),
-    )
+    nets = [net_of(NET, seed=seed) for seed in (1, 2)]
+    images = rng.normal(size=(2, 5, 40, 1, 30, 30))
     slopes = rng.normal(size=(40, 7))
     if shared:
         nets[1].share_params(nets[0])

@@ -32,9 +32,9 @@ class Messages:
         self.store = get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_HUMBLE)
         self.is_ros1 = is_ros1
 
-    def encode(self, kind: str, message: Any) -> bytes:
+    def encode(self, kind: str, **fields: Any) -> bytes:
         encode = self.store.serialize_ros1 if self.is_ros1 else self.store.serialize_cdr
-        return bytes(encode(message, kind))
+        return bytes(encode(self.store.types[kind](**fields), kind))
 
     def header(self, ns: int) -> Any:
         types = self.store.types
@@ -49,31 +49,29 @@ class Messages:
         swapped = values.astype(values.dtype.newbyteorder(">" if big else "<"))
         rows = swapped.view(np.uint8).reshape(len(values), -1)
         data = np.hstack([rows, np.full((len(rows), padding), 99, np.uint8)])
-        message = self.store.types["sensor_msgs/msg/Image"](
+        height, width = values.shape
+        return self.encode(
+            "sensor_msgs/msg/Image",
             header=self.header(ns),
-            height=values.shape[0],
-            width=values.shape[1],
+            height=height,
+            width=width,
             encoding=encoding,
             is_bigendian=int(big),
             step=data.shape[1],
-            data=data.reshape(-1),
+            data=data.ravel(),
         )
-        return self.encode("sensor_msgs/msg/Image", message)
 
     def packed(self, values: Depth, ns: int) -> bytes:
         """Return an image in the format of the plug-in compressedDepth: twelve
         bytes, then a PNG.
         """
-        return self.compressed(
-            bytes(12) + cv2.imencode(".png", values)[1].tobytes(), ns, "16UC1; compressedDepth png"
-        )
+        content = bytes(12) + cv2.imencode(".png", values)[1].tobytes()
+        return self.compressed(content, ns, "16UC1; compressedDepth png")
 
     def compressed(self, content: bytes, ns: int, form: str) -> bytes:
         """Return a CompressedImage."""
-        message = self.store.types["sensor_msgs/msg/CompressedImage"](
-            header=self.header(ns), format=form, data=np.frombuffer(content, np.uint8)
-        )
-        return self.encode("sensor_msgs/msg/CompressedImage", message)
+        header, data = self.header(ns), np.frombuffer(content, np.uint8)
+        return self.encode("sensor_msgs/msg/CompressedImage", header=header, format=form, data=data)
 
     def info(
         self,
@@ -85,32 +83,29 @@ class Messages:
         """Return a CameraInfo with K, D and P; ``k`` and ``p`` replace the usual ones."""
         name = str.upper if self.is_ros1 else str.lower
         k = more.get("k", K)
-        p = more.get("p", [k[0], 0, k[2], 0, 0, k[4], k[5], 0, 0, 0, 1, 0])
+        p = more.get("p", np.insert(np.array(k, float), (3, 6, 9), 0))  # a column of zeros
         arrays = {"d": d, "k": k, "r": np.eye(3).ravel(), "p": p}
         roi = self.store.types["sensor_msgs/msg/RegionOfInterest"](
             x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
         )
-        message = self.store.types["sensor_msgs/msg/CameraInfo"](
+        height, width = shape
+        return self.encode(
+            "sensor_msgs/msg/CameraInfo",
             header=self.header(START_NS),
-            height=shape[0],
-            width=shape[1],
+            height=height,
+            width=width,
             distortion_model=model,
             binning_x=0,
             binning_y=0,
             roi=roi,
             **{name(key): np.array(value, np.float64) for key, value in arrays.items()},
         )
-        return self.encode("sensor_msgs/msg/CameraInfo", message)
 
     def number(self, value: float) -> bytes:
-        return self.encode(
-            "std_msgs/msg/Float32", self.store.types["std_msgs/msg/Float32"](data=value)
-        )
+        return self.encode("std_msgs/msg/Float32", data=value)
 
     def text(self, value: str) -> bytes:
-        return self.encode(
-            "std_msgs/msg/String", self.store.types["std_msgs/msg/String"](data=value)
-        )
+        return self.encode("std_msgs/msg/String", data=value)
 
 
 Content = list[tuple[str, str, int, bytes]]  # topic, type, nanoseconds of the bag, message
@@ -139,23 +134,13 @@ def driver(
 
     ``sensor`` is the height and width of its sensor, if the images have another.
     """
-    content = [
-        (
-            f"{topic.rpartition('/')[0]}/camera_info",
-            "sensor_msgs/msg/CameraInfo",
-            START_NS,
-            messages.info(sensor or depth.shape[1:], **info),
-        )
-    ]
+    of_camera = f"{topic.rpartition('/')[0]}/camera_info"
+    camera = messages.info(sensor or depth.shape[1:], **info)
+    content = [(of_camera, "sensor_msgs/msg/CameraInfo", START_NS, camera)]
     for i, image in enumerate(depth):
-        content.append(
-            (
-                topic,
-                "sensor_msgs/msg/Image",
-                stamp_of(i) + 5_000_000,
-                messages.image(image, stamp_of(i)),
-            )
-        )
+        ns = stamp_of(i)
+        message = messages.image(image, ns)
+        content.append((topic, "sensor_msgs/msg/Image", ns + 5_000_000, message))
     return content
 
 
@@ -180,11 +165,8 @@ def write_ros2(
     from rosbags.rosbag2 import StoragePlugin, Writer
 
     messages = Messages(False)
-    write(
-        Writer(path, version=9, storage_plugin=StoragePlugin[storage]),
-        messages,
-        make(messages, depth),
-    )
+    writer = Writer(path, version=9, storage_plugin=StoragePlugin[storage])
+    write(writer, messages, make(messages, depth))
     return path
 
 
@@ -196,15 +178,11 @@ def realsense(
     """
     topic = f"{REALSENSE}/Depth_0"
     more = struct.pack("<f", 0.0001) if tail else b""
-    info = {"model": "Brown Conrady", **info}
+    unit = messages.number(0.0001)
+    camera = messages.info(depth.shape[1:], **{"model": "Brown Conrady", **info})
     content = [
-        (f"{REALSENSE}/option/{option}/value", "std_msgs/msg/Float32", 1, messages.number(0.0001)),
-        (
-            f"{topic}/info/camera_info",
-            "sensor_msgs/msg/CameraInfo",
-            1,
-            messages.info(depth.shape[1:], **info),
-        ),
+        (f"{REALSENSE}/option/{option}/value", "std_msgs/msg/Float32", 1, unit),
+        (f"{topic}/info/camera_info", "sensor_msgs/msg/CameraInfo", 1, camera),
     ]
     for i, image in enumerate(depth):
         message = messages.image(image, 10**9 + i * STEP_NS, "mono16") + more
@@ -224,23 +202,13 @@ def write_realsense(path: Path, depth: Depth, **more: Any) -> Path:
 def realsense_db3(messages: Messages, depth: Depth) -> Content:
     """Return the messages of newer versions of the SDK: PNG, and the unit as text."""
     topic = f"{REALSENSE}/Depth_0/image"
+    unit, camera = messages.text("0.000100"), messages.info(depth.shape[1:])
     content = [
-        (
-            f"{REALSENSE}/option/Depth_Units/value",
-            "std_msgs/msg/String",
-            0,
-            messages.text("0.000100"),
-        ),
-        (f"{topic}/camera_info", "sensor_msgs/msg/CameraInfo", 0, messages.info(depth.shape[1:])),
+        (f"{REALSENSE}/option/Depth_Units/value", "std_msgs/msg/String", 0, unit),
+        (f"{topic}/camera_info", "sensor_msgs/msg/CameraInfo", 0, camera),
     ]
+    of_depth, kind = f"{topic}/data/compressedDepth", "sensor_msgs/msg/CompressedImage"
     for i, image in enumerate(depth):
-        message = messages.packed(image, i * STEP_NS)
-        content.append(
-            (
-                f"{topic}/data/compressedDepth",
-                "sensor_msgs/msg/CompressedImage",
-                i * STEP_NS,
-                message,
-            )
-        )
+        ns = i * STEP_NS
+        content.append((of_depth, kind, ns, messages.packed(image, ns)))
     return content

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -23,206 +24,177 @@ def different(*shape: int) -> np.ndarray:
     return RNG.permutation(int(np.prod(shape))).reshape(shape) / 7.0
 
 
-# type -> options, functions that make the bottoms for N items, number of tops; ``wanted``: bottoms
-# with a gradient
-CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
-    "AbsVal": ("", lambda N: [off_zero(N, 3)], {}),
-    "Accuracy": ("", lambda N: [off_zero(N, 3), RNG.integers(0, 3, N)], {"wanted": [False, False]}),
-    "BN": (
-        'bn_param { bn_mode: LEARN scale_filler { type: "gaussian" } }',
-        lambda N: [off_zero(N, 3, 2, 4)],
-        {},
+# options, a function that makes the bottoms for N items, and ``tops``, their number, or ``wanted``,
+# the bottoms with a gradient
+Case = tuple[str, Callable[[int], list[Any]], dict[str, Any]]
+
+
+def of(*shapes: tuple[int, ...]) -> Callable[[int], list[Any]]:
+    """Return a function that makes bottoms of these shapes for N items."""
+    return lambda N: [off_zero(N, *shape) for shape in shapes]
+
+
+def labelled(N: int) -> list[Any]:
+    """Return scores of three classes, and labels."""
+    return [off_zero(N, 3), RNG.integers(0, 3, N)]
+
+
+VECTORS = of((3,))
+
+
+def case(options: str = "", bottoms: Callable[[int], list[Any]] = VECTORS, **more: Any) -> Case:
+    return options, bottoms, more
+
+
+CASES: dict[str, Case] = {
+    "AbsVal": case(),
+    "Accuracy": case(bottoms=labelled, wanted=[False, False]),
+    "BN": case('bn_param { bn_mode: LEARN scale_filler { type: "gaussian" } }', of((3, 2, 4))),
+    "BNLL": case(),
+    "Bias": case(bottoms=of((2, 3))),
+    "Clip": case("clip_param { min: -2 max: 0.1 }"),
+    "Axpy": case(bottoms=of((2,), (2, 3, 2), (2, 3, 2))),
+    "BatchNorm": case(bottoms=of((3, 2, 4))),
+    "ArgMax": case("argmax_param { top_k: 2 }", lambda N: [different(N, 3)], wanted=[False]),
+    "BatchReindex": case(
+        bottoms=lambda N: [off_zero(3, 2), RNG.integers(0, 3, N)], wanted=[True, False]
     ),
-    "BNLL": ("", lambda N: [off_zero(N, 3)], {}),
-    "Bias": ("", lambda N: [off_zero(N, 2, 3)], {}),
-    "Clip": ("clip_param { min: -2 max: 0.1 }", lambda N: [off_zero(N, 3)], {}),
-    "Axpy": ("", lambda N: [off_zero(N, 2), off_zero(N, 2, 3, 2), off_zero(N, 2, 3, 2)], {}),
-    "BatchNorm": ("", lambda N: [off_zero(N, 3, 2, 4)], {}),
-    "ArgMax": ("argmax_param { top_k: 2 }", lambda N: [different(N, 3)], {"wanted": [False]}),
-    "BatchReindex": (
-        "",
-        lambda N: [off_zero(3, 2), RNG.integers(0, 3, N)],
-        {"wanted": [True, False]},
-    ),
-    "Concat": ("", lambda N: [off_zero(N, 2), off_zero(N, 3)], {}),
-    "ContrastiveLoss": (
+    "Concat": case(bottoms=of((2,), (3,))),
+    "ContrastiveLoss": case(
         "contrastive_loss_param { margin: 3 legacy_version: true }",
         lambda N: [off_zero(N, 3), off_zero(N, 3), RNG.integers(0, 2, N)],
-        {"wanted": [True, True, False]},
+        wanted=[True, True, False],
     ),
-    "Convolution": (
+    "Convolution": case(
         'convolution_param { num_output: 2 kernel_size: 2 weight_filler { type: "gaussian" } }',
-        lambda N: [off_zero(N, 2, 3, 4)],
-        {},
+        of((2, 3, 4)),
     ),
-    "ConvolutionDepthwise": (
+    "ConvolutionDepthwise": case(
         'convolution_param { kernel_size: 2 pad: 1 weight_filler { type: "gaussian" } }',
-        lambda N: [off_zero(N, 3, 3, 4)],
-        {},
+        of((3, 3, 4)),
     ),
-    "Crop": (
-        "crop_param { offset: 1 }",
-        lambda N: [off_zero(N, 2, 4, 5), off_zero(N, 2, 2, 3)],
-        {},
-    ),
-    "Deconvolution": (
+    "Crop": case("crop_param { offset: 1 }", of((2, 4, 5), (2, 2, 3))),
+    "Deconvolution": case(
         'convolution_param { num_output: 2 kernel_size: 3 stride: 2 pad: 1 weight_filler { type: "gaussian" } }',
-        lambda N: [off_zero(N, 2, 3, 2)],
-        {},
+        of((2, 3, 2)),
     ),
-    "DeepHandModel": ("", lambda N: [off_zero(N, 47)], {}),
-    "DeepHandModelDofConstraintLoss": ("", lambda N: [3 * off_zero(N, 47)], {}),
-    "DetectionOutput": (
+    "DeepHandModel": case(bottoms=of((47,))),
+    "DeepHandModelDofConstraintLoss": case(bottoms=lambda N: [3 * off_zero(N, 47)]),
+    "DetectionOutput": case(
         "detection_output_param { num_classes: 3 code_type: CENTER_SIZE nms_param { top_k: 3 } keep_top_k: 4 }",
         lambda N: [
             off_zero(N, 5 * 4),
             off_zero(N, 5 * 3),
             np.tile([0.1, 0.2, 0.5, 0.9], (1, 2, 5)),
         ],
-        {"wanted": [False, False, False]},
+        wanted=[False, False, False],
     ),
-    "DepthwiseConvolution": (
+    "DepthwiseConvolution": case(
         'convolution_param { num_output: 4 group: 2 kernel_size: 2 stride: 2 weight_filler { type: "gaussian" } }',
-        lambda N: [off_zero(N, 2, 3, 4)],
-        {},
+        of((2, 3, 4)),
     ),
-    "Dropout": ("", lambda N: [off_zero(N, 5)], {}),
-    "ELU": ("elu_param { alpha: 0.7 }", lambda N: [off_zero(N, 3)], {}),
-    "Eltwise": ("eltwise_param { operation: MAX }", lambda N: [off_zero(N, 3), off_zero(N, 3)], {}),
-    "Embed": (
+    "Dropout": case(bottoms=of((5,))),
+    "ELU": case("elu_param { alpha: 0.7 }"),
+    "Eltwise": case("eltwise_param { operation: MAX }", of((3,), (3,))),
+    "Embed": case(
         'embed_param { num_output: 2 input_dim: 3 weight_filler { type: "gaussian" } }',
         lambda N: [RNG.integers(0, 3, N)],
-        {"wanted": [False]},
+        wanted=[False],
     ),
-    "EuclideanLoss": ("", lambda N: [off_zero(N, 3), off_zero(N, 3)], {}),
-    "Exp": ("exp_param { base: 2 scale: 3 shift: 1 }", lambda N: [off_zero(N, 3)], {}),
-    "Filter": ("", lambda N: [off_zero(N, 3), np.arange(N) % 2 == 0], {"wanted": [True, False]}),
-    "Flatten": ("", lambda N: [off_zero(N, 2, 3)], {}),
-    "HandAugment": (
+    "EuclideanLoss": case(bottoms=of((3,), (3,))),
+    "Exp": case("exp_param { base: 2 scale: 3 shift: 1 }"),
+    "Filter": case(bottoms=lambda N: [off_zero(N, 3), np.arange(N) % 2 == 0], wanted=[True, False]),
+    "Flatten": case(bottoms=of((2, 3))),
+    "HandAugment": case(
         "hand_augment_param { rotation: 20 scale: 0.1 shift: 1 depth: 0.1 }",
-        lambda N: [off_zero(N, 1, 6, 6), off_zero(N, 6)],
-        {"tops": 2, "wanted": [False, False]},
+        of((1, 6, 6), (6,)),
+        tops=2,
+        wanted=[False, False],
     ),
-    "HandModel": ("", lambda N: [off_zero(N, 47)], {}),
-    "HingeLoss": (
-        "hinge_loss_param { norm: L2 }",
-        lambda N: [off_zero(N, 3), RNG.integers(0, 3, N)],
-        {"wanted": [True, False]},
+    "HandModel": case(bottoms=of((47,))),
+    "HingeLoss": case("hinge_loss_param { norm: L2 }", labelled, wanted=[True, False]),
+    "InfogainLoss": case(
+        bottoms=lambda N: [off_zero(N, 3), RNG.integers(0, 3, N), off_zero(3, 3)],
+        wanted=[True, False, False],
     ),
-    "InfogainLoss": (
-        "",
-        lambda N: [off_zero(N, 3), RNG.integers(0, 3, N), off_zero(3, 3)],
-        {"wanted": [True, False, False]},
+    "Im2col": case("convolution_param { kernel_size: 2 pad: 1 }", of((2, 3, 2))),
+    "InnerProduct": case(
+        'inner_product_param { num_output: 2 weight_filler { type: "gaussian" } }', of((2, 3))
     ),
-    "Im2col": ("convolution_param { kernel_size: 2 pad: 1 }", lambda N: [off_zero(N, 2, 3, 2)], {}),
-    "InnerProduct": (
-        'inner_product_param { num_output: 2 weight_filler { type: "gaussian" } }',
-        lambda N: [off_zero(N, 2, 3)],
-        {},
+    "Interp": case("interp_param { zoom_factor: 2 shrink_factor: 3 pad_beg: -1 }", of((2, 6, 5))),
+    "Log": case("log_param { base: 2 scale: 3 shift: 4 }"),
+    "MultinomialLogisticLoss": case(
+        bottoms=lambda N: [abs(off_zero(N, 3)), RNG.integers(0, 3, N)], wanted=[True, False]
     ),
-    "Interp": (
-        "interp_param { zoom_factor: 2 shrink_factor: 3 pad_beg: -1 }",
-        lambda N: [off_zero(N, 2, 6, 5)],
-        {},
-    ),
-    "Log": ("log_param { base: 2 scale: 3 shift: 4 }", lambda N: [off_zero(N, 3)], {}),
-    "MultinomialLogisticLoss": (
-        "",
-        lambda N: [abs(off_zero(N, 3)), RNG.integers(0, 3, N)],
-        {"wanted": [True, False]},
-    ),
-    "PReLU": ("", lambda N: [off_zero(N, 2, 3)], {}),
-    "LRN": ("", lambda N: [off_zero(N, 7, 2, 3)], {}),
-    "LSTM": (
+    "PReLU": case(bottoms=of((2, 3))),
+    "LRN": case(bottoms=of((7, 2, 3))),
+    "LSTM": case(
         'recurrent_param { num_output: 3 weight_filler { type: "gaussian" } }',
         lambda N: [off_zero(4, N, 2), RNG.integers(0, 2, (4, N))],
-        {"wanted": [True, False]},
+        wanted=[True, False],
     ),
-    "LSTMUnit": (
-        "",
-        lambda N: [off_zero(1, N, 3), off_zero(1, N, 12), RNG.integers(0, 2, (1, N))],
-        {"tops": 2, "wanted": [True, True, False]},
+    "LSTMUnit": case(
+        bottoms=lambda N: [off_zero(1, N, 3), off_zero(1, N, 12), RNG.integers(0, 2, (1, N))],
+        tops=2,
+        wanted=[True, True, False],
     ),
-    "MVN": ("", lambda N: [off_zero(N, 2, 3, 4)], {}),
-    "Normalize": (
+    "MVN": case(bottoms=of((2, 3, 4))),
+    "Normalize": case(
         'norm_param { across_spatial: false channel_shared: false scale_filler { type: "uniform" min: 1 max: 3 } }',
-        lambda N: [off_zero(N, 3, 2, 4)],
-        {},
+        of((3, 2, 4)),
     ),
-    "Permute": (
-        "permute_param { order: 0 order: 2 order: 3 }",
-        lambda N: [off_zero(N, 2, 3, 4)],
-        {},
+    "Permute": case("permute_param { order: 0 order: 2 order: 3 }", of((2, 3, 4))),
+    "PhysLimit": case(bottoms=lambda N: [3 * off_zero(N, 47)]),
+    "Pooling": case(
+        "pooling_param { kernel_size: 2 stride: 2 }", lambda N: [different(N, 2, 5, 3)]
     ),
-    "PhysLimit": ("", lambda N: [3 * off_zero(N, 47)], {}),
-    "Pooling": (
-        "pooling_param { kernel_size: 2 stride: 2 }",
-        lambda N: [different(N, 2, 5, 3)],
-        {},
+    "Power": case("power_param { power: 2 shift: 3 }"),
+    "PriorBox": case(
+        "prior_box_param { min_size: 3 max_size: 5 aspect_ratio: 2 }", of((2, 2, 3), (1, 9, 12))
     ),
-    "Power": ("power_param { power: 2 shift: 3 }", lambda N: [off_zero(N, 3)], {}),
-    "PriorBox": (
-        "prior_box_param { min_size: 3 max_size: 5 aspect_ratio: 2 }",
-        lambda N: [off_zero(N, 2, 2, 3), off_zero(N, 1, 9, 12)],
-        {},
-    ),
-    "RNN": (
+    "RNN": case(
         'recurrent_param { num_output: 3 weight_filler { type: "gaussian" } }',
         lambda N: [off_zero(4, N, 2), RNG.integers(0, 2, (4, N)), off_zero(N, 2)],
-        {"wanted": [True, False, True]},
+        wanted=[True, False, True],
     ),
-    "PSROIPooling": (
+    "PSROIPooling": case(
         "psroi_pooling_param { spatial_scale: 0.5 output_dim: 2 group_size: 2 }",
         lambda N: [
             different(N, 8, 4, 5),
             np.array([[0, 0, 1, 9, 8], [N - 1, 3, 4, 20, 4.4], [0, 90, 0, 99, 9]]),
         ],
-        {"wanted": [True, False]},
+        wanted=[True, False],
     ),
-    "ROIPooling": (
+    "ROIPooling": case(
         "roi_pooling_param { pooled_h: 2 pooled_w: 3 spatial_scale: 0.5 }",
         lambda N: [
             different(N, 2, 5, 6),
             np.array([[0, 0, 1, 9, 8], [N - 1, 3, 4, 20, 4.5], [0, 90, 0, 99, 9]]),
         ],
-        {"wanted": [True, False]},
+        wanted=[True, False],
     ),
-    "ReLU": ("", lambda N: [off_zero(N, 3)], {}),
-    "ReLU6": ("relu6_param { negative_slope: 0.2 }", lambda N: [off_zero(N, 3) * 10], {}),
-    "Reduction": (
-        "reduction_param { operation: SUMSQ axis: 1 coeff: 2 }",
-        lambda N: [off_zero(N, 2, 3)],
-        {},
+    "ReLU": case(),
+    "ReLU6": case("relu6_param { negative_slope: 0.2 }", lambda N: [off_zero(N, 3) * 10]),
+    "Reduction": case("reduction_param { operation: SUMSQ axis: 1 coeff: 2 }", of((2, 3))),
+    "Reshape": case("reshape_param { shape { dim: 0 dim: -1 } }", of((2, 3))),
+    "SPP": case("spp_param { pyramid_height: 2 }", lambda N: [different(N, 2, 5, 4)]),
+    "Scale": case("scale_param { bias_term: true }", of((2, 3))),
+    "ShuffleChannel": case("shuffle_channel_param { group: 2 }", of((6, 2, 3))),
+    "Sigmoid": case(),
+    "SigmoidCrossEntropyLoss": case(
+        bottoms=lambda N: [off_zero(N, 3), abs(off_zero(N, 3))], wanted=[True, False]
     ),
-    "Reshape": ("reshape_param { shape { dim: 0 dim: -1 } }", lambda N: [off_zero(N, 2, 3)], {}),
-    "SPP": ("spp_param { pyramid_height: 2 }", lambda N: [different(N, 2, 5, 4)], {}),
-    "Scale": ("scale_param { bias_term: true }", lambda N: [off_zero(N, 2, 3)], {}),
-    "ShuffleChannel": ("shuffle_channel_param { group: 2 }", lambda N: [off_zero(N, 6, 2, 3)], {}),
-    "Sigmoid": ("", lambda N: [off_zero(N, 3)], {}),
-    "SigmoidCrossEntropyLoss": (
-        "",
-        lambda N: [off_zero(N, 3), abs(off_zero(N, 3))],
-        {"wanted": [True, False]},
-    ),
-    "Silence": ("", lambda N: [off_zero(N, 3)], {"tops": 0}),
-    "Slice": ("", lambda N: [off_zero(N, 4)], {"tops": 2}),
-    "SmoothL1Loss": (
-        "smooth_l1_loss_param { sigma: 1.3 }",
-        lambda N: [off_zero(N, 3), off_zero(N, 3)],
-        {},
-    ),
-    "Softmax": ("", lambda N: [off_zero(N, 3)], {}),
-    "SoftmaxWithLoss": (
-        "",
-        lambda N: [off_zero(N, 3), RNG.integers(0, 3, N)],
-        {"wanted": [True, False]},
-    ),
-    "Split": ("", lambda N: [off_zero(N, 3)], {"tops": 2}),
-    "Swish": ("swish_param { beta: 1.7 }", lambda N: [off_zero(N, 3)], {}),
-    "TanH": ("", lambda N: [off_zero(N, 3)], {}),
-    "Threshold": ("", lambda N: [off_zero(N, 3)], {"wanted": [False]}),
-    "Tile": ("tile_param { tiles: 3 }", lambda N: [off_zero(N, 2, 2)], {}),
-    "Upsample": (
+    "Silence": case(tops=0),
+    "Slice": case(bottoms=of((4,)), tops=2),
+    "SmoothL1Loss": case("smooth_l1_loss_param { sigma: 1.3 }", of((3,), (3,))),
+    "Softmax": case(),
+    "SoftmaxWithLoss": case(bottoms=labelled, wanted=[True, False]),
+    "Split": case(tops=2),
+    "Swish": case("swish_param { beta: 1.7 }"),
+    "TanH": case(),
+    "Threshold": case(wanted=[False]),
+    "Tile": case("tile_param { tiles: 3 }", of((2, 2))),
+    "Upsample": case(
         "upsample_param { pad_out_h: true }",
         lambda N: [
             off_zero(N, 2, 2, 3),
@@ -230,7 +202,7 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
                 N, 2, 2, 3
             ),
         ],
-        {"wanted": [True, False]},
+        wanted=[True, False],
     ),
 }
 # Types without bottoms, or with a file that is written once, are covered by their own tests.

@@ -25,6 +25,10 @@ def ip(name: str, bottom: str, top: str, more: str = "", outputs: int = 3) -> st
     )
 
 
+ONE = X + ip("a", "x", "a")  # nets of one layer, and of two
+TWO = ONE + ip("b", "a", "b")
+
+
 def loss(bottom: str, more: str = "") -> str:
     """Return a loss on a blob of 2 x 3, compared with an input ``t``."""
     return inputs(t=(2, 3)) + (

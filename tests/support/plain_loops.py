@@ -14,12 +14,15 @@ def convolve(x, w, b, stride=1, pad=0, dilation=1, group=1):
     stride, pad, dilation = (np.broadcast_to(numbers, axes) for numbers in (stride, pad, dilation))
     padded = np.pad(x, [(0, 0), (0, 0), *((p, p) for p in pad)])
     reach = dilation * (np.array(w.shape[2:], int) - 1) + 1
-    y = np.zeros((len(x), len(w), *(np.array(padded.shape[2:], int) - reach) // stride + 1))
+    places = (np.array(padded.shape[2:], int) - reach) // stride + 1
+    y = np.zeros((len(x), len(w), *places))
     for o, *place in np.ndindex(y.shape[1:]):
         first = o // C * w.shape[1]
-        window = [slice(p * s, p * s + r, d) for p, s, r, d in zip(place, stride, reach, dilation)]
+        starts = np.array(place, int) * stride
+        window = [slice(start, start + r, d) for start, r, d in zip(starts, reach, dilation)]
         values = padded[(slice(None), slice(first, first + w.shape[1]), *window)]
-        y[(slice(None), o, *place)] = b[o] + (values * w[o]).reshape(len(x), -1).sum(axis=1)
+        products = (values * w[o]).reshape(len(x), -1)
+        y[(slice(None), o, *place)] = b[o] + products.sum(axis=1)
     return y
 
 
@@ -44,12 +47,13 @@ def pool(x, kernel, stride, pad, mean=False, ceil=True):
     """Compute a pooling by its definition: the outputs and the share of each input in each output,
     as (y, weights).
     """
-    H, W = x.shape[2:]
-    Ho, Wo = (outputs(n, k, s, p, ceil) for n, k, s, p in zip((H, W), kernel, stride, pad))
-    y, share = np.zeros((*x.shape[:2], Ho, Wo)), np.zeros((*x.shape[:2], Ho, Wo, H, W))
+    H, W = size = x.shape[2:]
+    counts = [outputs(*axis, ceil) for axis in zip(size, kernel, stride, pad)]
+    y = np.zeros((*x.shape[:2], *counts))
+    share = np.zeros((*y.shape, H, W))
     for n, c, h, w in np.ndindex(y.shape):
         starts = h * stride[0] - pad[0], w * stride[1] - pad[1]
-        ends = [min(start + k, size + p) for start, k, size, p in zip(starts, kernel, (H, W), pad)]
+        ends = [min(start + k, s + p) for start, k, s, p in zip(starts, kernel, size, pad)]
         area = (ends[0] - starts[0]) * (ends[1] - starts[1])
         rows = slice(max(starts[0], 0), min(ends[0], H))
         columns = slice(max(starts[1], 0), min(ends[1], W))

@@ -17,7 +17,8 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
+from tests.support.running import ROOT
+
 PROGRAMS = Path(__file__).with_name("rank_programs.py")
 TRAIN, CAFFE = ROOT / "tools" / "train.py", ROOT / "tools" / "caffe.py"
 TIMEOUT_S = 300  # reached by a hang only

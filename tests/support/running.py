@@ -24,19 +24,18 @@ class Done(NamedTuple):
     err: str
 
 
-def run_tool(name: str, *argv: object, status: int | None = 0) -> Done:
+def run_tool(command: str, *argv: object, status: int | None = 0) -> Done:
     """Run ``main`` of a command in this process; it must end with ``status``, unless that is None.
 
-    ``run_tool("train", "solver.prototxt")`` runs tools/train.py; a name with a dot is that of
-    another module.
+    ``run_tool("train solver.prototxt --seed 1")`` runs tools/train.py; a name with a dot is that of
+    another module. ``argv`` are more words, which may have spaces.
     """
+    name, *words = command.split()
     main = importlib.import_module(name if "." in name else f"tools.{name}").main
     out, err = (io.TextIOWrapper(io.BytesIO(), "utf-8", newline="") for _ in range(2))
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         try:
-            ended = main(
-                [os.fspath(word) if isinstance(word, Path) else str(word) for word in argv]
-            )
+            ended = main([*words, *map(str, argv)])
         except SystemExit as stopped:
             ended = stopped.code
     texts = []
@@ -53,12 +52,12 @@ def contents() -> dict[Path, bytes | None]:
     return {path: path.read_bytes() if path.is_file() else None for path in Path().rglob("*")}
 
 
-def refusal(name: str, *argv: object) -> str:
+def refusal(command: str, *argv: object) -> str:
     """Return the one line of error of a command, which must end with status 1 and
     change no file.
     """
     before = contents()
-    (line,) = run_tool(name, *argv, status=1).err.splitlines()
+    (line,) = run_tool(command, *argv, status=1).err.splitlines()
     assert contents() == before
     return line
 

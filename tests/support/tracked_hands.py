@@ -86,10 +86,8 @@ def seen(hands: Sequence[TrackedHand], camera: Camera = CAMERA) -> NDArray[np.fl
     """Return the depth image (height, width) in mm of some hands in front of a wall."""
     wall = 1500.0
     image = np.full((camera.height, camera.width), wall, dtype=np.float32)
-    x, y = (
-        (np.arange(camera.width) - camera.u0) / camera.fx,
-        (np.arange(camera.height) - camera.v0) / camera.fy,
-    )
+    x = (np.arange(camera.width) - camera.u0) / camera.fx
+    y = (np.arange(camera.height) - camera.v0) / camera.fy
     for hand in hands:
         capsules = hand.the_pose.capsules
         assert capsules is not None

@@ -2,7 +2,6 @@
 
 import contextlib
 import os
-from pathlib import Path
 
 import pytest
 
@@ -10,10 +9,10 @@ from handpose.frames.cameras import ICVL
 from handpose.frames.writing import RecordingWriter
 from handpose.sequences.recordings import SyntheticRecording
 from netlib import engine
+from tests.support.running import ROOT
 from tools import make_synthetic
 from tools.common import training
 
-ROOT = Path(__file__).resolve().parents[2]
 COUNT = 6  # frames of a recording
 
 SOLVER = """

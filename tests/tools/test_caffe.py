@@ -34,9 +34,9 @@ def written(folder: Path, log: str, **changes: str) -> str:
     return str(path)
 
 
-def log_of(*argv: object, status: int = 0) -> list[str]:
+def log_of(command: str, status: int = 0) -> list[str]:
     """The lines that the command logs, with their stamps."""
-    _, out, err = run_tool("caffe", *argv, status=status)
+    _, out, err = run_tool(f"caffe {command}", status=status)
     assert out == ""
     return err.splitlines()
 
@@ -47,9 +47,8 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
     folder = tmp_path_factory.mktemp("trained")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(SOLVERS)
-        return folder, log_of(
-            "train", "-solver", written(folder, "a_avgloss.log"), "--weights=init.caffemodel"
-        )
+        solver = written(folder, "a_avgloss.log")
+        return folder, log_of(f"train -solver {solver} --weights=init.caffemodel")
 
 
 def spoken(lines: list[str]) -> list[str]:
@@ -76,7 +75,7 @@ def test_train_goes_on_from_a_snapshot(trained, tmp_path):
     state.extra = {}  # fields that Caffe does not write
     state_path.write_bytes(binary_format.state_image(state))
     solver = written(tmp_path, "a_resume_from8.log", weights='"nothing.caffemodel"')
-    mine = texts(log_of("train", f"-solver={solver}", f"-snapshot={state_path}"))
+    mine = texts(log_of(f"train -solver={solver} -snapshot={state_path}"))
     check_same_log(spoken(mine), spoken(log_lines("a_resume_from8.log")))
     assert mine.index(f"Resuming from {state_path}") < mine.index("SGDSolver: restoring history")
 
@@ -84,12 +83,12 @@ def test_train_goes_on_from_a_snapshot(trained, tmp_path):
 @pytest.mark.parametrize(
     ("number", "flags", "last"),
     [
-        (signal.SIGINT, [], 1),
-        (signal.SIGHUP, [], 3),
-        (signal.SIGINT, ["-sigint_effect=snapshot"], 3),
-        (signal.SIGINT, ["-sigint_effect=none"], 3),
-        (signal.SIGHUP, ["-sighup_effect", "stop"], 1),
-        (signal.SIGTERM, [], 1),
+        (signal.SIGINT, "", 1),
+        (signal.SIGHUP, "", 3),
+        (signal.SIGINT, "-sigint_effect=snapshot", 3),
+        (signal.SIGINT, "-sigint_effect=none", 3),
+        (signal.SIGHUP, "-sighup_effect stop", 1),
+        (signal.SIGTERM, "", 1),
     ],
     ids=["SIGINT", "SIGHUP", "SIGINT snapshot", "SIGINT none", "SIGHUP stop", "SIGTERM"],
 )
@@ -105,12 +104,12 @@ def test_signals(tmp_path, signal_at_start, number, flags, last):
     )
     signal_at_start(number)
     is_term = number == signal.SIGTERM
-    lines = texts(log_of("train", "-solver", short, *flags, status=143 if is_term else 0))
+    lines = texts(log_of(f"train -solver {short} {flags}", status=143 if is_term else 0))
     assert ("Optimization stopped early." in lines[-2:]) == (last == 1)
     assert (lines[-1] == "Optimization Done.") == (not is_term)
     made = {path.name for path in tmp_path.glob("*.solverstate")}
     assert made == {f"a_iter_{last}.solverstate"} | (
-        {"a_iter_1.solverstate"} if "none" not in str(flags) else set()
+        {"a_iter_1.solverstate"} if "none" not in flags else set()
     )
     # Caffe's
     assert log_lines("sigint.log")[-2:] == ["Optimization stopped early.", "Optimization Done."]
@@ -136,7 +135,7 @@ def test_level_and_stage_choose_layers(tmp_path):
     solver.write_text(
         solver.read_text().replace("level: 0", "level: 7").replace('stage: ""', 'stage: "own"')
     )
-    mine = texts(log_of("train", "-solver", str(solver), "-stage", "a,x", "-level", "1"))
+    mine = texts(log_of(f"train -solver {solver} -stage a,x -level 1"))
     made = {
         line.removeprefix("Creating Layer ") for line in mine if line.startswith("Creating Layer ")
     }
@@ -150,9 +149,7 @@ def test_test_writes_the_recorded_log():
     """The log has every batch, the mean loss, and every output with its loss
     weight, as recorded.
     """
-    mine = texts(
-        log_of("test", "-model", "net.prototxt", "-weights", "init.caffemodel", "-iterations", "3")
-    )
+    mine = texts(log_of("test -model net.prototxt -weights init.caffemodel -iterations 3"))
     theirs = log_lines("test.log")
     assert spoken(theirs)[-6:-2] == [
         "Running for 3 iterations.",
@@ -170,18 +167,15 @@ def test_test_reports_unmatched_layers(tmp_path):
     (tmp_path / "net.prototxt").write_text(
         Path("net.prototxt").read_text().replace('"ip1"', '"other"')
     )
-    net = str(tmp_path / "net.prototxt")
-    mine = texts(log_of("test", "-model", net, "-weights", "init.caffemodel", "-iterations", "1"))
+    net = tmp_path / "net.prototxt"
+    mine = texts(log_of(f"test -model {net} -weights init.caffemodel -iterations 1"))
     assert "Ignoring source layer ip1" in mine
     assert "Not in init.caffemodel, keeps its initial values: layer other" in mine
 
 
 def test_time_writes_the_recorded_log():
     """The lines equal those of time.log from the first pass on, except for the times."""
-    mine, theirs = (
-        texts(log_of("time", "-model", "net.prototxt", "-iterations", "3")),
-        log_lines("time.log"),
-    )
+    mine, theirs = (texts(log_of("time -model net.prototxt -iterations 3")), log_lines("time.log"))
     cut = [lines[lines.index("Performing Forward") :] for lines in (mine, theirs)]
     numberless = [
         [re.sub(r": [\d.e+-]+( ms\.)?", r": #\1", line) for line in lines] for lines in cut
@@ -191,7 +185,7 @@ def test_time_writes_the_recorded_log():
 
 
 @pytest.mark.parametrize(
-    ("flags", "loss"), [([], "3"), (["-phase=TRAIN"], "3"), (["-phase", "TEST"], "5")]
+    ("flags", "loss"), [("", "3"), ("-phase=TRAIN", "3"), ("-phase TEST", "5")]
 )
 def test_time_of_a_phase(tmp_path, flags, loss):
     """The phase is TRAIN by default."""
@@ -201,16 +195,14 @@ def test_time_of_a_phase(tmp_path, flags, loss):
         for phase, value in (("TRAIN", 3), ("TEST", 5))
     ]
     (tmp_path / "net.prototxt").write_text("\n".join(layers))
-    assert f"Initial loss: {loss}" in texts(
-        log_of("time", "-model", f"{tmp_path}/net.prototxt", *flags)
-    )
+    assert f"Initial loss: {loss}" in texts(log_of(f"time -model {tmp_path}/net.prototxt {flags}"))
 
 
 def test_device_query_and_gpu():
-    assert texts(log_of("device_query", "-gpu", "all")) == [
+    assert texts(log_of("device_query -gpu all")) == [
         "This runs on the CPU; there is no GPU to query"
     ]
-    mine = texts(log_of("time", "-model", "net.prototxt", "-gpu", "0,1", "-iterations", "1"))
+    mine = texts(log_of("time -model net.prototxt -gpu 0,1 -iterations 1"))
     assert mine[:2] == ["Use CPU.", "-gpu 0,1 is accepted, but this runs on the CPU"]
 
 

@@ -34,22 +34,22 @@ def pictures(images, tmp_path):
 
 def test_the_mean(images):
     """The mean is (1, C, H, W) in float32, and the printed numbers are those of Caffe."""
-    done = run_tool("compute_image_mean", "-backend=lmdb", "db", "mean.binaryproto")
+    done = run_tool("compute_image_mean -backend=lmdb db mean.binaryproto")
     mean = read_blob("mean.binaryproto")
     assert mean.shape == (1, 3, 4, 5) and mean.dtype == np.float32
     assert np.allclose(mean[0], images.mean(axis=0), rtol=1e-6)
     lines = done.out.splitlines()
     assert lines[0] == "Number of channels: 3"
     assert lines[1:] == [f"mean_value channel [{c}]: {images[:, c].mean():.6g}" for c in range(3)]
-    assert run_tool("compute_image_mean", "db").out == done.out  # without a file
+    assert run_tool("compute_image_mean db").out == done.out  # without a file
 
 
 def test_a_list_has_the_mean_of_the_database_of_its_images(images, pictures):
     """Lists are those of ImageData layers: with and without labels, relative to the working
     directory or the list.
     """
-    done = run_tool("compute_image_mean", "-root_folder=p/", "list.txt", "mean.binaryproto")
-    assert done.out == run_tool("compute_image_mean", "db", "same.binaryproto").out
+    done = run_tool("compute_image_mean -root_folder=p/ list.txt mean.binaryproto")
+    assert done.out == run_tool("compute_image_mean db same.binaryproto").out
     assert np.array_equal(read_blob("mean.binaryproto"), read_blob("same.binaryproto"))
 
 
@@ -57,15 +57,7 @@ def test_images_of_a_list_are_resized_as_in_an_ImageData_layer(pictures):
     """A net that resizes the images of the list to the same size and subtracts the mean
     has the mean 0.
     """
-    run_tool(
-        "compute_image_mean",
-        "-root_folder",
-        "p/",
-        "-resize_width=9",
-        "-resize_height=6",
-        "list.txt",
-        "mean",
-    )
+    run_tool("compute_image_mean -root_folder p/ -resize_width=9 -resize_height=6 list.txt mean")
     net = netlib.Net(
         prototxt.parse("""layer { name: "d" type: "ImageData" top: "x" top: "t"
         image_data_param { source: "list.txt" root_folder: "p/" batch_size: 7 new_width: 9 new_height: 6 }
@@ -81,7 +73,7 @@ def test_gray(images, pictures):
     expected = np.mean(
         [cv2.imread(f"p/{n}.png", cv2.IMREAD_GRAYSCALE) for n in range(len(images))], axis=0
     )
-    run_tool("compute_image_mean", "--gray", "-root_folder=p/", "list.txt", "mean.binaryproto")
+    run_tool("compute_image_mean --gray -root_folder=p/ list.txt mean.binaryproto")
     assert np.allclose(read_blob("mean.binaryproto"), expected[None, None], rtol=1e-6)
 
 
@@ -124,7 +116,7 @@ def test_mistakes(tmp_path, images, pictures):
         "list.txt: is read in this run; expected another output",
     ]
     assert not (tmp_path / "m").exists()
-    error = run_tool("compute_image_mean", "-gray", "db", status=2).err
+    error = run_tool("compute_image_mean -gray db", status=2).err
     assert "apply only to a list of images, and db is a database" in error
 
 

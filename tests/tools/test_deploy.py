@@ -66,7 +66,7 @@ def work(here: Path) -> None:
 def deploy(text: str, *options: str) -> Net:
     """The deploy net of a training net."""
     Path("train_val.prototxt").write_text(text)
-    run_tool("deploy", "train_val.prototxt", "deploy.prototxt", *options)
+    run_tool("deploy train_val.prototxt deploy.prototxt", *options)
     return Net("deploy.prototxt", netlib.TEST)
 
 
@@ -80,9 +80,9 @@ def test_a_classifier() -> None:
     """
     net = deploy(TRAINING)
     assert layers_of(net) == [("data", "Input"), ("fc", "InnerProduct"), ("prob", "Softmax")]
-    assert (
-        net.blobs["data"].shape == (1, 3, 8, 10) and net.outputs == ["prob"] and net.name == "small"
-    )
+    assert net.blobs["data"].shape == (1, 3, 8, 10)
+    assert net.outputs == ["prob"]
+    assert net.name == "small"
     assert "include" not in Path("deploy.prototxt").read_text()
     trained = Net("train_val.prototxt", netlib.TEST, seed=1)
     scores = trained.forward(["data", "fc"])
@@ -206,14 +206,14 @@ def test_the_shape_of_a_missing_database_follows_from_its_transformation(
 
 def test_an_unknown_shape_must_be_given() -> None:
     Path("t.prototxt").write_text(of_database("scale: 2") + fc("fc", "data") + ENDS)
-    line = refusal("deploy", "t.prototxt", "d.prototxt")
+    line = refusal("deploy t.prototxt d.prototxt")
     assert line.startswith("t.prototxt:1:7: the shape of 'data' is not in the prototxt")
     found = re.search(r"--shape (\S+)$", line)
     assert found
-    run_tool("deploy", "t.prototxt", "d.prototxt", "--shape", found[1])
+    run_tool("deploy t.prototxt d.prototxt --shape", found[1])
     assert Net("d.prototxt", netlib.TEST).blobs["data"].shape == (1, 3, 224, 224)
     assert "no input 'dat' (did you mean 'data'?)" in refusal(
-        "deploy", "t.prototxt", "e.prototxt", "--shape", "dat=1,2"
+        "deploy t.prototxt e.prototxt --shape dat=1,2"
     )
 
 
@@ -227,7 +227,7 @@ def test_an_unknown_shape_must_be_given() -> None:
 )
 def test_unsuitable_nets_are_rejected(text: str, message: str) -> None:
     Path("t.prototxt").write_text(text)
-    assert message in refusal("deploy", "t.prototxt", "d.prototxt")
+    assert message in refusal("deploy t.prototxt d.prototxt")
 
 
 def test_layers_of_other_programs_are_kept() -> None:
@@ -237,7 +237,7 @@ def test_layers_of_other_programs_are_kept() -> None:
     )
     assert (
         "Not built here, because of layers of other programs: 'h' (HSwish)"
-        in run_tool("deploy", "t.prototxt", "d.prototxt").out
+        in run_tool("deploy t.prototxt d.prototxt").out
     )
     assert "prob" in Path("d.prototxt").read_text()
 
@@ -287,16 +287,16 @@ def test_a_reader_of_a_fork(tool: str) -> None:
 def test_data_of_phase_train_only() -> None:
     text = IMAGE_DATA.format(phase="TRAIN", mirror="true") + fc("fc", "data") + ENDS
     Path("t.prototxt").write_text(text)
-    obey(refusal("run_net", "t.prototxt", "net.caffemodel", "0.png"))
+    obey(refusal("run_net t.prototxt net.caffemodel 0.png"))
 
 
 def test_finetune_names_it_too() -> None:
     Path("t.prototxt").write_text(TRAINING)
-    line = refusal("finetune", "t.prototxt", "w", "pictures", "--mean", "1", "--scale", "1")
+    line = refusal("finetune t.prototxt w pictures --mean 1 --scale 1")
     assert "this is a training net: layer 'reader' of type ImageData reads the data" in line
     obey(line)
 
 
 def test_a_training_net_whose_data_are_here_is_timed_as_before() -> None:
     Path("t.prototxt").write_text(TRAINING)
-    assert "Phase TRAIN" in run_tool("time", "t.prototxt", "--iterations", "1").out
+    assert "Phase TRAIN" in run_tool("time t.prototxt --iterations 1").out

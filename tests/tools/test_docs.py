@@ -10,10 +10,8 @@ from tests.tools.conftest import ROOT
 
 def test_the_pages_are_listed() -> None:
     lines = run_tool("docs").out.splitlines()
-    assert {line.split()[0] for line in lines} == {
-        *(path.stem for path in (ROOT / "docs").glob("*.md")),
-        "hands.schema.json",
-    }
+    pages = {path.stem for path in (ROOT / "docs").glob("*.md")}
+    assert {line.split()[0] for line in lines} == pages | {"hands.schema.json"}
     assert all(len(line.split()) > 1 for line in lines)
     assert "camera             Tracking: from a depth camera to hand poses" in lines
     assert "hands.schema.json  Hands in depth frames" in lines
@@ -33,5 +31,5 @@ def test_a_word_that_names_no_page_is_searched_for() -> None:
 
 
 def test_an_unknown_word() -> None:
-    done = run_tool("docs", "camra", status=1)
+    done = run_tool("docs camra", status=1)
     assert "camra: no such page (did you mean 'camera'?), and no page contains it; " in done.err

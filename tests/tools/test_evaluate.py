@@ -32,15 +32,8 @@ def files(here):
 
 
 def run(*arguments, dataset="icvl", status=0):
-    return run_tool(
-        "evaluate",
-        dataset,
-        "--groundtruth",
-        "truth.txt",
-        "--predictions",
-        *arguments,
-        status=status,
-    )
+    command = f"evaluate {dataset} --groundtruth truth.txt --predictions"
+    return run_tool(command, *arguments, status=status)
 
 
 def test_tables(files):
@@ -91,10 +84,8 @@ def hands2017(here):
     """Labels of 20 frames as HANDS 2017 writes them, and predictions 3 mm lower in another order
     and with folders.
     """
-    camera, truth = (
-        published_predictions.HANDS2017,
-        np.random.default_rng(0).normal((0, 50, 400), 30, (FRAMES, 21, 3)),
-    )
+    camera = published_predictions.HANDS2017
+    truth = np.random.default_rng(0).normal((0, 50, 400), 30, (FRAMES, 21, 3))
 
     def lines(joints, folder=""):
         rows = joints.reshape(FRAMES, 63)
@@ -129,9 +120,8 @@ def test_labels_of_hands_2017(hands2017):
         "thumb_pip",
     ]
     assert out[-2].split() == ["little_tip", "3.00"]
-    assert run("Low=uvd.txt", "--format", "uvd", dataset="hands2017").out.splitlines()[4].split()[
-        :2
-    ] == ["Low", "3.00"]
+    same = run("Low=uvd.txt", "--format", "uvd", dataset="hands2017").out.splitlines()
+    assert same[4].split()[:2] == ["Low", "3.00"]
 
 
 @pytest.mark.parametrize(

@@ -32,7 +32,7 @@ SOFTMAX = 'layer { name: "prob" type: "Softmax" bottom: "fc" top: "prob" }'
 NET = inputs(data=(2, 3, 8, 8)) + BODY + ip("fc", "pool", "fc", outputs=7) + SOFTMAX
 COLOURS = {"blue sky": (220, 60, 40), "grass": (40, 200, 60), "Rose": (50, 40, 210)}
 SORTED = ["Rose", "blue sky", "grass"]
-NUMBERS = ("--mean", "104,117,123", "--scale", "0.02")
+NUMBERS = "--mean 104,117,123 --scale 0.02"
 
 
 @pytest.fixture(autouse=True)
@@ -60,11 +60,10 @@ def write_net(text: str) -> None:
     net.save("net.caffemodel")
 
 
-def tuned(*options: object, status: int = 0) -> Done:
-    given = () if "--scale" in options else NUMBERS
-    return run_tool(
-        "finetune", "net.prototxt", "net.caffemodel", "pictures", *given, *options, status=status
-    )
+def tuned(options: str, status: int = 0) -> Done:
+    numbers = "" if "--scale" in options else NUMBERS
+    command = f"finetune net.prototxt net.caffemodel pictures {numbers} {options}"
+    return run_tool(command, status=status)
 
 
 def weights() -> Path:
@@ -88,7 +87,7 @@ def changed() -> set[str]:
 
 def test_new_classes() -> None:
     """The held-out pictures are classified; the printed command gives the same table."""
-    lines = tuned("--iterations", "300").out.splitlines()
+    lines = tuned("--iterations 300").out.splitlines()
     assert [line.rsplit(maxsplit=3)[0].strip() for line in lines[1:4]] == SORTED
     assert lines[4] == "accuracy 1.0000 (6 of 6)"
     assert Path("finetuned/labels.txt").read_text().splitlines() == SORTED
@@ -102,7 +101,7 @@ def test_held_out_pictures_are_not_trained_on() -> None:
     """The seed selects them, and every class has its share."""
     lists: list[list[Any]] = []
     for out, seed in (("a", 1), ("b", 1), ("c", 2)):
-        tuned("--iterations", "1", "--out", out, "--seed", seed, "--held-out", "0.3")
+        tuned(f"--iterations 1 --out {out} --seed {seed} --held-out 0.3")
         train, test = (read_list(Path(out, f"{name}.txt"))[0] for name in ("train", "test"))
         assert len(train) == 21 and len(test) == 9 and not {*train} & {*test}
         assert sorted(label for _, label in test) == [0, 0, 0, 1, 1, 1, 2, 2, 2]
@@ -113,7 +112,7 @@ def test_held_out_pictures_are_not_trained_on() -> None:
 @pytest.mark.parametrize(("freeze", "layers"), [("none", {"conv", "fc_new"}), ("conv", {"fc_new"})])
 def test_frozen_layers(freeze: str, layers: set[str]) -> None:
     """Bit for bit; BatchNorm keeps its statistics in any case."""
-    tuned("--iterations", "2", "--freeze", freeze)
+    tuned(f"--iterations 2 --freeze {freeze}")
     assert changed() == layers
 
 
@@ -121,33 +120,24 @@ def test_frozen_layers(freeze: str, layers: set[str]) -> None:
     "options",
     [
         NUMBERS,
-        ("--mean", "90", "--scale", "0.5", "--rgb"),
-        ("--mean-file", "mean.binaryproto", "--scale", "1"),
-        ("--mean-file", "mean.binaryproto", "--scale", "0.1", "--rgb"),
+        "--mean 90 --scale 0.5 --rgb",
+        "--mean-file mean.binaryproto --scale 1",
+        "--mean-file mean.binaryproto --scale 0.1 --rgb",
     ],
 )
-def test_pictures_are_read_as_netlib_run_reads_them(options: tuple[str, ...]) -> None:
+def test_pictures_are_read_as_netlib_run_reads_them(options: str) -> None:
     """The input of a test is that of the command ``run``, bit for bit; only in training
     it is mirrored.
     """
     mean = np.random.default_rng(0).uniform(80, 120, (1, 3, 10, 10)).astype(np.float32)
     write_blob(mean, "mean.binaryproto")
-    tuned("--iterations", "1", "--batch", "6", "--mirror", *options)
+    tuned(f"--iterations 1 --batch 6 --mirror {options}")
     text = Path("finetuned/train.prototxt").read_text()
     assert (text.count("mirror: true"), text.count("mirror: false")) == (1, 1)
     net = netlib.Net("finetuned/train.prototxt", netlib.TEST)
     net.forward()
-    run_tool(
-        "run_net",
-        "net.prototxt",
-        "net.caffemodel",
-        "finetuned/test.txt",
-        *options,
-        "--blob",
-        "data",
-        "--out",
-        "data.npy",
-    )
+    files = "net.prototxt net.caffemodel finetuned/test.txt"
+    run_tool(f"run_net {files} {options} --blob data --out data.npy")
     np.testing.assert_array_equal(net.blobs["data"].data, np.load("data.npy"))
 
 
@@ -171,29 +161,28 @@ NETS = {
 @pytest.mark.parametrize(
     ("net", "options", "first"),
     [
-        ("a deep net", (), "drop"),
-        ("a deep net", ("--freeze", "conv"), "fc6"),
-        ("a deep net", ("--freeze", "bn", "--rgb"), "fc6"),
-        ("two branches", (), "fc_new"),
-        ("two branches", ("--freeze", "a", "--batch", "7"), "b"),
+        ("a deep net", "", "drop"),
+        ("a deep net", "--freeze conv", "fc6"),
+        ("a deep net", "--freeze bn --rgb", "fc6"),
+        ("two branches", "", "fc_new"),
+        ("two branches", "--freeze a --batch 7", "b"),
     ],
 )
 def test_features_of_frozen_layers_are_computed_once(
-    net: str, options: tuple[str, ...], first: str, monkeypatch: pytest.MonkeyPatch
+    net: str, options: str, first: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The files and the tests are those of a training that computes all layers in each step,
     up to rounding.
     """
     write_net(NETS[net])
-    options = ("--iterations", "12", *options)
-    done = tuned(*options, "--out", "fast")
+    done = tuned(f"--iterations 12 {options} --out fast")
     assert f"the layers before {first!r} are computed once for each picture" in done.err
 
     def refuse(*given: object) -> None:
         raise NotFrozenError("of the test")
 
     monkeypatch.setattr(finetune, "use_features", refuse)
-    slow = tuned(*options, "--out", "slow")
+    slow = tuned(f"--iterations 12 {options} --out slow")
     assert "all layers are computed in each step: of the test" in slow.err
     # but for the folder in the last line
     assert done.out.splitlines()[:-1] == slow.out.splitlines()[:-1]
@@ -216,36 +205,33 @@ def test_features_of_frozen_layers_are_computed_once(
 @pytest.mark.parametrize(
     ("options", "reason"),
     [
-        (("--mirror",), "pictures are mirrored at random (--mirror)"),
-        (("--freeze", "none"), "no frozen layer with weights is before layer 'conv'"),
+        ("--mirror", "pictures are mirrored at random (--mirror)"),
+        ("--freeze none", "no frozen layer with weights is before layer 'conv'"),
         (
-            ("--mean-file", "mean.binaryproto", "--scale", "1"),
+            "--mean-file mean.binaryproto --scale 1",
             "pictures are cropped at random, as the mean image is",
         ),
     ],
 )
 def test_the_reason_for_computing_all_layers_in_each_step_is_given(
-    options: tuple[str, ...], reason: str
+    options: str, reason: str
 ) -> None:
     write_blob(np.zeros((1, 3, 10, 10), np.float32), "mean.binaryproto")
     assert (
-        f"all layers are computed in each step: {reason}"
-        in tuned("--iterations", "1", *options).err
+        f"all layers are computed in each step: {reason}" in tuned(f"--iterations 1 {options}").err
     )
 
 
 def test_features_that_do_not_fit_into_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(frozen_features, "SHARE_OF_MEMORY", 0.0)
-    assert "the features of 24 pictures would take 384 bytes" in tuned("--iterations", "1").err
+    assert "the features of 24 pictures would take 384 bytes" in tuned("--iterations 1").err
 
 
 def test_one_line_of_progress_and_the_log_in_its_file() -> None:
     """Elsewhere than on a terminal the last state of the line is shown."""
-    done = tuned("--iterations", "30")
-    assert (
-        "Creating Layer" not in done.err
-        and "Creating Layer" in Path("finetuned/train.log").read_text()
-    )
+    done = tuned("--iterations 30")
+    assert "Creating Layer" not in done.err
+    assert "Creating Layer" in Path("finetuned/train.log").read_text()
     assert re.fullmatch(r"step 30/30, accuracy [01]\.\d\d, 0 s left", done.err.splitlines()[-1])
 
 
@@ -253,11 +239,10 @@ def test_a_training_that_was_stopped_is_continued(
     signal_at_start: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The printed command gives the weights of a training that was not stopped."""
-    whole = ("--iterations", "9")
-    tuned(*whole, "--out", "whole")
+    tuned("--iterations 9 --out whole")
     original = training.requests_by_signal
     signal_at_start(signal.SIGINT)
-    line = tuned(*whole, status=130).err.splitlines()[-1]
+    line = tuned("--iterations 9", status=130).err.splitlines()[-1]
     monkeypatch.setattr(training, "requests_by_signal", original)
     start, _, command = line.partition("train.py ")
     assert start.startswith("continue: ")
@@ -283,22 +268,13 @@ def test_a_convolution_as_last_layer_and_a_second_run() -> None:
         + pool.replace('"conv"', '"last"')
         + SOFTMAX.replace('"fc"', '"pool"')
     )
-    assert "accuracy" in tuned("--iterations", "1").out
-    done = run_tool(
-        "finetune",
-        "finetuned/deploy.prototxt",
-        str(weights()),
-        "pictures",
-        *NUMBERS,
-        "--iterations",
-        "1",
-        "--out",
-        "again",
-    )
+    assert "accuracy" in tuned("--iterations 1").out
+    files = f"finetuned/deploy.prototxt {weights()} pictures"
+    done = run_tool(f"finetune {files} {NUMBERS} --iterations 1 --out again")
     assert "layer 'last_new' becomes 'last_new_new'" in done.err
 
 
-def bad(name: str) -> tuple[object, ...]:
+def bad(name: str) -> str:
     """Make the mistake of this name; returns options."""
     if name == "one class":
         for other in SORTED[:2]:
@@ -326,15 +302,15 @@ def bad(name: str) -> tuple[object, ...]:
             + SOFTMAX
         )
     elif name == "an unknown layer":
-        return ("--freeze", "cone")
+        return "--freeze cone"
     elif name == "an earlier run":
         Path("finetuned").mkdir()
         Path("finetuned/solver.prototxt").touch()
     elif name == "a narrow net with a mean image":
         write_net(NET.replace("dim: 8 dim: 8", "dim: 8 dim: 9"))
         write_blob(np.zeros((1, 3, 10, 10), np.float32), "mean.binaryproto")
-        return ("--mean-file", "mean.binaryproto", "--scale", "1")
-    return ()
+        return "--mean-file mean.binaryproto --scale 1"
+    return ""
 
 
 @pytest.mark.parametrize(
@@ -360,5 +336,5 @@ def bad(name: str) -> tuple[object, ...]:
 )
 def test_invalid_pictures_and_nets_are_rejected(name: str, line: str) -> None:
     """In one line, before anything is trained."""
-    assert re.fullmatch(whole_line(line), tuned(*bad(name), status=1).err.strip())
+    assert re.fullmatch(whole_line(line), tuned(bad(name), status=1).err.strip())
     assert not list(Path().glob("finetuned/net_iter*"))

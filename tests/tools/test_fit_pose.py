@@ -67,14 +67,14 @@ def test_the_joints_of_a_text_file(joints, tmp_path, fmt):
     nothing is written.
     """
     before = sorted(tmp_path.iterdir())
-    out = run_tool("fit_pose", f"{fmt}.txt", "--format", fmt).out
+    out = run_tool(f"fit_pose {fmt}.txt --format {fmt}").out
     assert sorted(tmp_path.iterdir()) == before
     figures = (
         r"5 frames in \d+ s: residual 0.000\d mm \(mean over joints\), 0.000\d median frame, 0.000\d worst frame; "
         r"0.00% of the frames have an angle outside its limits\n"
     )
     assert re.fullmatch(figures, out)
-    again = run_tool("fit_pose", f"{fmt}.txt", "--format", fmt, "--out", "new/angles.h5").out
+    again = run_tool(f"fit_pose {fmt}.txt --format {fmt} --out new/angles.h5").out
     assert again.partition(":")[2] == out.partition(":")[2]
     assert placed("new/angles.h5") == pytest.approx(joints, abs=0.01)
     with h5py.File("new/angles.h5") as file:
@@ -86,17 +86,17 @@ def test_some_of_the_frames(joints):
     """--frames selects evenly spaced frames, including the first and the last, and stores
     their indices.
     """
-    run_tool("fit_pose", "uvd.txt", "--frames", "3", "--out", "angles.h5")
+    run_tool("fit_pose uvd.txt --frames 3 --out angles.h5")
     with h5py.File("angles.h5") as file:
         assert file["index"][...].tolist() == [0, 2, 4]
     assert placed("angles.h5") == pytest.approx(joints[::2], abs=0.01)
 
 
-def figures_of(*argv):
+def figures_of(options):
     """The residual in mm and the percentage of the frames with an angle outside its limits
     that a run prints.
     """
-    out = run_tool("fit_pose", *argv).out
+    out = run_tool(f"fit_pose {options}").out
     return float(re.search(r"residual (\S+) mm", out)[1]), float(
         re.search(r"(\S+)% of the frames", out)[1]
     )
@@ -104,8 +104,8 @@ def figures_of(*argv):
 
 def test_the_swarm(joints):
     """--swarm, the paper's method, finds a coarse pose within the limits with few particles."""
-    options = ["--swarm", "--particles", "16", "--generations", "30", "--out", "angles.h5"]
-    residual, broken = figures_of("uvd.txt", *options)
+    options = "--swarm --particles 16 --generations 30 --out angles.h5"
+    residual, broken = figures_of(f"uvd.txt {options}")
     assert 5 < residual < 80 and broken == 0
     assert np.abs(placed("angles.h5") - joints).mean() < 60
 
@@ -114,16 +114,12 @@ def test_limits_and_ridge(joints):
     """For a hand 1.3 times as large, --no-limits exceeds the limits and --ridge
     increases the residual.
     """
-    large = joints[:2].mean(axis=1, keepdims=True) + 1.3 * (
-        joints[:2] - joints[:2].mean(axis=1, keepdims=True)
-    )
+    middle = joints[:2].mean(axis=1, keepdims=True)
+    large = middle + 1.3 * (joints[:2] - middle)
     np.savetxt("large.txt", large.reshape(2, -1))
-    residuals, broken = zip(
-        *(
-            figures_of("large.txt", "--format", "xyz", *options)
-            for options in ([], ["--no-limits"], ["--ridge", "1"])
-        )
-    )
+    command = "large.txt --format xyz"
+    figures = [figures_of(f"{command} {more}") for more in ("", "--no-limits", "--ridge 1")]
+    residuals, broken = zip(*figures)
     assert broken[0] == broken[2] == 0 < broken[1]
     assert residuals[1] < residuals[0] < residuals[2]
 
@@ -132,21 +128,21 @@ def test_another_hand(joints, tmp_path):
     """--skeleton names a file like prototxt/hand/nyu.prototxt."""
     text = skeletons.NYU_HAND.read_text().replace("length: 0.307286", "length: 0.5")
     (tmp_path / "longer.prototxt").write_text(text)
-    assert figures_of("uvd.txt", "--skeleton", "longer.prototxt")[0] > 1
+    assert figures_of("uvd.txt --skeleton longer.prototxt")[0] > 1
 
 
 def test_the_files_of_a_list(data, tmp_path):
     """Each file gets a file of angles that refers to its data, and a list of them; a second run
     keeps the files.
     """
-    done = run_tool("fit_pose", "data/train.txt", "--out", "angles")
+    done = run_tool("fit_pose data/train.txt --out angles")
     assert re.match(r"5 frames in \d+ s: residual 0\.00\d\d mm", done.out) and done.err == ""
     assert (tmp_path / "angles" / "train.txt").read_text() == "angles/part_0.h5\nangles/part_1.h5\n"
     for name, count in zip(FILES, (2, 3)):
         dof, depth = File(Path("angles", name), ("dof", "depth")).datasets
         assert (dof.shape, depth.shape) == ((count, 47), (count, 1, 4, 4))
     times = [(tmp_path / "angles" / name).stat().st_mtime_ns for name in FILES]
-    again = run_tool("fit_pose", "data/train.txt", "--out", "angles")
+    again = run_tool("fit_pose data/train.txt --out angles")
     assert again.out.partition(": ")[2] == done.out.partition(": ")[2]
     assert [(tmp_path / "angles" / name).stat().st_mtime_ns for name in FILES] == times
 
@@ -189,14 +185,14 @@ def test_mistakes(joints, data, tmp_path, argv, message):
         "two.prototxt": 'name: "two" joint { name: "a" } joint { name: "b" parent: "a" }',
     }.items():
         (tmp_path / name).write_text(text)
-    assert refusal("fit_pose", *argv.split()).startswith(message)
+    assert refusal(f"fit_pose {argv}").startswith(message)
 
 
 @pytest.mark.parametrize("name", [*FILES, "train.txt"])
 def test_other_data_are_not_replaced(data, name):
     Path("angles").mkdir()
     Path("angles", name).write_text("notes")
-    line = refusal("fit_pose", "data/train.txt", "--out", "angles")
+    line = refusal("fit_pose data/train.txt --out angles")
     assert re.match(
         rf"angles/{name}: .*companion of .*; move .* away, or choose another --out$", line
     )

@@ -41,16 +41,12 @@ def test_logs_of_one_name_are_told_apart(tmp_path, figures):
         (tmp_path / name / "train.log").write_text(LOG)
     logs = [tmp_path / name / "train.log" for name in ("one", "two")]
     done = run_tool("plot_log", *logs, "--out", tmp_path / "a.png")
-    assert (
-        done == (0, f"wrote {tmp_path}/a.png\n", "")
-        and cv2.imread(str(tmp_path / "a.png")) is not None
-    )
+    assert done == (0, f"wrote {tmp_path}/a.png\n", "")
+    assert cv2.imread(str(tmp_path / "a.png")) is not None
     losses, outputs = (axis.lines for axis in figures[0].axes)
     assert [line.get_label() for line in losses] == ["one/train", "two/train"]
-    assert (
-        losses[0].get_xydata()[:2].tolist() == [[0, 2.4], [3, 0.001]]
-        and losses[0].get_xdata()[2] == 6
-    )
+    assert losses[0].get_xydata()[:2].tolist() == [[0, 2.4], [3, 0.001]]
+    assert losses[0].get_xdata()[2] == 6
     assert outputs[0].get_xydata().tolist() == [[0, 2.5]]
 
 
@@ -79,14 +75,10 @@ def test_many_test_outputs(tmp_path, figures, count, said):
 
     A name is not typeset.
     """
-    names = [
-        "begin" + r"$\wrong{$" + "x" * 60000 + "end",
-        *(f"out{i:03d}" for i in range(1, count)),
-    ]
-    (tmp_path / "a.log").write_text(
-        "Iteration 0, loss = 1\n"
-        + "\n".join(f"Test net output #{i}: {name} = {i}" for i, name in enumerate(names))
-    )
+    names = [f"out{i:03d}" for i in range(count)]
+    names[0] = r"begin$\wrong{$" + "x" * 60000
+    lines = [f"Test net output #{i}: {name} = {i}" for i, name in enumerate(names)]
+    (tmp_path / "a.log").write_text("\n".join(["Iteration 0, loss = 1", *lines]))
     done = run_tool("plot_log", tmp_path / "a.log", "--out", tmp_path / "log.png")
     assert done.err == said
     loss, first, *titles = [axis.get_title() for axis in figures[0].axes]

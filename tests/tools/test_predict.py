@@ -30,10 +30,10 @@ from tests.support import json_schema
 from tests.support.running import refusal, run_tool
 from tests.tools.conftest import ROOT
 
-OWN = ["--weights", "net.caffemodel.h5", "--fit", "no"]  # the user's network without a fit
-KINECT = ["--camera", "kinect2"]
+OWN = "--weights net.caffemodel.h5 --fit no"  # the user's network without a fit
+KINECT = "--camera kinect2"
 # on the hand in frame.png, which the finder then does not look for
-CENTER = ["--center", "271,217"]
+CENTER = "--center 271,217"
 # before joints
 COLUMNS = [
     "image",
@@ -100,13 +100,17 @@ def hands_of(text):
     ]
 
 
-def predicted(*arguments):
+def predict(options):
+    return run_tool(f"predict {OWN} --out p {options}")
+
+
+def predicted(options):
     """Return the hand of each image in the tool's JSON output."""
-    return hands_of(run_tool("predict", *OWN, "--out", "p", "--json", "-", *arguments).out)
+    return hands_of(predict(f"--json - {options}").out)
 
 
-def mistake(*arguments):
-    return refusal("predict", *OWN, *arguments)
+def mistake(options):
+    return refusal(f"predict {OWN} {options}")
 
 
 def table(path):
@@ -120,23 +124,20 @@ def test_crops(snapshot):
     """Joints are in mm, scaled by the cube; without frames and a fit, JSON has neither a
     camera nor angles.
     """
-    text = run_tool("predict", *OWN, "crop.png", "crop.png", "--out", "p", "--json", "-").out
-    lines = run_tool("predict", *OWN, "crop.png", "crop.png", "--out", "p", "--json", "a.json").out
+    text = predict("crop.png crop.png --json -").out
+    lines = predict("crop.png crop.png --json a.json").out
     assert lines.startswith("crop.png: ") and Path("a.json").read_text() == text
     document, (first, second) = json.loads(text), hands_of(text)
     assert document["camera"] is None and document["source"] == "2 images"
-    assert [(found["number"], found["time_s"]) for found in (first, second)] == [
-        (0, None),
-        (1, None),
-    ]
+    assert [found["number"] for found in (first, second)] == [0, 1]
+    assert first["time_s"] is second["time_s"] is None
     unknown = {"presence", "confidence", "error_mm", "angles_rad", "translations_mm", "bones_mm"}
-    assert {
-        key for key, value in document["frames"][0]["hands"][0].items() if value is None
-    } == unknown
+    hand = document["frames"][0]["hands"][0]
+    assert {key for key, value in hand.items() if value is None} == unknown
     assert first["origin_mm"] == [0, 0, 0] and first["crop"] == {"center_uvd": None, "cube_mm": 300}
     assert cv2.imread(first["picture"]) is not None and first["picture"] == "p/crop_hand.png"
     assert len(first["joints"]) == 31 and first["image"] == "crop.png"
-    (smaller,) = predicted("crop.png", "--cube", "261")
+    (smaller,) = predicted("crop.png --cube 261")
     assert smaller["joints"]["palm"] == pytest.approx(
         np.array(first["joints"]["palm"]) * 0.87, abs=0.02
     )
@@ -151,7 +152,7 @@ def test_engine(snapshot, monkeypatch):
         "netlib.training.trained.Net",
         lambda *args, **options: nets.append(netlib.Net(*args, **options)) or nets[-1],
     )
-    found = [predicted("crop.png", "--engine", name)[0]["positions_mm"] for name in names]
+    found = [predicted(f"crop.png --engine {name}")[0]["positions_mm"] for name in names]
     assert [net.engine.name for net in nets] == names  # crops need no finder
     assert np.allclose(found[0], found[-1], atol=0.02)  # mm
 
@@ -160,18 +161,16 @@ def test_another_format_of_a_crop(snapshot):
     """Landmarks are relative to the crop's image, metric joints to its centre; --csv has the
     columns of a track.
     """
-    (found,) = predicted("crop.png", "--joints", "mediapipe", "--csv", "hands.csv")
+    (found,) = predicted("crop.png --joints mediapipe --csv hands.csv")
     x, y, _ = found["mediapipe"]["landmarks"][4]
-    tip = found["joints"]["thumb_tip"]
-    assert (x, y) == pytest.approx((0.5 + tip[0] / 300, 0.5 - tip[1] / 300), abs=1e-4)
+    right, up, _ = found["joints"]["thumb_tip"]
+    assert (x, y) == pytest.approx((0.5 + right / 300, 0.5 - up / 300), abs=1e-4)
     (row,) = table("hands.csv")
     assert list(row) == [*COLUMNS, *joint_values.columns("mediapipe")]
-    expected = [np.ravel(part) for part in found["mediapipe"].values()] + [
-        list(found["anatomical_deg"].values())
-    ]
-    assert [float(value) for value in list(row.values())[len(COLUMNS) :]] == pytest.approx(
-        np.concatenate(expected).tolist(), abs=1e-4
-    )
+    parts = [*found["mediapipe"].values(), list(found["anatomical_deg"].values())]
+    expected = np.concatenate([np.ravel(part) for part in parts])
+    numbers = [float(value) for value in list(row.values())[len(COLUMNS) :]]
+    assert numbers == pytest.approx(expected.tolist(), abs=1e-4)
 
 
 # ------------------------------------------------------------------------------------- whole frames
@@ -181,23 +180,24 @@ def test_a_whole_frame(frame):
     """The most likely position is cropped; the centre is given in px and in mm, and joints
     from the camera.
     """
-    options = ["frame.png", *KINECT, "--out", "p", "--json", "hands.json", "--csv", "hands.csv"]
-    first, *joints = run_tool("predict", *OWN, *options, "--refine", "0").out.splitlines()
+    options = f"frame.png {KINECT} --json hands.json --csv hands.csv --refine 0"
+    first, *joints = predict(options).out.splitlines()
     place = r"at -?\d+, -?\d+, \d{3} mm"
     assert re.fullmatch(
         f"frame.png: right hand; {place}, joints in mm from the camera, cube 300 mm; picture .*",
         first,
     )
-    assert len(joints) == 31 and all(abs(float(line.split()[-1]) - 700) < 300 for line in joints)
+    assert len(joints) == 31
+    depths = [float(line.split()[-1]) for line in joints]
+    assert min(depths) > 400 and max(depths) < 1000
     (found,) = hands_of(Path("hands.json").read_text())
     center = KINECT2.project(packaged.load_finder().hands(frame, KINECT2)[0].middle)
     assert found["center_uvd"] == pytest.approx(center, abs=0.01)
     truth = rendered()[1].joints[0].mean(axis=0) * 150 + (30, -20, 700)
     assert found["origin_mm"] == pytest.approx(truth, abs=30)
     (row,) = table("hands.csv")
-    assert [row[name] for name in COLUMNS[:2]] == ["frame.png", "right"] and float(
-        row["presence"]
-    ) > 0.1
+    assert (row["image"], row["hand"]) == ("frame.png", "right")
+    assert float(row["presence"]) > 0.1
     assert row["confidence"] == row["error_mm"] == ""
     numbers = [float(row[f"{name}_{axis}_mm"]) for name in found["joints"] for axis in "xyz"]
     assert numbers == pytest.approx(np.ravel(found["positions_mm"]), abs=0.011)
@@ -209,15 +209,8 @@ def test_json_of_frames_is_read_as_a_track(frame):
     sizes may differ.
     """
     cv2.imwrite("smaller.png", frame[:-8])
-    images = [
-        "frame.png",
-        "smaller.png",
-        "--camera",
-        "363.9,363.9,255.4,206.3",
-        "--center",
-        "255,206,700",
-    ]
-    text = run_tool("predict", *OWN, *images, "--out", "p", "--json", "-").out
+    camera = "--camera 363.9,363.9,255.4,206.3 --center 255,206,700"
+    text = predict(f"frame.png smaller.png {camera} --json -").out
     Path("a.json").write_text(text)
     track = read_track("a.json")
     assert (track.header.camera.width, track.header.camera.fx, track.header.smoothed) == (
@@ -235,22 +228,13 @@ def test_joints_of_another_format(frame, name, count):
     """With --joints JSON has the other format in addition; the table shows its joints and
     angles instead.
     """
-    options = [
-        "frame.png",
-        *KINECT,
-        *CENTER,
-        "--out",
-        "p",
-        "--joints",
-        name,
-        "--json",
-        "hands.json",
-    ]
-    lines = run_tool("predict", *OWN, *options).out.splitlines()
+    options = f"frame.png {KINECT} {CENTER} --joints {name} --json hands.json"
+    lines = predict(options).out.splitlines()
     (found,) = hands_of(Path("hands.json").read_text())
     assert len(found["positions_mm"]) == 31 and len(found["anatomical_deg"]) == 20
     assert {len(values) for key, values in found[name].items() if key != "center_m"} == {count}
-    assert len(lines) == 1 + 1 + count + 20 and lines[-1].split()[0] == "little_dip_flexion"
+    assert len(lines) == 1 + 1 + count + 20
+    assert lines[-1].split()[0] == "little_dip_flexion"
     about = "about its mean" if name == "mediapipe" else "from the camera"
     assert lines[1].startswith(f"  {name}: ") and lines[1].endswith(about)
     key, digits = {"mediapipe": ("landmarks", 4), "nyu": ("positions_mm", 1)}.get(
@@ -264,18 +248,18 @@ def test_centers(frame):
     distortion; each image may have its own centre.
     """
     v, u = (int(np.median(where)) for where in np.nonzero((frame > 0) & (frame < 800)))
-    (found,) = predicted("frame.png", *KINECT, "--refine", "0", "--center", f"{u},{v}")
+    (found,) = predicted(f"frame.png {KINECT} --refine 0 --center {u},{v}")
     assert found["center_uvd"] == pytest.approx(predictor.depth_around(frame, u, v), abs=0.01)
     centers = [[250, 200, 690], [260, 210, 700]]
     for given in (centers[:1], centers):
-        options = [f"--center={u},{v},{d}" for u, v, d in given]
-        both = predicted("frame.png", "frame.png", *KINECT, "--refine", "0", *options)
+        options = " ".join(f"--center={u},{v},{d}" for u, v, d in given)
+        both = predicted(f"frame.png frame.png {KINECT} --refine 0 {options}")
         assert [found["center_uvd"] for found in both] == [given[0], given[-1]]
     assert [hand["picture"] for hand in both] == ["p/frame_hand.png", "p/frame_2_hand.png"]
     assert not np.array_equal(*(cv2.imread(hand["picture"]) for hand in both))
     cv2.imwrite("slope.png", np.tile(np.arange(800, 800 + 512, dtype=np.uint16), (424, 1)))
-    slope = ["slope.png", *KINECT, "--refine", "0", "--center", "450,300"]
-    (straight,), (bent,) = predicted(*slope), predicted(*slope, "--distortion=-0.1,0.05,0,0")
+    slope = f"slope.png {KINECT} --refine 0 --center 450,300"
+    (straight,), (bent,) = predicted(slope), predicted(f"{slope} --distortion=-0.1,0.05,0,0")
     assert straight["center_uvd"] != bent["center_uvd"]  # the depth there is another
 
 
@@ -286,8 +270,8 @@ def test_the_crop_is_moved_as_often_as_refine_says(frame, monkeypatch):
         lambda *given: cameras.append(given[-1]) or given[2] + (5, 0, 0),
     )
     for hand, times, way in (("left", 1, -1), ("right", 3, 1), ("right", 0, 1)):
-        options = ["--center", "250,200,700", "--hand", hand, "--refine", str(times)]
-        (found,) = predicted("frame.png", *KINECT, *options)
+        options = f"--center 250,200,700 --hand {hand} --refine {times}"
+        (found,) = predicted(f"frame.png {KINECT} {options}")
         assert found["center_uvd"] == [250 + way * 5 * times, 200, 700]
     assert [camera == KINECT2 for camera in cameras] == [False, True, True, True]
 
@@ -357,7 +341,7 @@ def test_mistakes(snapshot, argv, message):
         shutil.copy("crop.png", f"{folder}/x.png")
     shutil.copy("crop.png", "x_hand.png")
     Path("unit.json").write_text('{"unit_mm": 1}')
-    assert mistake(*argv.split()).startswith(message)
+    assert mistake(argv).startswith(message)
 
 
 def test_a_likely_wrong_unit_or_camera_is_reported(frame):
@@ -365,10 +349,10 @@ def test_a_likely_wrong_unit_or_camera_is_reported(frame):
     gives a warning.
     """
     cv2.imwrite("fifths.png", frame * 5)
-    assert re.search("the unit, 1 mm, may be wrong: .*--unit 0.2 ", mistake("fifths.png", *KINECT))
+    assert re.search("the unit, 1 mm, may be wrong: .*--unit 0.2 ", mistake(f"fifths.png {KINECT}"))
     for camera, count in (("kinect2", 0), ("5,5,255.4,206.3", 1)):
-        argv = [*OWN, "--out", "p", "frame.png", "--camera", camera, "--center", "260,210,700"]
-        lines = run_tool("predict", *argv).err.splitlines()
+        done = predict(f"frame.png --camera {camera} --center 260,210,700")
+        lines = done.err.splitlines()
         assert all(line.startswith("warning: frame.png: ") for line in lines)
         assert sum("check fx and fy" in line for line in lines) == count
 
@@ -397,9 +381,7 @@ def test_a_page_of_crops(snapshot):
     """
     cv2.imwrite("b.png", np.random.default_rng(1).integers(0, 256, (128, 128), dtype=np.uint8))
     for side, cube in (("right", 300), ("left", 250)):
-        printed = predicted(
-            "crop.png", "b.png", "--html", "page.html", "--hand", side, "--cube", str(cube)
-        )
+        printed = predicted(f"crop.png b.png --html page.html --hand {side} --cube {cube}")
         shown = hands_in("page.html")
         assert [hand["name"] for hand in shown] == ["crop.png", "b.png"]
         for found, hand in zip(printed, shown):
@@ -418,35 +400,29 @@ def test_a_hand_below_the_minimum_confidence(frame):
     """The line, the table, JSON and CSV have its confidence and place, and no joints; there is
     nothing for a page.
     """
-    options = ["frame.png", *CENTER, *KINECT, "--fit", "fast", "--hand", "right", "--out", "p"]
-    (hand,) = hands_of(run_tool("predict", *options, "--min-confidence", "0", "--json", "-").out)
+    command = f"predict frame.png {CENTER} {KINECT} --fit fast --hand right --out p"
+    (hand,) = hands_of(run_tool(f"{command} --min-confidence 0 --json -").out)
     assert hand["confidence"] < 1
-    options += ["--min-confidence", "1"]
-    for joints in ([], ["--joints", "mano"]):
-        outputs = ["--json", "x.json", "--csv", "x.csv", "--html", "x.html"]
-        done = run_tool("predict", *options, *joints, *outputs, status=1)
+    command += " --min-confidence 1 --json x.json --csv x.csv --html x.html"
+    for joints in ("", "--joints mano"):
+        done = run_tool(f"{command} {joints}", status=1)
         (line,) = done.out.splitlines()
-        assert (
-            f"{percent(hand['confidence'])} sure" in line
-            and "no joints below 100% (--min-confidence), cube" in line
-        )
+        assert f"{percent(hand['confidence'])} sure" in line
+        assert "no joints below 100% (--min-confidence), cube" in line
         assert (
             "x.html: not written: nothing has joints, which need a confidence of at least 100%"
             in done.err
         )
         [found] = json.loads(Path("x.json").read_text())["frames"]
         [present] = found["hands"]
-        assert (
-            present["palm_mm"] == pytest.approx(hand["origin_mm"], abs=0.06)
-            and present["positions_mm"] is None
-        )
+        assert present["palm_mm"] == pytest.approx(hand["origin_mm"], abs=0.06)
+        assert present["positions_mm"] is None
         assert present["reason"] == f"the pose is uncertain (confidence {hand['confidence']:.0%})"
         (row,) = table("x.csv")
-        assert (
-            float(row["confidence"]) == pytest.approx(hand["confidence"], abs=1e-4)
-            and row["hand"] == "right"
-        )
-        assert len(row) > 60 and not any(value for key, value in row.items() if key not in COLUMNS)
+        assert float(row["confidence"]) == pytest.approx(hand["confidence"], abs=1e-4)
+        assert row["hand"] == "right"
+        assert len(row) > 60
+        assert not any(value for key, value in row.items() if key not in COLUMNS)
     assert cv2.imread(found["picture"]).shape[1] < 2 * 512  # the crop alone
     assert read_track("x.json").frames[0].present[0].reason == present["reason"]
 
@@ -457,18 +433,8 @@ def test_a_hand_with_the_packaged_weights(here):
     """
     depth, hand = rendered(prior_file.load(prior_file.PEOPLE_PRIOR), seed=3)
     cv2.imwrite("frame.png", depth)
-    argv = [
-        "frame.png",
-        "--center=271,217,700",
-        *KINECT,
-        "--out",
-        "p",
-        "--html",
-        "page.html",
-        "--csv",
-        "hand.csv",
-    ]
-    (found,) = hands_of(text := run_tool("predict", *argv, "--json", "-").out)
+    command = f"predict frame.png {CENTER},700 {KINECT} --out p --html page.html --csv hand.csv"
+    (found,) = hands_of(text := run_tool(f"{command} --json -").out)
     assert found["hand"] == "right" and found["error_mm"] < 16 and found["confidence"] > 0.9
     joints = np.array(found["positions_mm"])
     truth = hand.joints[0] * 150 + (30, -20, 700)
@@ -476,12 +442,10 @@ def test_a_hand_with_the_packaged_weights(here):
     (row,) = table("hand.csv")
     assert float(row["error_mm"]) == pytest.approx(found["error_mm"], abs=0.0051)
     for finger, error in found["finger_error_mm"].items():
-        assert 0 < error < 30 and float(row[f"{finger}_error_mm"]) == pytest.approx(
-            error, abs=0.051
-        )
-    assert len(row) == 5 + 5 + 93 + 23 and all(
-        value for name, value in row.items() if name != "presence"
-    )
+        assert 0 < error < 30
+        assert float(row[f"{finger}_error_mm"]) == pytest.approx(error, abs=0.051)
+    assert len(row) == 5 + 5 + 93 + 23
+    assert all(value for name, value in row.items() if name != "presence")
     (shown,) = hands_in("page.html")
     np.testing.assert_allclose(shown["joints"] + found["origin_mm"], joints, atol=0.02)
     assert shown["place"]["center_uvd"] == pytest.approx(found["center_uvd"], abs=0.01)
@@ -490,10 +454,12 @@ def test_a_hand_with_the_packaged_weights(here):
     np.testing.assert_allclose(
         shown["inputs"][:47], read_track("track.json").frames[0].hands[0].pose.inputs, atol=1e-5
     )
-    assert len(shown["inputs"]) == 52 and np.any(shown["inputs"][47:]) and shown["thickness"] != 1
+    assert len(shown["inputs"]) == 52
+    assert np.any(shown["inputs"][47:])
+    assert shown["thickness"] != 1
     height, width, _ = cv2.imread("p/frame_hand.png").shape
     assert width > 3 * 512 and height > 512 + 22  # skeleton, surface, side view; with captions
-    first = run_tool("predict", *argv, "--fit", "fast", "--hand", "right").out.splitlines()[0]
+    first = run_tool(f"{command} --fit fast --hand right").out.splitlines()[0]
     assert re.match(
         r"frame.png: right hand, (>99|\d+)% sure, \d+ mm of error expected; at -?\d+, ", first
     )

@@ -33,10 +33,11 @@ def write_icvl(root: Path) -> Path:
         lines = []
         for i in range(count):
             palm = np.array([rng.uniform(100, 220), rng.uniform(80, 160), rng.uniform(250, 450)])
-            uvd = palm + rng.normal(0, 8, (16, 3)) * (np.arange(16) > 0)[:, None]
+            uvd = palm + rng.normal(0, 8, (16, 3))
+            uvd[0] = palm
             image = np.full((240, 320), 32001, np.uint16)
-            u, v, d = palm.astype(int)
-            image[v - 20 : v + 20, u - 20 : u + 20] = d + np.arange(40)
+            left, top, d = palm.astype(int) - (20, 20, 0)
+            image[top : top + 40, left : left + 40] = d + np.arange(40)
             path = f"{labels.stem}/image_{i:04d}.png"
             assert cv2.imwrite(str(labels.parent / "Depth" / path), image)
             lines.append(f"{path} {' '.join(f'{value:.3f}' for value in uvd.ravel())} \n")
@@ -45,7 +46,7 @@ def write_icvl(root: Path) -> Path:
 
 
 def prepare(root: Path) -> Done:
-    return run_tool("prepare_icvl", root, "--out", root.parent / "out")
+    return run_tool(f"prepare_icvl {root} --out {root.parent}/out")
 
 
 def test_frames(root):
@@ -71,27 +72,31 @@ def test_frames(root):
 
 def test_net_learns_from_them(root):
     prepare(root)
-    text = (
-        (ROOT / "prototxt" / "icvl_train_test.prototxt")
-        .read_text()
-        .replace("data/icvl", str(root.parent / "out"))
-    )
-    text = text.replace("batch_size: 512", "batch_size: 20").replace(
-        "batch_size: 228", "batch_size: 12"
-    )
-    (root.parent / "net.prototxt").write_text(
-        text.replace('"hand/icvl', f'"{ROOT}/prototxt/hand/icvl')
-    )
-    solver = (
-        (ROOT / "prototxt" / "icvl_solver.prototxt")
-        .read_text()
-        .replace("test_iter: 7", "test_iter: 1")
-    )
-    solver = solver.replace("prototxt/icvl_train_test", str(root.parent / "net"))
-    (root.parent / "solver.prototxt").write_text(
-        solver.replace("snapshots/icvl", str(root.parent / "snapshot"))
-    )
-    solver = netlib.get_solver(str(root.parent / "solver.prototxt"))
+    here, prototxt = root.parent, ROOT / "prototxt"
+    for name, changes in (
+        (
+            "icvl_train_test",
+            {
+                "data/icvl": f"{here}/out",
+                "batch_size: 512": "batch_size: 20",
+                "batch_size: 228": "batch_size: 12",
+                '"hand/icvl': f'"{prototxt}/hand/icvl',
+            },
+        ),
+        (
+            "icvl_solver",
+            {
+                "test_iter: 7": "test_iter: 1",
+                "prototxt/icvl_train_test": f"{here}/icvl_train_test",
+                "snapshots/icvl": f"{here}/snapshot",
+            },
+        ),
+    ):
+        text = (prototxt / f"{name}.prototxt").read_text()
+        for old, new in changes.items():
+            text = text.replace(old, new)
+        (here / f"{name}.prototxt").write_text(text)
+    solver = netlib.get_solver(here / "icvl_solver.prototxt")
     assert solver.net.blobs["pred"].shape == (20, 48) and solver.net.blobs["hand"].shape == (20, 63)
     solver.step(1)
     first = float(solver.net.blobs["joint_loss"].data)

@@ -13,6 +13,7 @@ from netlib.blob import Array
 from tests.support.caffe_messages import write_blob
 from tests.support.nets import inputs, ip
 from tests.support.running import Done, refusal, run_tool
+from tests.support.tables import pairs_of
 
 NET = (
     inputs(data=(2, 3, 8, 10))
@@ -41,8 +42,8 @@ def images() -> list[Array]:
     return [cv2.imread(f"{number}.png") for number in range(3)]
 
 
-def run(*argv: object, status: int = 0) -> Done:
-    return run_tool("run_net", "net.prototxt", "net.caffemodel", *argv, status=status)
+def run(options: str, status: int = 0) -> Done:
+    return run_tool(f"run_net net.prototxt net.caffemodel {options}", status=status)
 
 
 def outputs_of(blob: Array, name: str = "prob") -> Array:
@@ -52,9 +53,7 @@ def outputs_of(blob: Array, name: str = "prob") -> Array:
 
 
 def test_best_classes() -> None:
-    lines = run(
-        "0.png", "1.png", "2.png", "--mean", "104,117,123", "--labels", "labels.txt", "--top", "2"
-    ).out
+    lines = run("0.png 1.png 2.png --mean 104,117,123 --labels labels.txt --top 2").out
     prob = outputs_of(cv2.dnn.blobFromImages(images(), 1, (10, 8), (104, 117, 123)))
     labels = Path("labels.txt").read_text().splitlines()
     expected = []
@@ -69,15 +68,15 @@ def test_best_classes() -> None:
 
 def test_blobs_in_files() -> None:
     """A .npz file has the named blobs of all images, whatever their names; a .npy file has one."""
-    assert run(
-        "0.png", "1.png", "2.png", "--blob", "fc/1", "--blob", "pool", "--out", "a.npz"
-    ).out == ("wrote a.npz: fc/1 (3, 4), pool (3, 3, 7, 9)\n")
+    assert run("0.png 1.png 2.png --blob fc/1 --blob pool --out a.npz").out == (
+        "wrote a.npz: fc/1 (3, 4), pool (3, 3, 7, 9)\n"
+    )
     blob = cv2.dnn.blobFromImages(images(), 1, (10, 8))
     with np.load("a.npz") as file:
         assert sorted(file) == ["fc/1", "pool"]
         assert np.allclose(file["fc/1"], outputs_of(blob, "fc/1"), rtol=1e-5)
         assert np.array_equal(file["pool"], outputs_of(blob, "pool"))
-    printed = run("0.png", "1.png", "--out", "b.npy", "--labels", "labels.txt").out.splitlines()
+    printed = run("0.png 1.png --out b.npy --labels labels.txt").out.splitlines()
     assert printed[0] == "0.png: prob" and printed[-1] == "wrote b.npy: prob (2, 4)"
     assert np.load("b.npy").shape == (2, 4)
 
@@ -85,21 +84,18 @@ def test_blobs_in_files() -> None:
 @pytest.mark.parametrize(
     ("options", "arguments"),
     [
-        (
-            ["--scale", "0.017", "--mean", "104,117,123", "--rgb"],
-            (0.017, (10, 8), (104, 117, 123), True),
-        ),
-        (["--crop", "--mean", "7"], (1.0, (10, 8), (7, 7, 7), False, True)),
-        (["--size", "10x8", "--resize", "10x8"], (1.0, (10, 8))),
-        (["--mean-file", "mean.npy"], (1.0, (10, 8), (1, 2, 3))),
+        ("--scale 0.017 --mean 104,117,123 --rgb", (0.017, (10, 8), (104, 117, 123), True)),
+        ("--crop --mean 7", (1.0, (10, 8), (7, 7, 7), False, True)),
+        ("--size 10x8 --resize 10x8", (1.0, (10, 8))),
+        ("--mean-file mean.npy", (1.0, (10, 8), (1, 2, 3))),
     ],
 )
-def test_preprocessing_as_in_opencv(options: list[str], arguments: tuple[object, ...]) -> None:
+def test_preprocessing_as_in_opencv(options: str, arguments: tuple[object, ...]) -> None:
     """The options are the arguments of cv2.dnn.blobFromImage; a mean file may have a
     number per channel.
     """
     np.save("mean.npy", np.array([1, 2, 3]))
-    run("0.png", "1.png", "2.png", *options, "--blob", "data", "--out", "data.npy")
+    run(f"0.png 1.png 2.png {options} --blob data --out data.npy")
     assert np.array_equal(np.load("data.npy"), cv2.dnn.blobFromImages(images(), *arguments))
 
 
@@ -108,19 +104,7 @@ def test_another_size() -> None:
     images of a pass.
     """
     Path("net.prototxt").write_text(NET[: NET.index("layer", NET.index("pool"))])
-    run(
-        "0.png",
-        "1.png",
-        "2.png",
-        "--size",
-        "30x20",
-        "--batch",
-        "3",
-        "--blob",
-        "pool",
-        "--out",
-        "pool.npy",
-    )
+    run("0.png 1.png 2.png --size 30x20 --batch 3 --blob pool --out pool.npy")
     assert np.load("pool.npy").shape == (3, 3, 19, 29)
 
 
@@ -130,13 +114,13 @@ def test_a_folder_of_pictures() -> None:
     for name, source in (("b 10.png", "0.png"), ("b 9.PNG", "1.png"), (".hidden.png", "2.png")):
         Path("some", name).write_bytes(Path(source).read_bytes())
     Path("some", "Thumbs.db").write_text("")
-    lines = run("some", "2.png", "--top", "1").out.splitlines()[::2]
+    lines = run("some 2.png --top 1").out.splitlines()[::2]
     assert lines == ["some/b 9.PNG: prob", "some/b 10.png: prob", "2.png: prob"]
-    run("some", "--out", "of_folder.npy")
-    run("1.png", "0.png", "--out", "of_files.npy")
+    run("some --out of_folder.npy")
+    run("1.png 0.png --out of_files.npy")
     assert np.array_equal(np.load("of_folder.npy"), np.load("of_files.npy"))
     Path("empty").mkdir()
-    line = refusal("run_net", "net.prototxt", "net.caffemodel", "empty")
+    line = refusal("run_net net.prototxt net.caffemodel empty")
     assert line.startswith("empty: no picture in this folder (.bmp, .jpeg")
 
 
@@ -145,10 +129,10 @@ def test_a_list_of_images_in_a_folder() -> None:
     ImageData layer.
     """
     Path("list.txt").write_text("0.png 7\n")
-    run("list.txt", "--root-folder", "pictures/", "--out", "missing.npy", status=1)
+    run("list.txt --root-folder pictures/ --out missing.npy", status=1)
     Path("pictures").mkdir()
     Path("0.png").rename("pictures/0.png")
-    run("list.txt", "--root-folder", "pictures/", "--out", "prob.npy")
+    run("list.txt --root-folder pictures/ --out prob.npy")
 
 
 @pytest.mark.parametrize("name", ["mean.binaryproto", "mean.npy"])
@@ -161,18 +145,7 @@ def test_mean_image(name: str) -> None:
         np.save(name, mean[0].astype(np.float64))
     else:
         write_blob(Path(name), mean)
-    run(
-        "0.png",
-        "1.png",
-        "--mean-file",
-        name,
-        "--scale",
-        "0.5",
-        "--blob",
-        "data",
-        "--out",
-        "data.npy",
-    )
+    run(f"0.png 1.png --mean-file {name} --scale 0.5 --blob data --out data.npy")
     resized = np.stack([cv2.resize(image, (12, 13)) for image in images()[:2]]).transpose(
         0, 3, 1, 2
     )
@@ -183,7 +156,7 @@ def test_grey_net() -> None:
     Path("net.prototxt").write_text(
         inputs(data=(1, 1, 8, 10)) + 'layer { name: "p" type: "Power" bottom: "data" top: "y" }'
     )
-    run("0.png", "--out", "y.npy")
+    run("0.png --out y.npy")
     assert np.array_equal(np.load("y.npy")[0, 0], cv2.imread("0.png", cv2.IMREAD_GRAYSCALE))
 
 
@@ -220,17 +193,15 @@ def test_detections() -> None:
     """
     Path("labels.txt").write_text("background\ncat\ndog\n")
     stretched = "  0.8000  dog  4 5 8 15", "  0.3000  cat  4 5 8 15"
-    assert run("1.png", "--labels", "labels.txt").out.splitlines() == [
+    assert run("1.png --labels labels.txt").out.splitlines() == [
         "1.png: found: 2 detections",
         *stretched,
     ]
-    assert run("1.png", "--top", "1").out.splitlines()[1:] == ["  0.8000  class 2  4 5 8 15"]
-    assert run("2.png", "--top", "1", "--crop").out.splitlines()[1:] == [
-        "  0.8000  class 2  13 2 17 7"
-    ]
+    assert run("1.png --top 1").out.splitlines()[1:] == ["  0.8000  class 2  4 5 8 15"]
+    assert run("2.png --top 1 --crop").out.splitlines()[1:] == ["  0.8000  class 2  13 2 17 7"]
     # of 30 x 9 px resized to 20 x 16: the input is (5, 4) to (15, 12) of it, the box
     # (8, 6) to (12, 10)
-    assert run("2.png", "--top", "1", "--resize", "20x16").out.splitlines()[1:] == [
+    assert run("2.png --top 1 --resize 20x16").out.splitlines()[1:] == [
         "  0.8000  class 2  12 3 18 6"
     ]
 
@@ -239,22 +210,22 @@ def test_detections() -> None:
 @pytest.mark.parametrize(
     ("argv", "message"),
     [
-        (["0.png", "1.png", "--draw", "a.png"], "a.png: one file for 2 images; expected a folder"),
-        (["0.png", "--draw", "0.png"], "0.png: is read in this run"),
+        ("0.png 1.png --draw a.png", "a.png: one file for 2 images; expected a folder"),
+        ("0.png --draw 0.png", "0.png: is read in this run"),
         (
-            ["0.png", "--labels", "twice.prototxt"],
+            "0.png --labels twice.prototxt",
             "twice.prototxt:1:25: the label 0; expected each from 0 to 65535 once",
         ),
         (
-            ["0.png", "--labels", "few.txt"],
+            "0.png --labels few.txt",
             "few.txt: 2 labels, but blob 'found' has 3 classes, the background included",
         ),
     ],
 )
-def test_invalid_outputs_and_label_maps_are_rejected(argv: list[str], message: str) -> None:
+def test_invalid_outputs_and_label_maps_are_rejected(argv: str, message: str) -> None:
     Path("few.txt").write_text("cat\ndog\n")
     Path("twice.prototxt").write_text('item { name: "a" } item { name: "b" }')
-    assert message in run(*argv, status=1).err
+    assert message in run(argv, status=1).err
 
 
 def test_the_first_value_that_is_not_finite_is_located(caplog: pytest.LogCaptureFixture) -> None:
@@ -262,7 +233,7 @@ def test_the_first_value_that_is_not_finite_is_located(caplog: pytest.LogCapture
     net = netlib.Net("net.prototxt", "net.caffemodel", netlib.TEST)
     net.params["fc/1"][1].data[0] = np.nan
     net.save("net.caffemodel")
-    assert "nan  class 0" in run("0.png", "1.png", "--batch", "1").out
+    assert "nan  class 0" in run("0.png 1.png --batch 1").out
     assert caplog.messages == [
         "NaN or infinity, first in parameter 1 of layer 'fc/1': check the weights, the mean and "
         "the scale"
@@ -276,116 +247,10 @@ TRAIN = (
 
 
 @pytest.mark.parametrize(
-    ("net", "argv", "message"),
-    [
-        (NET, ["none.png"], "none.png: cannot read the image: No such file or directory"),
-        (NET, ["labels.npy"], "labels.npy: not an image that OpenCV can decode"),
-        (
-            NET,
-            ["labels.txt"],
-            "labels.txt:1: the label 'tabby' is not a whole number; expected 'path label'",
-        ),
-        (
-            NET,
-            ["0.png", "--labels", "net.prototxt"],
-            "net.prototxt: 1 labels, but blob 'prob' has 4 classes",
-        ),
-        (
-            NET,
-            ["0.png", "--labels", "empty.txt"],
-            "empty.txt: the file is empty; expected the name of a class",
-        ),
-        (
-            NET,
-            ["0.png", "--blob", "fc1"],
-            "net.prototxt: the net has no blob 'fc1' (did you mean 'fc/1'?)",
-        ),
-        (NET, ["0.png", "--mean", "1,2"], "the mean has 2 channels, the net's input 3"),
-        (
-            NET,
-            ["0.png", "--mean-file", "bad.npy"],
-            "bad.npy: found float64 (2, 2); expected numbers (C,), (C, H, W)",
-        ),
-        (
-            NET,
-            ["0.png", "--mean-file", "nan.npy"],
-            "nan.npy: the mean has values that are not finite",
-        ),
-        (NET, ["0.png", "--mean-file", "0.png"], "0.png: "),
-        (NET, ["0.png", "--mean", "1e99"], "the mean has values that are not finite in float32"),
-        (NET, ["0.png", "--mean-file", "labels.npy"], "labels.npy: no array as NumPy writes it"),
-        (NET, ["0.png", "--out", "none/a.npz"], "none/a.npz: folder none does not exist"),
-        (
-            NET,
-            ["0.png", "--out", "bad.npy", "--mean-file", "bad.npy"],
-            "bad.npy: is read in this run",
-        ),
-        (NET, ["labels.npy", "--out", "labels.npy"], "labels.npy: is read in this run"),
-        (
-            NET,
-            ["0.png", "--out", "a.npy", "--blob", "pool", "--blob", "prob"],
-            "a.npy: a .npy file holds one array, found pool, prob; expected .npz or --blob",
-        ),
-        (
-            NET,
-            ["0.png", "--resize", "3x4"],
-            "images of 3 x 4 px are smaller than the net's input, 10 x 8",
-        ),
-        (
-            NET,
-            ["0.png", "--resize", "20x16", "--mean-file", "mean.npy"],
-            "the mean image has 15 x 13 px, images are "
-            "resized to 20 x 16; expected the same size, or one number per channel",
-        ),
-        (
-            NET,
-            ["0.png", "--draw", "a.png"],
-            "a.png: blob 'prob' holds no detections; --draw needs a net that ends in",
-        ),
-        (
-            NET,
-            ["0.png", "--labels", "labels.txt", "--confusion"],
-            "--confusion needs lists of images with",
-        ),
-        (
-            NET,
-            ["nul.txt", "--blob", "prob", "--out", "o.npy"],
-            "a\\x00b.png: cannot read the image: ",
-        ),
-        (
-            NET,
-            ["list.txt", "--confusion"],
-            "--confusion needs one blob of classes, and --labels with their names",
-        ),
-        (
-            NET,
-            ["list.txt", "--confusion", "--labels", "three.txt"],
-            "3 labels, but blob 'prob' has 4 values",
-        ),
-        (
-            TRAIN,
-            ["0.png"],
-            "net.prototxt:1:19: this is a training net: layer 'd' of type DummyData reads the data",
-        ),
-        (
-            inputs(a=(1, 3, 2, 2)) + SILENCE,
-            ["0.png"],
-            "net.prototxt: no layer leaves a blob unread, so the net has no "
-            "output; name one with --blob",
-        ),
-        (
-            inputs(a=(1, 3, 2, 2), b=(1, 3)),
-            ["0.png"],
-            "net.prototxt: the net has the inputs a, b; expected one",
-        ),
-        (
-            inputs(a=(1, 7)),
-            ["0.png"],
-            "net.prototxt: the input 'a' has shape (1, 7); expected (N, C, H, W)",
-        ),
-    ],
+    ("argv", "message"),
+    [(argv, line) for [argv], line in pairs_of(Path(__file__).with_name("run_net_mistakes.txt"))],
 )
-def test_mistakes(net: str, argv: list[str], message: str) -> None:
+def test_mistakes(argv: str, message: str) -> None:
     """Each mistake is one line with the file or the option, and nothing is written."""
     Path("empty.txt").write_text("")
     Path("labels.npy").write_text("cat\n")
@@ -395,8 +260,25 @@ def test_mistakes(net: str, argv: list[str], message: str) -> None:
     np.save("bad.npy", np.zeros((2, 2)))
     np.save("mean.npy", np.zeros((3, 13, 15)))
     np.save("nan.npy", np.full(3, np.nan))
+    assert message in refusal(f"run_net net.prototxt net.caffemodel {argv}")
+
+
+@pytest.mark.parametrize(
+    ("net", "message"),
+    [
+        (TRAIN, ":1:19: this is a training net: layer 'd' of type DummyData reads the data"),
+        (
+            inputs(a=(1, 3, 2, 2)) + SILENCE,
+            ": no layer leaves a blob unread, so the net has no output; name one with --blob",
+        ),
+        (inputs(a=(1, 3, 2, 2), b=(1, 3)), ": the net has the inputs a, b; expected one"),
+        (inputs(a=(1, 7)), ": the input 'a' has shape (1, 7); expected (N, C, H, W)"),
+    ],
+)
+def test_unsuitable_nets_are_rejected(net: str, message: str) -> None:
     Path("net.prototxt").write_text(net)
-    assert message in refusal("run_net", "net.prototxt", "net.caffemodel", *argv)
+    line = refusal("run_net net.prototxt net.caffemodel 0.png")
+    assert line.startswith(f"net.prototxt{message}")
 
 
 LABEL_MAP = """# names
@@ -409,12 +291,13 @@ item { name: "n2" label: 2 }
 def test_the_surest_detections_in_pictures() -> None:
     """--threshold, names of a label map, and a picture of each image."""
     Path("map.prototxt").write_text(LABEL_MAP)
-    done = run("1.png", "--labels", "map.prototxt", "--threshold", "0.5", "--draw", "found.png")
+    done = run("1.png --labels map.prototxt --threshold 0.5 --draw found.png")
     assert done.out.splitlines() == ["1.png: found: 2 detections", "  0.8000  n2  4 5 8 15"]
-    assert len(run("1.png", "--threshold", "0.9").out.splitlines()) == 1
+    assert len(run("1.png --threshold 0.9").out.splitlines()) == 1
     picture, image = cv2.imread("found.png"), cv2.imread("1.png")
-    assert picture.shape == image.shape and (picture[15, 4:8] != image[15, 4:8]).any(axis=1).all()
-    run("0.png", "2.png", "--draw", "pictures")
+    assert picture.shape == image.shape
+    assert (picture[15, 4:8] != image[15, 4:8]).any(axis=1).all()
+    run("0.png 2.png --draw pictures")
     assert [cv2.imread(f"pictures/{n}.jpg").shape for n in (0, 2)] == [
         (*SHAPES[0], 3),
         (*SHAPES[2], 3),

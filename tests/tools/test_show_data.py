@@ -15,11 +15,9 @@ from tests.support.running import refusal, run_tool
 @pytest.fixture
 def frames(here: Path) -> Path:
     """A list of one HDF5 file with five frames."""
-    write_hdf5(
-        here / "a.h5",
-        depth=np.random.default_rng(0).uniform(-1, 1, (5, 1, 128, 128)).astype(np.float32),
-        joint=np.random.default_rng(0).uniform(-0.5, 0.5, (5, 93)).astype(np.float32),
-    )
+    rng = np.random.default_rng(0)
+    depth, joint = rng.uniform(-1, 1, (5, 1, 128, 128)), rng.uniform(-0.5, 0.5, (5, 93))
+    write_hdf5(here / "a.h5", depth=np.float32(depth), joint=np.float32(joint))
     (here / "list.txt").write_text(f"{here / 'a.h5'}\n")
     return here / "list.txt"
 
@@ -31,7 +29,8 @@ def test_lists_files_and_folders_side_by_side(frames: Path) -> None:
     run_tool("show_data", frames, "a.h5", "crops", "--out", "out.png", "--frames", "4")
     picture = cv2.imread("out.png")
     head, gap, size = 22, 4, 128
-    rows = [picture[r * (size + head + gap) + gap + head :][:size] for r in range(3)]
+    first, step = gap + head, gap + head + size
+    rows = [picture[first + r * step :][:size] for r in range(3)]
     assert np.array_equal(rows[0], rows[1])
     assert np.ptp(rows[2][:, gap + 2 * (size + gap) :]) == 0  # only white next to the single crop
 
@@ -72,5 +71,5 @@ def test_mistakes(frames: Path, argv: str, message: str) -> None:
     Path("crops").mkdir()
     for n in range(3):
         cv2.imwrite(f"crops/{n}.png", np.full((128, 128), 127, np.uint8))
-    assert message in refusal("show_data", "--out", "out.png", *argv.split())
-    run_tool("show_data", "nan.h5", "--out", "out.png", "--plain")
+    assert message in refusal("show_data --out out.png", *argv.split())
+    run_tool("show_data nan.h5 --out out.png --plain")

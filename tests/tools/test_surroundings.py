@@ -31,23 +31,14 @@ def odd(here: Path) -> str:
 
 class TestNamesThatAreNotUtf8:
     def test_demo_and_predict(self, odd: str) -> None:
-        assert r"--out 'odd\udce9'" in run_tool("demo", "--frames", "1", "--out", odd).out
+        assert r"--out 'odd\udce9'" in run_tool("demo --frames 1 --out", odd).out
         run_tool("predict", f"{odd}/frame_0.png", "--camera", "nyu", "--out", f"{odd}/again")
         assert len(list(Path(odd, "again").iterdir())) == 1
 
     @pytest.mark.parametrize("ending", ["", ".npz"])
     def test_recordings(self, odd: str, ending: str) -> None:
-        words = [
-            "rest",
-            "--camera",
-            "icvl",
-            "--seconds",
-            "0.1",
-            "--clean",
-            "--out",
-            f"{odd}{ending}",
-        ]
-        run_tool("make_recording", *words)
+        command = "make_recording rest --camera icvl --seconds 0.1 --clean --out"
+        run_tool(command, f"{odd}{ending}")
         assert {path.name for path in Path().iterdir()} == {f"{odd}{ending}", f"{odd}.truth.json"}
 
     @pytest.mark.parametrize("ending", ["png", "svg", "pdf"])

@@ -21,13 +21,10 @@ def test_the_means_of_the_batches() -> None:
     """Loss and outputs are means over the batches, as Caffe printed them, with the
     weights of each file.
     """
-    done = run_tool(
-        "test_net", "net.prototxt", "init.caffemodel", "init.caffemodel", "--iterations", "3"
-    )
+    done = run_tool("test_net net.prototxt init.caffemodel init.caffemodel --iterations 3")
     first, output, second, _ = done.out.splitlines()
-    assert first.startswith("init.caffemodel: 3 batches, loss ") and second.startswith(
-        "init.caffemodel: 3 batches, "
-    )
+    assert first.startswith("init.caffemodel: 3 batches, loss ")
+    assert second.startswith("init.caffemodel: 3 batches, ")
     assert output.split()[:2] == ["loss", "="]
     assert [float(first.split()[-1]), float(output.split()[2])] == pytest.approx(
         [2.68399] * 2, abs=2e-5
@@ -50,9 +47,7 @@ def test_weights_of_another_net_are_reported(tmp_path: Path) -> None:
     text = Path("net.prototxt").read_text()
     (tmp_path / "other.prototxt").write_text(text.replace('name: "small"', 'name: "other"', 1))
     assert (
-        run_tool(
-            "test_net", "net.prototxt", tmp_path / "own.caffemodel.h5", "--iterations", "1"
-        ).err
+        run_tool("test_net net.prototxt", tmp_path / "own.caffemodel.h5", "--iterations", "1").err
         == ""
     )
     done = run_tool(

@@ -11,7 +11,7 @@ from tests.support.running import run_tool
 
 def test_lines_are_caffes(work):
     """The averages are those of whole passes; test_caffe.py compares the lines."""
-    out = run_tool("time", "net.prototxt", "--iterations", "3").out
+    out = run_tool("time net.prototxt --iterations 3").out
     ms = {
         what: float(number)
         for what, number in re.findall(r"^(.+): ([\d.e-]+) ms\.$", out, re.MULTILINE)
@@ -54,17 +54,14 @@ def test_memory(work, monkeypatch, name):
     part of the batch.
     """
     monkeypatch.setenv("NETLIB_ENGINE", name)
-    out = run_tool("time", "net.prototxt", "--memory").out
+    out = run_tool("time net.prototxt --memory").out
     assert re.search(r" 1\.00 MiB  blob depth 16x1x128x128$", out, re.MULTILINE)
-    assert ("blob convL1 " in out) == (name == "plain") and out.endswith(
-        "MiB  peak of the process\n"
-    )
+    assert ("blob convL1 " in out) == (name == "plain")
+    assert out.endswith("MiB  peak of the process\n")
 
 
 def test_threads_are_those_of_the_engine(work, other_engine):
     """--threads applies to the engine of --engine and is restored after timing single layers."""
-    done = run_tool(
-        "time", "net.prototxt", "--iterations", "1", "--engine", "fast", "--threads", "3"
-    )
+    done = run_tool("time net.prototxt --iterations 1 --engine fast --threads 3")
     assert other_engine.threads() == 3
     assert re.match(r"Engine fast; .*, 3 threads\n", done.out)

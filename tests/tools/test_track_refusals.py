@@ -24,31 +24,22 @@ def frames(here: Path) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("argv", "said"),
+    ("options", "said"),
     [
-        (["frames", "--sheet", "frames/0.png"], "frames/0.png: is in the folder of the frames"),
-        (["frames", "--look", "frames/x.png"], "frames/x.png: is in the folder of the frames"),
-        (
-            ["frames/*.png", "--sheet", "frames/x.png"],
-            "frames/x.png: is in the folder of the frames",
-        ),
-        (["frames", "--json", "frames/camera.json"], "frames/camera.json: is read"),
-        (["frames/1.png", "--sheet", "frames/1.png"], "frames/1.png: is read"),
-        (["frames", "--camera", "own.json", "--json", "own.json"], "own.json: is read"),
-        (["take.npy", "--json", "take.camera.json"], "take.camera.json: is read"),
-        (["frames", "--json", "link.jsonl"], "link.jsonl: is read"),
-        (
-            ["frames", "--json", "a.json", "--sheet", "none/a.png"],
-            "none/a.png: folder none does not exist",
-        ),
-        (
-            ["frames", "--json", "a.json", "--csv", "none/a.csv"],
-            "none/a.csv: No such file or directory",
-        ),
-        (["frames", "--json", "a.json", "--video", "folder.mp4"], "folder.mp4: Is a directory"),
+        ("frames --sheet frames/0.png", "frames/0.png: is in the folder of the frames"),
+        ("frames --look frames/x.png", "frames/x.png: is in the folder of the frames"),
+        ("frames/*.png --sheet frames/x.png", "frames/x.png: is in the folder of the frames"),
+        ("frames --json frames/camera.json", "frames/camera.json: is read"),
+        ("frames/1.png --sheet frames/1.png", "frames/1.png: is read"),
+        ("frames --camera own.json --json own.json", "own.json: is read"),
+        ("take.npy --json take.camera.json", "take.camera.json: is read"),
+        ("frames --json link.jsonl", "link.jsonl: is read"),
+        ("frames --json a.json --sheet none/a.png", "none/a.png: folder none does not exist"),
+        ("frames --json a.json --csv none/a.csv", "none/a.csv: No such file or directory"),
+        ("frames --json a.json --video folder.mp4", "folder.mp4: Is a directory"),
     ],
 )
-def test_unsuitable_outputs_are_rejected_before_tracking(argv: list[str], said: str) -> None:
+def test_unsuitable_outputs_are_rejected_before_tracking(options: str, said: str) -> None:
     """They are inputs, would be inputs of the next run, or cannot be written."""
     np.save("take.npy", np.full((2, 48, 64), 900, np.uint16))
     for name in ("own.json", "take.camera.json"):
@@ -56,11 +47,8 @@ def test_unsuitable_outputs_are_rejected_before_tracking(argv: list[str], said: 
     Path("link.jsonl").symlink_to("frames/camera.json")
     Path("folder.mp4").mkdir()
     before = contents()
-    (line,) = [
-        line
-        for line in run_tool("track", *argv, status=1).err.splitlines()
-        if not line.startswith("warning")
-    ]
+    lines = run_tool(f"track {options}", status=1).err.splitlines()
+    (line,) = [line for line in lines if not line.startswith("warning")]
     assert line.startswith(said) and contents() == before
 
 
@@ -70,7 +58,7 @@ def test_the_default_names_do_not_replace_frames(
     monkeypatch.chdir(frames)
     before = contents()
     for source in (".", "*.png", "1.png"):
-        done = run_tool("track", source, status=1)
+        done = run_tool(f"track {source}", status=1)
         assert done.err.splitlines()[-1].startswith(
             ("frames.png: is in the folder", "1.png: is read")
         )
@@ -82,7 +70,7 @@ def test_the_default_names_replace_nothing(name: str) -> None:
     """An existing file is not replaced by a default name; the error says how to name it."""
     Path(name).write_text("mine")
     before = contents()
-    assert run_tool("track", "frames", status=1).err == (
+    assert run_tool("track frames", status=1).err == (
         f"{name}: exists already; to replace it or to write elsewhere, name the outputs, as in "
         "--json frames.json --sheet frames.png\n"
     )
@@ -94,15 +82,13 @@ def test_a_hand_in_another_unit() -> None:
     image = np.full((48, 64), 9000, np.uint16)
     image[18:28, 26:38] = 2250  # 450 mm in units of 0.2 mm
     np.save("fifths.npy", np.stack([image + i for i in range(2)]))
-    options = ["fifths.npy", "--camera", "60,60,31.5,23.5", "--hands", "1"]
-    done = run_tool("track", *options, "--json", "a.json")
-    assert (
-        "--unit 0.2 0.45 m away and 90 mm wide" in done.err
-        and "not plausible for a hand" in done.err
-    )
+    command = "track fifths.npy --camera 60,60,31.5,23.5 --hands 1"
+    done = run_tool(f"{command} --json a.json")
+    assert "--unit 0.2 0.45 m away and 90 mm wide" in done.err
+    assert "not plausible for a hand" in done.err
     (line,) = [line for line in done.out.splitlines() if line.startswith("no hand was found")]
     assert "the unit, 1 mm, may be wrong" in line and "--unit 0.2 0.45 m away" in line
-    (*_, last) = run_tool("track", *options, "--look", "a.png", status=1).err.splitlines()
+    (*_, last) = run_tool(f"{command} --look a.png", status=1).err.splitlines()
     assert (
         "no hand in the first 2 frames; a.png shows the first one; the unit, 1 mm, may be wrong"
         in last

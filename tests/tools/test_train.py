@@ -17,17 +17,18 @@ from netlib.snapshots import snapshot
 from tests.support.running import run_tool
 from tools.common import training
 
+READ = "is read in this run; expected another output"
 STAMP = r"I\d{4} \d\d:\d\d:\d\d\.\d{6} \d+ \w+\.py:\d+\] "
 
 
-def train(*argv, status=0):
-    return run_tool("train", "solver.prototxt", *argv, status=status)
+def train(options="", status=0):
+    return run_tool(f"train solver.prototxt {options}", status=status)
 
 
-def mistake(*argv):
+def mistake(options=""):
     lines = [
         line
-        for line in train(*argv, status=1).err.splitlines()
+        for line in train(options, status=1).err.splitlines()
         if not re.match(STAMP + "|[a-z_]+:", line)
     ]
     assert len(lines) == 1, lines
@@ -46,7 +47,7 @@ def test_log(work):
     """The log has the lines of standard error, with glog's stamps; tests/caffe compares
     them with Caffe's.
     """
-    done = train("--log", "train.log")
+    done = train("--log train.log")
     log = (work / "train.log").read_text()
     assert log == done.err and "made from synthetic" in log
     assert re.search(STAMP + r"Network initialization done: \d+ parameters, seed 1\n", log)
@@ -78,20 +79,20 @@ def test_weights_of_zero_are_reported(here):
     net = netlib.Net("net.prototxt", netlib.TRAIN)
     net.params["zero"][0].data[...] = 1
     net.save("w.caffemodel")
-    for argv, reported in (
-        ([], ["zero"]),
-        (["--weights", "w.caffemodel"], []),
-        (["--snapshot", "solver_iter_1.solverstate"], []),
+    for options, reported in (
+        ("", ["zero"]),
+        ("--weights w.caffemodel", []),
+        ("--snapshot solver_iter_1.solverstate", []),
     ):
-        assert re.findall(r"layer '(\w+)': its weights start at 0", train(*argv).err) == reported
+        assert re.findall(r"layer '(\w+)': its weights start at 0", train(options).err) == reported
 
 
 def test_threads_are_those_of_the_engine(work, other_engine):
     """The log names engine and threads; --threads applies to the engine of --engine, not to that of
     NETLIB_ENGINE.
     """
-    assert "Use CPU, 1 thread, engine plain. BLAS:" in train("--max-iter", "1").err
-    done = train("--max-iter", "1", "--engine", "fast", "--threads", "3")
+    assert "Use CPU, 1 thread, engine plain. BLAS:" in train("--max-iter 1").err
+    done = train("--max-iter 1 --engine fast --threads 3")
     assert "Use CPU, 3 threads, engine fast. " in done.err
 
 
@@ -99,13 +100,13 @@ def test_resume(work):
     """Three iterations, a resume and three more equal six, and add to the log; another run starts
     the log again.
     """
-    train("--max-iter", "3", "--log", "train.log")
+    train("--max-iter 3 --log train.log")
     first = (work / "train.log").read_text()
-    train("--snapshot", "snapshots/net_iter_3.solverstate", "--log", "train.log")
+    train("--snapshot snapshots/net_iter_3.solverstate --log train.log")
     both = (work / "train.log").read_text()
     assert both.startswith(first) and both.count("Optimization Done.") == 2
     resumed = weights("snapshots/net_iter_6.caffemodel")
-    train("--log", "train.log")
+    train("--log train.log")
     assert (work / "train.log").read_text().count("Optimization Done.") == 1
     whole = weights("snapshots/net_iter_6.caffemodel")
     assert all(np.array_equal(whole[name], resumed[name]) for name in whole)
@@ -114,8 +115,8 @@ def test_resume(work):
 def test_seed_and_threads(work):
     """The result depends on the seed, but not on the number of threads."""
     results = []
-    for extra in (["--seed", "5"], ["--seed", "5", "--threads", "1"], ["--seed", "6"]):
-        train("--max-iter", "2", *extra)
+    for options in ("--seed 5", "--seed 5 --threads 1", "--seed 6"):
+        train(f"--max-iter 2 {options}")
         results.append(weights("snapshots/net_iter_2.caffemodel")["DoF/0"])
     assert np.array_equal(results[0], results[1])
     assert not np.array_equal(results[0], results[2])
@@ -136,7 +137,7 @@ def test_signals(work, signal_at_start, monkeypatch, number, status, last):
         file.write("test_initialization: false")
     original = training.requests_by_signal
     signal_at_start(number)
-    lines = train("--max-iter", "2", status=status).err.splitlines()
+    lines = train("--max-iter 2", status=status).err.splitlines()
     monkeypatch.setattr(training, "requests_by_signal", original)
     assert handlers == [
         signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -152,16 +153,13 @@ def test_signals(work, signal_at_start, monkeypatch, number, status, last):
 
 
 def test_mistakes(work):
-    train("--max-iter", "3")
+    train("--max-iter 3")
     state, model = "snapshots/net_iter_3.solverstate", "snapshots/net_iter_3.caffemodel"
-    assert "this is a weights file" in mistake("--snapshot", model)
-    assert "this is a solver state" in mistake("--weights", state)
+    assert "this is a weights file" in mistake(f"--snapshot {model}")
+    assert "this is a solver state" in mistake(f"--weights {state}")
     (work / "cut.state").write_bytes((work / state).read_bytes()[:3000])
-    assert "cut.state: byte 0: truncated" in mistake("--snapshot", "cut.state")
-    assert (
-        mistake("--snapshot", state, "--log", state)
-        == f"{state}: is read in this run; expected another output"
-    )
+    assert "cut.state: byte 0: truncated" in mistake("--snapshot cut.state")
+    assert mistake(f"--snapshot {state} --log {state}") == f"{state}: {READ}"
     assert (work / state).read_bytes()[:3000] == (work / "cut.state").read_bytes()
     Path("solver.prototxt").write_text('net: "net.prototxt"\nbase_lr: 0.1 lr_polizy: "fixed"')
     assert mistake().startswith(
@@ -172,31 +170,23 @@ def test_mistakes(work):
 
 
 def test_a_full_disk_ends_the_log_not_the_training(work):
-    errors = train("--max-iter", "1", "--log", "/dev/full").err
+    errors = train("--max-iter 1 --log /dev/full").err
     assert errors.count("/dev/full: cannot continue the log: No space left on device") == 1
     assert (work / "snapshots/net_iter_1.solverstate").exists()
-
-
-READ = "is read in this run; expected another output"
 
 
 @pytest.mark.parametrize(
     ("log", "message"),
     [
-        *(
-            (log, f"{log}: {READ}")
-            for log in (
-                "solver.prototxt",
-                "net.prototxt",
-                "data/train.txt",
-                "data/train_000.h5",
-                "mine.caffemodel",
-                "link.log",
-            )
-        ),
-        ("locked.log", "locked.log: another process is writing this log"),
-        ("net.prototxt/a.log", "net.prototxt/a.log: cannot write the log: "),
-        (".", ".: cannot write the log: Is a directory"),
+        ("solver.prototxt", READ),
+        ("net.prototxt", READ),
+        ("data/train.txt", READ),
+        ("data/train_000.h5", READ),
+        ("mine.caffemodel", READ),
+        ("link.log", READ),
+        ("locked.log", "another process is writing this log"),
+        ("net.prototxt/a.log", "cannot write the log: "),
+        (".", "cannot write the log: Is a directory"),
     ],
 )
 def test_a_log_that_cannot_be_written(work, small_data, log, message):
@@ -212,7 +202,7 @@ def test_a_log_that_cannot_be_written(work, small_data, log, message):
     before = {path: path.read_bytes() for path in work.rglob("*") if path.is_file()}
     with open("locked.log", "w") as other:
         assert locks.take(other.fileno())
-        assert mistake("--weights", "mine.caffemodel", "--log", log).startswith(message)
+        assert mistake(f"--weights mine.caffemodel --log {log}").startswith(f"{log}: {message}")
     assert {path: path.read_bytes() for path in before} == before
 
 
@@ -223,15 +213,13 @@ def test_a_training_that_does_not_begin_leaves_an_older_log_alone(work):
     Path("old.log").write_text("old")
     Path("snapshots").mkdir()
     with locks.held(work / "snapshots" / ".net.netlib.lock"):
-        assert "another training is writing" in mistake("--log", "old.log")
+        assert "another training is writing" in mistake("--log old.log")
     Path("snapshots").rmdir()
     Path("snapshots").touch()
-    assert (
-        "cannot write snapshots there" in train("--log", "old.log", status=1).err.splitlines()[-1]
-    )
+    assert "cannot write snapshots there" in train("--log old.log", status=1).err.splitlines()[-1]
     Path("solver.prototxt").unlink()
     for log in ("old.log", "new/new.log"):
-        mistake("--log", log)
+        mistake(f"--log {log}")
     assert Path("old.log").read_text() == "old" and not Path("new").exists()
 
 

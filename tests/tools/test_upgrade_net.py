@@ -32,14 +32,14 @@ def test_a_text(here, old):
     format is reported.
     """
     (here / "old").write_text(old)
-    _, out, err = run_tool("upgrade_net", "old", "new.prototxt")
+    _, out, err = run_tool("upgrade_net old new.prototxt")
     new = (here / "new.prototxt").read_text()
     assert sorted(new.splitlines()) == sorted(f"{prototxt.parse(TODAY)}".splitlines())
     assert (out, err) == (
         "wrote new.prototxt\n",
         "old: already in the current format\n" if old is TODAY else "",
     )
-    run_tool("upgrade_net", "new.prototxt", "again")
+    run_tool("upgrade_net new.prototxt again")
     assert (here / "again").read_text() == new
 
 
@@ -49,7 +49,7 @@ def test_weights(here, rng):
     blobs = " ".join(f"blobs {{ {binaryproto.tree_of(array)} }}" for array in weights)
     old = prototxt.parse(V1.replace("blobs_lr: 1", f"{blobs} blobs_lr: 1"))
     (here / "old.caffemodel").write_bytes(wire.encode(old, AnyNetParameter))
-    run_tool("upgrade_net", "old.caffemodel", "new.caffemodel")
+    run_tool("upgrade_net old.caffemodel new.caffemodel")
     new = schema.read(
         wire.decode((here / "new.caffemodel").read_bytes(), NetParameter), NetParameter
     )
@@ -61,7 +61,7 @@ def test_weights(here, rng):
 def test_fields_of_forks(here, caplog):
     """Fields that are unknown in Caffe's older formats are dropped with a warning."""
     (here / "old").write_bytes(b"\x12\x0e\x12\x01a\x1a\x01b\x22\x01r\x28\x12\xa0\x06\x07")
-    run_tool("upgrade_net", "old", "new")
+    run_tool("upgrade_net old new")
     assert (
         "old: byte 13: a field that is unknown in Caffe's older formats is dropped" in caplog.text
     )
@@ -74,7 +74,7 @@ def test_inputs_without_shapes(here):
     """Inputs without shapes, in old weights, are dropped, as in Caffe."""
     tree = prototxt.parse('input: "x" layers { name: "r" type: RELU bottom: "x" top: "y" }')
     (here / "old").write_bytes(wire.encode(tree, AnyNetParameter))
-    run_tool("upgrade_net", "old", "new")
+    run_tool("upgrade_net old new")
     new = schema.read(wire.decode((here / "new").read_bytes(), NetParameter), NetParameter)
     assert (new.input, [layer.name for layer in new.layer]) == ((), ["r"])
 
@@ -93,7 +93,7 @@ def test_inputs_without_shapes(here):
 def test_a_solver(here, old, new):
     """The enum solver_type becomes the string type; a solver in the current format is reported."""
     (here / "old").write_text(old)
-    done = run_tool("upgrade_net", "--solver", "old", "new")
+    done = run_tool("upgrade_net --solver old new")
     assert (here / "new").read_text() == new
     assert done.err == ("old: already in the current format\n" if "solver_type" not in old else "")
 
@@ -101,20 +101,20 @@ def test_a_solver(here, old, new):
 @pytest.mark.parametrize(
     ("content", "flags", "message"),
     [
-        (b"layers { type: CONVOLUTION\n num: 3 }", [], "old:2:2: error: unknown field 'num'"),
-        (b'name: "n"', [], "old:1:1: error: this file has no layers; expected a net"),
-        (b"net: 'a' base_lr: 1", [], "old:1:1: error: this is a solver; add --solver"),
-        (b"\x12\xff", [], "old: byte 1: truncated"),
+        (b"layers { type: CONVOLUTION\n num: 3 }", "", "old:2:2: error: unknown field 'num'"),
+        (b'name: "n"', "", "old:1:1: error: this file has no layers; expected a net"),
+        (b"net: 'a' base_lr: 1", "", "old:1:1: error: this is a solver; add --solver"),
+        (b"\x12\xff", "", "old: byte 1: truncated"),
         (
             b"solver_type: SGD type: 'SGD'",
-            ["--solver"],
+            "--solver",
             "old:1:1: error: found both solver_type and type",
         ),
-        (b"layer { }", ["--solver"], "old:1:1: error: unknown field 'layer'"),
+        (b"layer { }", "--solver", "old:1:1: error: unknown field 'layer'"),
         *(
             (
                 old.replace("kernel_size", "kernal_size").encode(),
-                [],
+                "",
                 f"old:{at}: error: unknown field 'kernal_size' (did",
             )
             for old, at in ((V1, "4:48"), (TODAY, "5:47"))
@@ -126,17 +126,14 @@ def test_mistakes(here, content, flags, message):
     layer is built.
     """
     (here / "old").write_bytes(content)
-    assert refusal("upgrade_net", "old", "new", *flags).startswith(message)
+    assert refusal(f"upgrade_net old new {flags}").startswith(message)
 
 
 def test_unreadable_inputs_and_impossible_outputs_are_rejected(here):
-    assert (
-        refusal("upgrade_net", "old", "new")
-        == "old: cannot read the net: No such file or directory"
-    )
+    assert refusal("upgrade_net old new") == "old: cannot read the net: No such file or directory"
     (here / "old").write_text(V1)
     (here / "new").mkdir()
-    assert refusal("upgrade_net", "old", "new") == "new: Is a directory"
+    assert refusal("upgrade_net old new") == "new: Is a directory"
 
 
 def test_nets_of_forks_keep_their_options(here):
@@ -148,5 +145,5 @@ def test_nets_of_forks_keep_their_options(here):
     text = b'layer {\n  name: "c"\n  type: "Convolution"\n  convolution_param {\n    conv_algorithm: "auto"\n  }\n}\n'
     for net in (interp, text):
         (here / "old").write_bytes(net)
-        run_tool("upgrade_net", "old", "new")
+        run_tool("upgrade_net old new")
         assert (here / "new").read_bytes() == net

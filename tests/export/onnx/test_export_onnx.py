@@ -43,10 +43,8 @@ def test_the_packaged_network(packaged, rng):
     )
     for batch in (1, 3):
         depth = rng.uniform(-1, 1, (batch, 1, 128, 128)).astype(np.float32)
-        found, expected = (
-            run_onnx(packaged.read_bytes(), depth=depth),
-            net.forward(depth=depth, blobs=["DoF"]),
-        )
+        found = run_onnx(packaged.read_bytes(), depth=depth)
+        expected = net.forward(depth=depth, blobs=["DoF"])
         other = cv2.dnn.readNetFromONNX(str(packaged))
         other.setInput(depth, "depth")
         names = ["joints", "pred", "DoF"]

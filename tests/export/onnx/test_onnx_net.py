@@ -112,7 +112,7 @@ def test_upsampling_with_a_mask(kernel, files):
         *files(
             f'layer {{ name: "p" type: "Pooling" bottom: "x0" top: "p" top: "mask" pooling_param {{ {kernel} }} }}'
             f'layer {{ name: "u" type: "Upsample" bottom: "p" bottom: "mask" top: "y" {options} }}',
-            *IMAGE,
+            IMAGE,
         )
     )
     found, _ = differences(onnx_image(net), net, (1, 3))

@@ -60,15 +60,13 @@ def _pose(
     """A pose: the bends of index to little finger with their knuckles, and DoFs as fractions
     of their ranges.
     """
-    bent = [
-        PosePartParameter(chain, bend)
-        for of, bend in zip(("index", "middle", "ring", "little"), bends)
-        for chain in (of, f"{of}_knuckle")
-        if bend >= 0
-    ]
-    return PoseParameter(
-        name, tuple(bent), tuple(PosePartParameter(of, part) for of, part in at.items())
-    )
+    bent = []
+    for finger, bend in zip(("index", "middle", "ring", "little"), bends):
+        if bend >= 0:
+            chains = finger, f"{finger}_knuckle"
+            bent += [PosePartParameter(chain, bend) for chain in chains]
+    placed = [PosePartParameter(of, part) for of, part in at.items()]
+    return PoseParameter(name, tuple(bent), tuple(placed))
 
 
 SHOWN = (
@@ -110,14 +108,8 @@ def test_a_half_bent_hand_shows_none() -> None:
 
 
 def test_numbers() -> None:
-    assert set(FINGER_COUNTS) < set(GESTURES) and sorted(FINGER_COUNTS.values()) == [
-        0,
-        1,
-        2,
-        3,
-        4,
-        5,
-    ]
+    assert set(FINGER_COUNTS) < set(GESTURES)
+    assert sorted(FINGER_COUNTS.values()) == [0, 1, 2, 3, 4, 5]
 
 
 RATE = 30.0
@@ -132,12 +124,10 @@ def read(
     """The gestures read from one hand's frames with these scores, at 30 frames per second."""
     frames = iter(seen)
     monkeypatch.setattr(gestures, "scores", lambda *_: dict.fromkeys(GESTURES, 0.0) | next(frames))
-    reader = GestureReader(load())
+    reader, hand = GestureReader(load()), np.zeros((31, 3))
     times = times or [i / RATE for i in range(len(seen))]
-    return [
-        reader.read(id, "right", np.zeros((31, 3)), time).name
-        for id, time in zip(ids or [0] * len(seen), times)
-    ]
+    ids = ids or [0] * len(seen)
+    return [reader.read(id, "right", hand, time).name for id, time in zip(ids, times)]
 
 
 OPEN, FIST, TWO = {"open": 1.0}, {"fist": 1.0}, {"two": 1.0}
@@ -169,11 +159,9 @@ def test_gestures_have_hysteresis(
 
 
 def test_hands_are_apart(monkeypatch: pytest.MonkeyPatch) -> None:
-    seen = [{"open": 1.0}, {"fist": 1.0}] * 4
-    assert (
-        read(monkeypatch, *seen, ids=[0, 1] * 4, times=[i // 2 / RATE for i in range(8)])
-        == ["open", "fist"] * 4
-    )
+    times = [i // 2 / RATE for i in range(8)]
+    found = read(monkeypatch, *[OPEN, FIST] * 4, ids=[0, 1] * 4, times=times)
+    assert found == ["open", "fist"] * 4
 
 
 def test_a_gesture_is_forgotten_while_the_hand_is_away(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -122,10 +122,8 @@ def test_behind_the_camera() -> None:
 def wedge(corners: NDArray[np.float64], radii: tuple[float, ...]) -> Capsules:
     """The hull of three spheres: its edges, and the facet between them."""
     ends, r = np.asarray(corners, float)[None], np.array([radii], float)
-    edges = [0, 1, 2], [1, 2, 0]
-    return Capsules(
-        ends[:, edges[0]], ends[:, edges[1]], r[:, edges[0]], r[:, edges[1]], np.array([[0, 2, 4]])
-    )
+    following = [np.roll(values, -1, axis=1) for values in (ends, r)]
+    return Capsules(ends, following[0], r, following[1], np.array([[0, 2, 4]]))
 
 
 CORNERS = np.array([(-60.0, -30, 800), (50, -40, 830), (10, 60, 780)])
@@ -142,10 +140,9 @@ def test_a_wedge_is_the_hull_of_its_spheres(
     corners = Rotation.from_rotvec(turn).apply(CORNERS - CORNERS.mean(axis=0)) + (0, 0, 800)
     one = wedge(corners, radii)
     made = render_crop(one, CENTER, 300.0)[0]
-    parts = np.array([(i, j, 60 - i - j) for i in range(61) for j in range(61 - i)]) / 60
-    many = Capsules(
-        *(2 * ((parts @ corners)[None],)), *(2 * ((parts @ np.array(radii, float))[None],))
-    )
+    parts = np.array([(i, j, 60 - i - j) for i in range(61) for j in range(61 - i)])
+    places, sizes = (parts[None] @ np.array(values, float) / 60 for values in (corners, radii))
+    many = Capsules(places, places, sizes, sizes)
     expected = np.fmin(render_crop(many, CENTER, 300.0)[0], spheres(one, CENTER))
     assert (np.abs(made - expected) > 0.3).mean() < 0.002  # the spheres are 2 mm apart
     assert (made < 950).sum() > 1000
@@ -165,7 +162,5 @@ def test_three_spheres_in_a_row_have_no_facet() -> None:
     """Spheres in a row, or within the hull of the others, are rendered as capsules only."""
     for corners, radii in ((CORNERS[[0, 0, 1]], (9, 9, 9)), (CORNERS, (9, 9, 400.0))):
         one = wedge(corners, radii)
-        assert np.array_equal(
-            render_crop(one, CENTER, 300.0),
-            render_crop(one._replace(facets=NO_FACETS), CENTER, 300.0),
-        )
+        plain = render_crop(one._replace(facets=NO_FACETS), CENTER, 300.0)
+        assert np.array_equal(render_crop(one, CENTER, 300.0), plain)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +16,7 @@ from netlib.errors import NetlibError, PrototxtError
 from tests.support.bad_input import bad_inputs
 from tests.support.made_tracks import any_skeleton, skeleton_of
 from tests.support.packaged_hand import SKELETON
+from tests.support.tables import pairs_of
 
 SURFACE_BLOCK = Surface(SKELETON)
 ARM = """name: "arm"
@@ -34,15 +37,10 @@ flesh {
 def test_the_table_of_an_arm() -> None:
     """Names become indices; the surface's own joint and DoF follow the skeleton's."""
     surface = Surface(skeleton_of(ARM))
-    assert surface.whole.joint_names == ["root", "end", "tip"] and surface.skeleton.joint_names == [
-        "root",
-        "end",
-    ]
-    assert (surface.start.tolist(), surface.end.tolist(), surface.limbs.tolist()) == (
-        [0, 1],
-        [1, 2],
-        [False, True],
-    )
+    assert surface.whole.joint_names == ["root", "end", "tip"]
+    assert surface.skeleton.joint_names == ["root", "end"]
+    assert (surface.start.tolist(), surface.end.tolist()) == ([0, 1], [1, 2])
+    assert surface.limbs.tolist() == [False, True]
     np.testing.assert_array_equal(surface.radii, [[0.2, 0.2], [0.2, 0.1]])
     np.testing.assert_array_equal(surface.deviation, [np.inf, np.inf, np.inf, 0.5])
 
@@ -56,12 +54,10 @@ def test_the_table_of_wedges() -> None:
     ends = list(zip(surface.start.tolist(), surface.end.tolist()))
     assert ends == [(0, 1), (0, 2), (1, 2), (2, 3), (1, 3), (0, 1), (1, 2)]
     assert surface.parts == ["web", "web", "web", "", "", "upper", ""]
-    spheres = np.stack([surface.start, surface.end], axis=1).reshape(-1), surface.radii.reshape(-1)
-    assert [spheres[0][corner].tolist() for corner in surface.facets] == [[0, 1, 2], [2, 1, 3]]
-    assert [spheres[1][corner].tolist() for corner in surface.facets] == [
-        [0.3, 0.2, 0.1],
-        [0.1, 0.2, 0.4],
-    ]
+    joints = np.stack([surface.start, surface.end], axis=1).ravel()
+    assert joints[surface.facets].tolist() == [[0, 1, 2], [2, 1, 3]]
+    radii = surface.radii.ravel()[surface.facets]
+    assert radii.tolist() == [[0.3, 0.2, 0.1], [0.1, 0.2, 0.4]]
 
 
 def test_offsets_turn_with_their_axes() -> None:
@@ -70,9 +66,8 @@ def test_offsets_turn_with_their_axes() -> None:
     """
     surface = Surface(skeleton_of(ARM))
     pose = surface.kinematics.forward(np.array([[0, np.pi / 2, -np.pi / 2, 0.0]]))
-    np.testing.assert_allclose(
-        surface.ends(pose)[0], [[0, 0, 0], [2 - 0.5, 0, 0], [3, 0, -0.25]], atol=1e-12
-    )
+    ends = [0, 0, 0], [2 - 0.5, 0, 0], [3, 0, -0.25]
+    np.testing.assert_allclose(surface.ends(pose)[0], ends, atol=1e-12)
     np.testing.assert_allclose(
         surface.ends(pose, size=2.0, offset=0.5)[0, 1], [1.5, 0, 0], atol=1e-12
     )
@@ -86,11 +81,9 @@ def test_parts_of_different_digits_are_kept_apart() -> None:
     names = SURFACE_BLOCK.whole.joint_names
     ends = [(names[a], names[b]) for a, b in zip(SURFACE_BLOCK.start, SURFACE_BLOCK.end)]
     pairs = {frozenset((ends[i], ends[j])) for i, j in zip(*SURFACE_BLOCK.apart)}
-    tip, thumb, ring = (
-        ("index_dip", "index_tip"),
-        ("thumb_dip", "thumb_tip"),
-        ("ring_dip", "ring_tip"),
-    )
+    tip = ("index_dip", "index_tip")
+    thumb = ("thumb_dip", "thumb_tip")
+    ring = ("ring_dip", "ring_tip")
     for one, other in (
         (tip, ("middle_base", "middle_pip_a")),
         (thumb, ("wrist_left", "little_mcp")),
@@ -121,7 +114,9 @@ def test_penetration_of_two_arms() -> None:
     np.testing.assert_allclose(
         surface.penetration(ends, np.stack([surface.radii] * 2)), [-4.2, 0.2]
     )
-    a, b, radii = ends[:, surface.start], ends[:, surface.end], np.stack([surface.radii] * 2)
+    a = ends[:, surface.start]
+    b = ends[:, surface.end]
+    radii = np.stack([surface.radii] * 2)
     np.testing.assert_allclose(
         surface.mean_penetration(Capsules(a, b, radii[..., 0], radii[..., 1])), [0, 0.2]
     )
@@ -135,95 +130,31 @@ def test_surface_is_written_and_scaled_with_its_body() -> None:
     inputs = np.full((1, 4), 0.3)
     inputs[:, 0] = 0
     np.testing.assert_allclose(twice.radii, 2 * surface.radii)
-    np.testing.assert_allclose(
-        twice.ends(twice.kinematics.forward(inputs)),
-        2 * surface.ends(surface.kinematics.forward(inputs)),
-    )
+    small, large = (one.ends(one.kinematics.forward(inputs)) for one in (surface, twice))
+    np.testing.assert_allclose(large, 2 * small)
 
 
-LENGTHS = (
-    "in half-cubes, at most 10 (half the edge of the cube around the body: of 300 mm, 1 is 150 mm)"
-)
 FLESH = ARM[ARM.index("flesh") :]
+
+
+MISTAKES = [
+    *pairs_of(Path(__file__).with_name("surface_mistakes.txt")),
+    ((FLESH, "flesh { }"), "5:7: error: no capsule and no wedge in the flesh"),
+]
 
 
 @bad_inputs(
     PrototxtError,
     {
-        f"{old} -> {new}": ((old, new), f"body.prototxt:{line}")
-        for old, new, line in (
-            (
-                'from: "root"',
-                'from: "rot"',
-                "10:13: error: unknown joint 'rot' (did you mean 'root'?)",
-            ),
-            (
-                'offset { joint: "tip"',
-                'offset { joint: "tp"',
-                "9:12: error: unknown joint 'tp' (did you mean 'tip'?)",
-            ),
-            (
-                'axes: "root"',
-                'axes: "rooot"',
-                "8:25: error: unknown joint 'rooot' (did you mean 'root'?)",
-            ),
-            (
-                "flesh {",
-                'flesh { wedge { joint: "root" joint: "end" radius: 1 }',
-                "5:15: error: joints root, end; expected three different ones",
-            ),
-            (
-                "flesh {",
-                'flesh { wedge { joint: "root" joint: "end" joint: "end" radius: 1 }',
-                "5:15: error: joints root, end, end; expected three different ones",
-            ),
-            (
-                "flesh {",
-                'flesh { wedge { joint: "root" joint: "end" joint: "tip" radius: 1 radius: 2 }',
-                f"5:15: error: radius 1, 2; expected one or three > 0, {LENGTHS}",
-            ),
-            (
-                "flesh {",
-                'flesh { wedge { joint: "root" joint: "end" joint: "tap" radius: 1 }',
-                "5:17: error: unknown joint 'tap' (did you mean 'tip'?)",
-            ),
-            *(
-                (
-                    "radius: 0.2 part",
-                    f"radius: {radius} part",
-                    f"10:11: error: radius {float(radius):g}; expected one or two > 0, {LENGTHS}",
-                )
-                for radius in ("-1", "1e200", "12")
-            ),
-            ("y: 0.5", "y: 20", f"8:10: error: offset 0, 20, 0; expected lengths {LENGTHS}"),
-            ("y: 0.5", "y: nan", f"8:10: error: offset 0, nan, 0; expected lengths {LENGTHS}"),
-            (
-                'joint: "tip" axes: "tip"',
-                'joint: "end" axes: "root"',
-                "9:10: error: joint 'end' has two offsets along 'root'",
-            ),
-            (
-                "radius: 0.2 part",
-                "part",
-                "10:11: error: missing required field 'radius' in capsule",
-            ),
-            (
-                'parent: "end"',
-                'parent: "ned"',
-                "7:23: error: unknown parent 'ned' (did you mean 'end'?)",
-            ),
-            (FLESH, "flesh { }", "5:7: error: no capsule and no wedge in the flesh"),
-        )
-    }
-    | {
+        **{" -> ".join(change): (change, f"body.prototxt:{line}") for change, line in MISTAKES},
         "no flesh": (
             (FLESH, ""),
             NetlibError,
             "skeleton 'arm' has no flesh { ... }; expected capsules around its bones",
-        )
+        ),
     },
 )
-def test_mistakes(given: tuple[str, str], rejected: Any) -> None:
+def test_mistakes(given: Sequence[str], rejected: Any) -> None:
     assert ARM.count(given[0]) == 1
     with rejected:
         Surface(skeleton_of(ARM.replace(*given)))

@@ -18,10 +18,8 @@ from tests.support.hdf5_files import write_hdf5
 def made(n: int, dof: np.ndarray | None = None) -> Frames:
     """``n`` frames with two joints, some of them outside the cube."""
     rng = np.random.default_rng(0)
-    joints, uvd = (
-        rng.normal(size=(n, 2, 3)),
-        np.array([320.0, 240.0, 700.0]) + rng.normal(size=(n, 3)),
-    )
+    joints = rng.normal(size=(n, 2, 3))
+    uvd = np.array([320.0, 240.0, 700.0]) + rng.normal(size=(n, 3))
     return Frames.of(np.zeros((n, 128, 128)), joints, uvd, NYU, 150.0, np.arange(n), dof)
 
 
@@ -56,7 +54,9 @@ def test_columns(n: int, dof: np.ndarray | None) -> None:
 def test_values() -> None:
     """Joints are clipped to the cube, and centres are in mm, too."""
     frames = made(20)
-    assert frames.joint.min() == -1 and frames.joint.max() == 1 and (frames.half_cube == 150).all()
+    assert frames.joint.min() == -1
+    assert frames.joint.max() == 1
+    assert (frames.half_cube == 150).all()
     np.testing.assert_allclose(frames.center, NYU.unproject(frames.center_uvd), atol=1e-3)
 
 

@@ -47,10 +47,8 @@ def mm(name: str) -> np.ndarray:
 def among_model_joints(joints: np.ndarray) -> np.ndarray:
     """The 16 joints (N, 16, 3) taken from NYU's 31 (N, 31, 3)."""
     name = skeleton.load().joint_names.index
-    return np.stack(
-        [joints[:, [name(j) for j in MODEL_JOINTS[own]]].mean(axis=1) for own in icvl.JOINTS],
-        axis=1,
-    )
+    places = [[name(joint) for joint in MODEL_JOINTS[own]] for own in icvl.JOINTS]
+    return np.stack([joints[:, some].mean(axis=1) for some in places], axis=1)
 
 
 def test_joints(hand: Skeleton) -> None:
@@ -76,11 +74,9 @@ def test_the_hand_is_the_mirrored_nyu_hand(hand: Skeleton) -> None:
     for own, length in zip(hand.joint_names, hand.bones):
         if own != "palm":
             like = MODEL_JOINTS.get(own, (own,))
-            bones[nyu.joint_names.index(like[0])] = np.sign(
-                nyu.bones[nyu.joint_names.index(like[0])]
-            ) * abs(length)
-            for other in like[1:]:  # the second of NYU's two points falls on the first
-                bones[nyu.joint_names.index(other)] = 0
+            first, *others = (nyu.joint_names.index(joint) for joint in like)
+            bones[first] = np.copysign(length, nyu.bones[first])
+            bones[others] = 0  # the second of NYU's two points falls on the first
     same = inputs.copy()
     same[:, :3] -= nyu.initial[:3]
     posed = kinematics_of(nyu).joints(same, np.broadcast_to(bones, (50, 31)))
@@ -92,8 +88,9 @@ def handedness(joints: np.ndarray) -> np.ndarray:
     """The side of the palm's plane (index, little, palm) to which the fingers bend: opposite for a
     mirrored hand.
     """
-    normal = np.cross(joints[:, 4] - joints[:, 0], joints[:, 13] - joints[:, 0])
-    bent = joints[:, [6, 9, 12, 15]].mean(axis=1) - joints[:, [4, 7, 10, 13]].mean(axis=1)
+    palm, index, little = (joints[:, j] for j in (0, 4, 13))
+    normal = np.cross(index - palm, little - palm)
+    bent = joints[:, 6:16:3].mean(axis=1) - joints[:, 4:14:3].mean(axis=1)
     return np.sign((normal * bent).sum(axis=1))
 
 
@@ -118,14 +115,16 @@ def test_bones(hand: Skeleton) -> None:
     docs/paper.md names three.
     """
     published = mm("predictions/IJCAI16_ICVL_DeepModel.txt")
-    nyu = among_model_joints(kinematics_of(skeleton.load()).joints(np.zeros((1, 47)))) * 150
+    at_rest = kinematics_of(skeleton.load()).joints(np.zeros((1, 47)))
+    nyu = among_model_joints(at_rest) * 150
     ends = [j for j, name in enumerate(icvl.JOINTS) if name.endswith(("_mid", "_tip"))]
     lengths, of_nyu = (
         {j: np.linalg.norm(joints[:, j] - joints[:, j - 1], axis=1) for j in ends}
         for joints in (published, nyu)
     )
     for j, length in lengths.items():
-        assert abs(hand.bones[j]) * icvl.ICVL_CUBE_MM / 2 == pytest.approx(length.mean(), rel=0.03)
+        bone = abs(hand.bones[j]) * icvl.ICVL_CUBE_MM / 2
+        assert bone == pytest.approx(length.mean(), rel=0.03)
         assert length.std() / length.mean() < 0.03
     for name, documented, nyus in (
         ("thumb_mid", 32.3, 46.1),
@@ -133,8 +132,6 @@ def test_bones(hand: Skeleton) -> None:
         ("index_mid", 29.3, 33.1),
     ):
         j = icvl.JOINTS.index(name)
-        assert (
-            lengths[j].mean() == pytest.approx(documented, abs=0.05)
-            and 0.2 < lengths[j].std() < 0.4
-        )
+        assert lengths[j].mean() == pytest.approx(documented, abs=0.05)
+        assert 0.2 < lengths[j].std() < 0.4
         assert of_nyu[j][0] == pytest.approx(nyus, abs=0.06)

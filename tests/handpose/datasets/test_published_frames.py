@@ -60,11 +60,9 @@ def test_crops() -> None:
     ):
         found, bad = frames(**changes).crops(0, 2)
         assert [(i, error.kind) for i, error in bad] == [(0, kind), (1, kind)]
-        assert (
-            len(found) == 0
-            and found.depth.shape == (0, 1, 128, 128)
-            and found.joint.shape == (0, 12)
-        )
+        assert len(found) == 0
+        assert found.depth.shape == (0, 1, 128, 128)
+        assert found.joint.shape == (0, 12)
 
 
 def test_recipe(tmp_path: Path) -> None:
@@ -74,19 +72,15 @@ def test_recipe(tmp_path: Path) -> None:
     first = frames().recipe(0, 2)
     some = tmp_path / "0.png"
     some.write_text("image")
-    others = [
-        frames(center_uvd=np.zeros((2, 3))),
-        frames(joints=np.ones((2, 4, 3))),
-        frames(cube_mm=np.full(2, 300.0)),
-        frames(centre="elsewhere"),
-        frames(files=[some, Path("1.png")]),
+    changes: list[dict[str, object]] = [
+        {"center_uvd": np.zeros((2, 3))},
+        {"joints": np.ones((2, 4, 3))},
+        {"cube_mm": np.full(2, 300.0)},
+        {"centre": "elsewhere"},
+        {"files": [some, Path("1.png")]},
     ]
-    found = [
-        frames().recipe(0, 2),
-        first,
-        frames().recipe(0, 1),
-        *(other.recipe(0, 2) for other in others),
-    ]
+    assert frames().recipe(0, 2) == first
+    found = [first, frames().recipe(0, 1), *(frames(**each).recipe(0, 2) for each in changes)]
     assert len({json.dumps(recipe) for recipe in found}) == 7
 
 

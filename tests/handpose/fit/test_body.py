@@ -73,10 +73,8 @@ def test_inputs_survive_conversion_to_variables_and_back(model: CapsuleModel) ->
     )
     x[:, SIZE_INDEX] = np.log(1.1)
     root = model.joints(x)[:, model.skeleton.joint_names.index("palm")]
-    larger, same = (
-        model.joints(x) - root[:, None],
-        model.joints(model.variables_of(inputs)) - root[:, None],
-    )
+    larger = model.joints(x) - root[:, None]
+    same = model.joints(model.variables_of(inputs)) - root[:, None]
     np.testing.assert_allclose(larger, 1.1 * same, atol=1e-9)
     wild = model.variables_of(np.full((1, 47), 50.0))
     np.testing.assert_array_equal(wild[0, model.limbs], model.upper[model.limbs])

@@ -46,10 +46,8 @@ def test_a_fast_fit(fitter: DepthFitter, scene: Scene) -> None:
 def test_more_starts_are_better_explained(fitter: DepthFitter, scene: Scene) -> None:
     """The accurate plan has a lower cost on average."""
     start = start_of(scene, fitter.model)
-    fast, accurate = (
-        fitter.fit(scene.seen, [start], FAST),
-        fitter.fit(scene.seen, [start] * 4, ACCURATE),
-    )
+    fast = fitter.fit(scene.seen, [start], FAST)
+    accurate = fitter.fit(scene.seen, [start] * 4, ACCURATE)
     assert np.log(accurate.cost).mean() < np.log(fast.cost).mean()
 
 
@@ -58,11 +56,9 @@ def test_the_same_frames_give_the_same_bits(fitter: DepthFitter, few: Scene, pla
     """A fit does not depend on other frames, the number of threads, and differences of
     predictions by 1e-7.
     """
-    start, quarters, threads = (
-        start_of(few, fitter.model),
-        len(plan.quarters),
-        engine.get().threads(),
-    )
+    start = start_of(few, fitter.model)
+    quarters = len(plan.quarters)
+    threads = engine.get().threads()
     whole = fitter.fit(few.seen, [start] * quarters, plan)
     one = fitter.fit(few.seen.take(slice(3, 4)), [start[3:4]] * quarters, plan)
     np.testing.assert_allclose(one.joints[0], whole.joints[3], atol=1e-6)

@@ -54,7 +54,8 @@ def test_outside_and_nearest() -> None:
     assert seen.outside[0, 60, 45] == pytest.approx(4.5 * px, rel=0.02)
     assert seen.outside[0, 45, 60] == pytest.approx(-5.5 * px, rel=0.02)
     assert seen.outside[0, 60, 60] < 0
-    assert seen.nearest[0, 39, 49] == pytest.approx(30) and seen.nearest[0, 38, 49] == 150
+    assert seen.nearest[0, 39, 49] == pytest.approx(30)
+    assert seen.nearest[0, 38, 49] == 150
     cut = np.full((1, 128, 128), 0.2, np.float32)
     # the plate continues beyond the crop
     assert observe(HandCrops(cut, [[320, 240, 700]], NYU, 300.0), 400, 3.0).outside.max() < -60 * px
@@ -68,7 +69,8 @@ def test_small_and_empty_crops_have_fewer_points() -> None:
     crop[0, 60:65, 60:70] = 0
     seen = observe(HandCrops(crop, [[320, 240, 700]] * 2, NYU, 300.0), 80, 3.0)
     assert seen.known.sum(axis=1).tolist() == [50, 0]
-    assert len(np.unique(seen.points[0, :, :50], axis=1).T) == 50 and (seen.points[1] == 0).all()
+    assert len(np.unique(seen.points[0, :, :50], axis=1).T) == 50
+    assert (seen.points[1] == 0).all()
 
 
 def test_pixels_outside_the_image_yield_no_points() -> None:
@@ -107,5 +109,7 @@ def test_some_frames_and_some_points(scene: Scene) -> None:
     """``take`` selects frames, also repeatedly; ``thinned`` keeps every third point."""
     few = scene.seen.take(np.array([3, 3, 1])).thinned(3)
     np.testing.assert_array_equal(few.points[1], scene.seen.points[3, :, ::3])
-    assert len(few) == 3 and few.frame.tolist() == [3, 3, 1] and few.known.shape == (3, 134)
+    assert len(few) == 3
+    assert few.frame.tolist() == [3, 3, 1]
+    assert few.known.shape == (3, 134)
     assert few.outside is scene.seen.outside  # nothing large is copied

@@ -59,9 +59,8 @@ def of(
 def test_worked_by_hand() -> None:
     """All signs 0: the mean of the logarithm is the constant. One sign of e - 1 adds its weight."""
     error, confidence = of(0.0)
-    assert error == pytest.approx(
-        np.exp(HAND.constant + HAND.spread**2 / 2)
-    ) and confidence == pytest.approx(1)
+    assert error == pytest.approx(np.exp(HAND.constant + HAND.spread**2 / 2))
+    assert confidence == pytest.approx(1)
     for name, weight, signs in zip(
         SIGNS, HAND.weights, (np.e - 1) * np.eye(len(SIGNS)), strict=True
     ):
@@ -76,9 +75,8 @@ def test_half_at_thirty_millimetres() -> None:
     smoothed by that much.
     """
     error, confidence = of(0.0, lag=np.array([np.sqrt(30**2 - np.exp(2 * HAND.constant))]))
-    assert confidence == pytest.approx(0.5) and error == pytest.approx(
-        30 * np.exp(HAND.spread**2 / 2)
-    )
+    assert confidence == pytest.approx(0.5)
+    assert error == pytest.approx(30 * np.exp(HAND.spread**2 / 2))
 
 
 def test_confidence_falls_with_the_visible_share() -> None:
@@ -89,9 +87,9 @@ def test_confidence_falls_with_the_visible_share() -> None:
         of(1.0, seen, hidden) for seen, hidden in ((0.9, 0.1), (0.75, 0.0), (0.75, 0.2), (0.3, 0.6))
     ]
     errors, confidences = zip(*found)
-    assert (
-        (np.diff(errors) > 0).all() and (np.diff(confidences) < 0).all() and confidences[-1] < 0.3
-    )
+    assert (np.diff(errors) > 0).all()
+    assert (np.diff(confidences) < 0).all()
+    assert confidences[-1] < 0.3
 
 
 def test_a_hand_whose_fingers_are_in_doubt() -> None:

@@ -48,18 +48,9 @@ def looking(points: np.ndarray) -> Observation:
     rays = np.tile(np.array([[0], [0], [1]], np.float32), (1, 1, P))
     zero = np.zeros((1, 128, 128), np.float32)
     one = np.ones(1, np.float32)
-    return Observation(
-        points.T[None].astype(np.float32),
-        rays,
-        np.ones((1, P), np.float32),
-        np.zeros(1, int),
-        zero,
-        zero,
-        np.zeros((1, 3), np.float32),
-        one,
-        one[:, None],
-        one[:, None],
-    )
+    seen, weight = points.T[None].astype(np.float32), np.ones((1, P), np.float32)
+    center, scale = np.zeros((1, 3), np.float32), one[:, None]
+    return Observation(seen, rays, weight, np.zeros(1, int), zero, zero, center, one, scale, scale)
 
 
 @pytest.mark.parametrize(
@@ -79,9 +70,8 @@ def test_residuals_of_a_pipe(
 ) -> None:
     """The residuals equal values worked out by hand."""
     model = pipe()
-    found = point_residuals(
-        cones_at(model, np.zeros((1, 4))), looking(np.array([point])), np.zeros((1, 1), int)
-    )
+    cones, only = cones_at(model, np.zeros((1, 4))), np.zeros((1, 1), int)
+    found = point_residuals(cones, looking(np.array([point])), only)
     assert found.place[0, 0] == pytest.approx(place)
     assert found.value[0, :, 0] == pytest.approx(values, abs=1e-3)
 
@@ -93,9 +83,8 @@ def test_the_surface_of_a_cone() -> None:
     s = np.linspace(0.05, 0.9, 9)
     r = ra + s * (rb - ra)
     points = np.stack([s * b + r * np.sin(tilt), 0 * s, -r * np.cos(tilt)], axis=1)
-    found = point_residuals(
-        cones_at(model, np.zeros((1, 4))), looking(points), np.zeros((1, 9), int)
-    )
+    cones, only = cones_at(model, np.zeros((1, 4))), np.zeros((1, 9), int)
+    found = point_residuals(cones, looking(points), only)
     np.testing.assert_allclose(found.value, 0, atol=1e-3)
     np.testing.assert_allclose(found.place[0], s, atol=1e-4)
 
@@ -119,10 +108,8 @@ def test_derivatives_of_point_residuals_agree_with_differences(
     slope = slopes(values, x, 2e-3)
     off = np.abs(slope - written_out(model, model.posed(x), r))[:, 0]  # mm per radian
     off[(r.value[:, 1, :, None] != 0) | (slope[:, 1] != 0)] = np.nan
-    assert (
-        np.isfinite(off).mean(axis=(0, 1)).min() > 0.7
-        and np.nanpercentile(off, 95, axis=(0, 1)).max() < 2
-    )
+    assert np.isfinite(off).mean(axis=(0, 1)).min() > 0.7
+    assert np.nanpercentile(off, 95, axis=(0, 1)).max() < 2
 
 
 def test_the_nearest_of_all_capsules(model: CapsuleModel, scene: Scene) -> None:
@@ -154,10 +141,8 @@ def test_derivatives_of_sphere_residuals_agree_with_differences(
     slope = np.where(r.value[:, 0, :, None] > 0, slopes(outside, x), np.nan)
     # mm per radian, except at borders of pixels
     off = np.abs(slope - written_out(model, model.posed(x), r)[:, 0])
-    assert (
-        np.isfinite(off).sum(axis=(0, 1)).min() > 25
-        and np.nanpercentile(off, 80, axis=(0, 1)).max() < 4
-    )
+    assert np.isfinite(off).sum(axis=(0, 1)).min() > 25
+    assert np.nanpercentile(off, 80, axis=(0, 1)).max() < 4
 
 
 def test_spheres_before_a_plate(model: CapsuleModel) -> None:
@@ -201,21 +186,18 @@ def test_normal_equations_are_those_of_the_written_out_jacobian(model: CapsuleMo
     weight = rng.random((3, 2, 40)).astype(np.float32)
     A, b = normal_equations(model, posed, r, weight)
     J = written_out(model, posed, r)
-    np.testing.assert_allclose(
-        A, np.einsum("ntr,ntrv,ntrw->nvw", weight, J, J), rtol=1e-3, atol=1.0
-    )
-    np.testing.assert_allclose(
-        b, np.einsum("ntr,ntrv,ntr->nv", weight, J, r.value), rtol=1e-3, atol=0.05
-    )
+    weighted = weight[..., None] * J
+    expected = np.einsum("ntrv,ntrw->nvw", weighted, J)
+    np.testing.assert_allclose(A, expected, rtol=1e-3, atol=1.0)
+    expected = np.einsum("ntrv,ntr->nv", weighted, r.value)
+    np.testing.assert_allclose(b, expected, rtol=1e-3, atol=0.05)
 
 
 def test_the_order_of_points_changes_nothing(model: CapsuleModel) -> None:
     """The sums are exact, so that the order of addition does not matter."""
     rng = np.random.default_rng(3)
-    posed, r = (
-        model.posed(rng.normal(0, 0.2, (3, model.variables))),
-        some_residuals(model, rng, 3, 400),
-    )
+    posed = model.posed(rng.normal(0, 0.2, (3, model.variables)))
+    r = some_residuals(model, rng, 3, 400)
     weight = rng.random((3, 2, 400)).astype(np.float32)
     found = normal_equations(model, posed, r, weight)
     for order in (np.arange(400)[::-1], rng.permutation(400)):

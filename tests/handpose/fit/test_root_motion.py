@@ -41,15 +41,13 @@ def body(
     slides: str = "X Y Z", turns: str = "Z X Y", z: str = "", angles: str = "abc"
 ) -> CapsuleModel:
     """A body whose root has these axes, which may be negative, such as NEG_X."""
-    made = {
-        kind: " ".join(
-            f'{kind} {{ axis: {axis} dof: "{name}" }}' for axis, name in zip(axes.split(), names)
-        )
-        for kind, axes, names in (("translate", slides, "xyz"), ("rotate", turns, angles))
-    }
-    return CapsuleModel(
-        skeleton_of(BODY.format(slides=made["translate"], turns=made["rotate"], z=z)), 150.0
-    )
+
+    def motions(kind: str, axes: str, names: str) -> str:
+        pairs = zip(axes.split(), names)
+        return " ".join(f'{kind} {{ axis: {axis} dof: "{name}" }}' for axis, name in pairs)
+
+    moves, spins = motions("translate", slides, "xyz"), motions("rotate", turns, angles)
+    return CapsuleModel(skeleton_of(BODY.format(slides=moves, turns=spins, z=z)), 150.0)
 
 
 ROOTS = [
@@ -76,8 +74,8 @@ def test_place_and_rotation_there_and_back(model: CapsuleModel, made: CapsuleMod
     np.testing.assert_allclose(root.place(x), pose.joints[:, joint] * 150)
     np.testing.assert_allclose(root.rotation(x), kinematics.rotation_of(pose, joint), atol=1e-12)
     # of all bodies here
-    poles = [pole * np.pi + initial for pole in (0.5, 1.5, -0.5) for initial in (0.4, -0.4, 0.0)]
-    for middle in (x[:, root.columns[4]], *poles):
+    poles = np.add.outer((0.5 * np.pi, 1.5 * np.pi, -0.5 * np.pi), (0.4, -0.4, 0.0))
+    for middle in (x[:, root.columns[4]], *poles.ravel()):
         x[:, root.columns[4]] = middle
         again = x.copy()
         again[:, root.columns] = root.variables(root.place(x), root.rotation(x))
@@ -98,9 +96,8 @@ def test_any_crop_centre(
     x = np.random.default_rng(seed).uniform(-1, 1, model.variables)
     x[model.root] *= 4
     again = crop_variables(model, world_pose(model, x, np.array(first)), np.array(second))
-    np.testing.assert_allclose(
-        model.joints(again[None])[0] + second, model.joints(x[None])[0] + first, atol=1e-3
-    )
+    before, after = model.joints(np.stack([x, again]))
+    np.testing.assert_allclose(after + second, before + first, atol=1e-3)
     others = model.root_motion.others
     np.testing.assert_array_equal(again[others], x[others])
 
@@ -111,18 +108,14 @@ def test_a_step_and_its_inverse_restore_the_pose(seed: int, angle: float) -> Non
     the other variables.
     """
     rng = np.random.default_rng(seed)
-    axis = rng.normal(size=3)
-    step = np.concatenate(
-        [rng.normal(size=3), angle * axis / np.linalg.norm(axis), rng.normal(size=4)]
-    )
-    first = WorldPose(
-        rng.normal(size=3), Rotation.random(random_state=rng).as_matrix(), rng.normal(size=4)
-    )
+    step = rng.normal(size=10)
+    step[3:6] *= angle / np.linalg.norm(step[3:6])
+    rotation = Rotation.random(random_state=rng).as_matrix()
+    first = WorldPose(rng.normal(size=3), rotation, rng.normal(size=4))
     second = first.moved(step)
     np.testing.assert_allclose(second.place, first.place + step[:3])
-    np.testing.assert_allclose(
-        second.rotation, Rotation.from_rotvec(step[3:6]).as_matrix() @ first.rotation, atol=1e-9
-    )
+    turned = Rotation.from_rotvec(step[3:6]).as_matrix() @ rotation
+    np.testing.assert_allclose(second.rotation, turned, atol=1e-9)
     np.testing.assert_allclose(second.others, first.others + step[6:])
     back = first.step_to(second)
     assert np.linalg.norm(back[3:6]) <= np.pi + 1e-9
@@ -133,9 +126,7 @@ def test_a_step_and_its_inverse_restore_the_pose(seed: int, angle: float) -> Non
 def test_a_step_by_hand() -> None:
     """10 mm along x and a quarter turn about y."""
     first = WorldPose(np.zeros(3), np.eye(3), np.zeros(2))
-    second = WorldPose(
-        np.array([10.0, 0, 0]), np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]), np.array([0, 0.1])
-    )
-    np.testing.assert_allclose(
-        first.step_to(second), [10, 0, 0, 0, np.pi / 2, 0, 0, 0.1], atol=1e-9
-    )
+    quarter = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])
+    second = WorldPose(np.array([10.0, 0, 0]), quarter, np.array([0, 0.1]))
+    expected = [10, 0, 0, 0, np.pi / 2, 0, 0, 0.1]
+    np.testing.assert_allclose(first.step_to(second), expected, atol=1e-9)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from handpose.body.render import Capsules
 from handpose.fit.body import CapsuleModel
 from handpose.fit.settings import SupportSettings
 from handpose.fit.support import ImageSupport, Samples, Support
@@ -19,18 +20,20 @@ CENTER = np.array([[0.0, 0.0, 500.0]])
 IMAGES = ImageSupport(SupportSettings())
 
 
+def at_rest(model: CapsuleModel, move: tuple[float, ...] = (0, 0, 0)) -> Capsules:
+    """The capsules of a body at rest, moved from the centre."""
+    return model.capsules(np.zeros((1, model.variables)), CENTER + np.array(move))
+
+
 @pytest.fixture(scope="module")
 def image(model: CapsuleModel) -> np.ndarray:
     """The depth image of a hand at rest, in front of a wall."""
-    return render_image(
-        model.capsules(np.zeros((1, model.variables)), CENTER), CAMERA, background=1500.0
-    )[0]
+    return render_image(at_rest(model), CAMERA, background=1500.0)[0]
 
 
 def of(model: CapsuleModel, image: np.ndarray, move: tuple[float, ...] = (0, 0, 0)) -> Support:
     """The support of that hand, moved."""
-    capsules = model.capsules(np.zeros((1, model.variables)), CENTER + np.array(move))
-    return IMAGES.support(capsules, model.surface.limbs, image, CAMERA)
+    return IMAGES.support(at_rest(model, move), model.surface.limbs, image, CAMERA)
 
 
 @pytest.mark.parametrize(
@@ -56,13 +59,10 @@ def test_parts(model: CapsuleModel, image: np.ndarray) -> None:
     make the whole.
     """
     assert model.fingers is not None
-    index, others = model.fingers.capsules[1], ~model.fingers.capsules[1] & ~model.surface.limbs
-    capsules = model.capsules(np.zeros((1, model.variables)), CENTER)
-    u, v, _ = (
-        np.rint(CAMERA.project(np.concatenate([capsules.a[0, index], capsules.b[0, index]])))
-        .astype(int)
-        .T
-    )
+    index, capsules = model.fingers.capsules[1], at_rest(model)
+    others = ~index & ~model.surface.limbs
+    ends = np.concatenate([capsules.a[0, index], capsules.b[0, index]])
+    u, v, _ = np.rint(CAMERA.project(ends)).astype(int).T
     covered = image.copy()
     covered[v.min() - 9 : v.max() - 15, u.min() - 9 : u.max() + 9] = 200
     whole, *parts = IMAGES.support_of_parts(
@@ -88,15 +88,12 @@ def test_flat_parts_are_sampled_at_their_middles(model: CapsuleModel) -> None:
     assert flesh is not None and flesh.wedge
     pose = model.surface.kinematics.forward(model.whole_inputs_of(x))
     ends = model.surface.ends(pose)[0] * model.unit_mm + CENTER
-    corners = np.array(
-        [[ends[names.index(joint)] for joint in wedge.joint] for wedge in flesh.wedge]
-    )
+    corners = ends[[[names.index(joint) for joint in wedge.joint] for wedge in flesh.wedge]]
     a, b, c = corners.swapaxes(0, 1)
-    samples, flat = Samples.of(model.capsules(x, CENTER)), len(corners)
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    samples, flat = Samples.of(at_rest(model)), len(corners)
     np.testing.assert_allclose(samples.center[0, -flat:], corners.mean(axis=1), atol=1e-3)
-    np.testing.assert_allclose(
-        samples.area[0, -flat:], np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2, rtol=1e-4
-    )
+    np.testing.assert_allclose(samples.area[0, -flat:], area, rtol=1e-4)
 
 
 def test_a_flat_part_between_thin_edges() -> None:
@@ -104,14 +101,13 @@ def test_a_flat_part_between_thin_edges() -> None:
     edge has no web.
     """
     web = body(WEB)
-    capsules, none = web.capsules(np.zeros((1, web.variables)), CENTER), np.zeros(3, bool)
     edges = 2 * (100 + 100 + np.hypot(100, 100))  # mm2: 2 mm wide
     readings = np.full((CAMERA.height, CAMERA.width), 500.0)
-    u, v, _ = np.rint(CAMERA.project(CENTER[0] + (100 / 3, 100 / 3, 0))).astype(int)
+    middle = CENTER[0] + (100 / 3, 100 / 3, 0)
+    u, v, _ = np.rint(CAMERA.project(middle)).astype(int)
     readings[v, u] = 300
-    whole, part = IMAGES.support_of_parts(
-        capsules, none, [np.array([False, True, True])], readings, CAMERA
-    )
+    none, two = np.zeros(3, bool), np.array([False, True, True])
+    whole, part = IMAGES.support_of_parts(at_rest(web), none, [two], readings, CAMERA)
     hidden = 5000 / (5000 + edges)
     assert (whole.hidden[0], whole.seen[0]) == pytest.approx((hidden, 1 - hidden))
     assert (part.hidden[0], part.seen[0]) == (0, 1)
@@ -138,11 +134,9 @@ def test_joints_in_the_image(image: np.ndarray) -> None:
     surface, d = CAMERA.unproject([u, v, image[v, u]]), float(image[v, u])
     joints = np.stack([surface * (1 + dz / d) for dz in (12, -30, 500)])[None]
     found = IMAGES.joint_depths(joints, image, CAMERA)
-    np.testing.assert_allclose(
-        [found.behind[0], found.before[0]],
-        [(12 + IMAGES.settings.max_joint_depth_mm) / 3, 10],
-        rtol=1e-4,
-    )
+    most = IMAGES.settings.max_joint_depth_mm
+    assert found.behind[0] == pytest.approx((12 + most) / 3, rel=1e-4)
+    assert found.before[0] == pytest.approx(10, rel=1e-4)
     missing = image.copy()
     missing[v, u] = np.nan
     for nothing in (missing, np.zeros_like(image)):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import cv2
@@ -10,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from handpose.frames.cameras import Camera
-from handpose.frames.recording import CameraInfo
+from handpose.frames.recording import CameraInfo, DepthFrame
 
 CAMERA = Camera("own", 60.0, 61.0, 31.5, 23.5, 64, 48)
 GIVEN = CameraInfo(CAMERA, unit_mm=0.5, rate=10.0, origin="--camera")
@@ -30,6 +31,15 @@ def put(path: Path, image: NDArray[np.generic]) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     assert cv2.imwrite(str(path), image)
     return path
+
+
+def middles(frames: Iterable[DepthFrame]) -> list[float]:
+    """The depth of the object of ``hand_sized`` in each frame."""
+    return [frame.depth[20, 30] for frame in frames]
+
+
+def times_of(frames: Iterable[DepthFrame]) -> list[float]:
+    return [frame.time for frame in frames]
 
 
 @pytest.fixture

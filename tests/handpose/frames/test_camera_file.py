@@ -76,10 +76,8 @@ def test_this_projects_and_realsenses_keys_are_accepted(text: str, expected: Cam
     assert replace(parse(text, "x"), origin="x") == expected
 
 
-NUMBER, WHAT = (
-    "expected a number more than 1e-06 and at most",
-    "known: fx, fy, u0, v0, unit_mm, rate, ...",
-)
+NUMBER = "expected a number more than 1e-06 and at most"
+WHAT = "known: fx, fy, u0, v0, unit_mm, rate, ..."
 
 
 @bad_inputs(
@@ -174,10 +172,8 @@ def test_every_number_returns(
     time_unit: str | None,
 ) -> None:
     """Every number is restored bit for bit; a lens without distortion is omitted."""
-    camera, lens = (
-        Camera("any", fx, fy, u0, v0, width, 7 if width else 0),
-        lens if lens and any(lens) else None,
-    )
+    camera = Camera("any", fx, fy, u0, v0, width, 7 if width else 0)
+    lens = lens if lens and any(lens) else None
     said = CameraInfo(camera, lens and Lens(tuple(lens)), unit, unit, "x", time_unit)
     assert parse(to_text(said), "x") == said
 

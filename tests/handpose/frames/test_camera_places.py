@@ -17,7 +17,7 @@ from handpose.frames.cameras import Camera
 from handpose.frames.formats import open_recording
 from handpose.frames.recording import UNKNOWN, CameraInfo
 from netlib.errors import DataError
-from tests.handpose.frames.conftest import CAMERA, hand_sized, put
+from tests.handpose.frames.conftest import CAMERA, hand_sized, middles, put
 from tests.support.bad_input import bad_inputs
 
 OPEN3D = '{"width": 64, "height": 48, "intrinsic_matrix": [60, 0, 0, 0, 61, 0, 31.5, 23.5, 1]}'
@@ -146,7 +146,7 @@ def test_the_mode_of_the_frames_size(depth: Path) -> None:
     assert not any("field of view" in remark for remark in recording.remarks)
     for number in range(3):
         hand_sized(distance=1000 + number).tofile(wrote(f"raw/{number}.raw"))
-    assert [frame.depth[20, 30] for frame in open_recording("take/raw")] == [1000, 1001, 1002]
+    assert middles(open_recording("take/raw")) == [1000, 1001, 1002]
 
 
 @pytest.mark.parametrize(

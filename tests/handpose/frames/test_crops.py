@@ -41,7 +41,8 @@ def cut_and_resize(
     top, bottom = (floor((v * d / camera.fy + side) / d * camera.fy) for side in (-h, h))
     part = np.zeros((bottom - top, right - left), np.float32)
     rows, columns = np.arange(top, bottom), np.arange(left, right)
-    r, c = (rows >= 0) & (rows < camera.height), (columns >= 0) & (columns < camera.width)
+    r = (rows >= 0) & (rows < camera.height)
+    c = (columns >= 0) & (columns < camera.width)
     part[np.ix_(r, c)] = depth[np.ix_(rows[r], columns[c])]
     part[(part != 0) & (part < d - h)] = d - h
     part[part > d + h] = d + h

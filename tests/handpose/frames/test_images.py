@@ -62,7 +62,9 @@ def test_crops_are_normalised(tmp_path: Path) -> None:
     image = np.kron(np.array([[0, 255]] * 2, np.uint8), np.ones((32, 32), np.uint8))
     cv2.imwrite(str(tmp_path / "crop.png"), image)
     crop = images.read_crop(tmp_path / "crop.png")
-    assert crop.shape == (128, 128) and (crop[:, :64] == -1).all() and (crop[:, 64:] == 1).all()
+    assert crop.shape == (128, 128)
+    assert (crop[:, :64] == -1).all()
+    assert (crop[:, 64:] == 1).all()
 
 
 def test_masked_pixels_become_0() -> None:

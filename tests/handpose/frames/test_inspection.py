@@ -21,13 +21,11 @@ class Taken(Recording):
     def __init__(
         self, images: Sequence[np.ndarray], camera: Camera = CAMERA, unit_mm: float = 1.0
     ) -> None:
-        self.name, self.images, self.camera, self.unit_mm, self.count = (
-            "take",
-            images,
-            camera,
-            unit_mm,
-            len(images),
-        )
+        self.name = "take"
+        self.images = images
+        self.camera = camera
+        self.unit_mm = unit_mm
+        self.count = len(images)
         self.remarks = ("a remark",)
 
     def __iter__(self) -> Iterator[DepthFrame]:
@@ -60,9 +58,8 @@ def test_every_frame_is_read_once() -> None:
     assert [frame.number for frame in seen.all_frames()] == list(range(12))
     taken.live = True
     seen = inspect(taken)
-    assert [frame.number for frame in seen.all_frames()] == list(range(12)) and list(
-        seen.rest
-    ) == []
+    assert [frame.number for frame in seen.all_frames()] == list(range(12))
+    assert list(seen.rest) == []
 
 
 @pytest.mark.parametrize("factor", [0.001, 1.0, 30.0])
@@ -123,9 +120,8 @@ def test_a_wide_object_beyond_1_m_gives_a_warning() -> None:
     image = np.full((48, 64), 2800)
     image[:, 16:48] = 1300
     (warning,) = inspect(Taken([image + i for i in range(3)])).warnings
-    assert (
-        "1.3 m away" in warning and "--unit 0.25 it would be 0.33 m away and 173 mm wide" in warning
-    )
+    assert "1.3 m away" in warning
+    assert "--unit 0.25 it would be 0.33 m away and 173 mm wide" in warning
     image[18:28, 26:38] = 600
     found = inspect(Taken([image + i for i in range(3)]))
     assert (found.warnings, found.doubt) == ((), "")
@@ -157,10 +153,8 @@ def test_a_single_frame() -> None:
     """The default unit is the camera's."""
     image, wrong = moving(0.001)[0].astype(np.float32), replace(CAMERA, fx=9.0, fy=9.0)
     found = checked([image], wrong)
-    assert (
-        "check fx and fy" in found.of_camera[0]
-        and "check the unit, here 1 mm" in found.of_depths[0]
-    )
+    assert "check fx and fy" in found.of_camera[0]
+    assert "check the unit, here 1 mm" in found.of_depths[0]
     assert (
         "check the unit, here 0.125 mm"
         in checked([image], replace(CAMERA, name="sr305")).of_depths[0]

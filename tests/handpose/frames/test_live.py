@@ -104,10 +104,8 @@ def test_the_end(end: list[Event], cut: str) -> None:
     are counted here.
     """
     recording = LiveRecording(Simulated([frame(1.0), frame(1.2), frame(1.9), *end]))
-    assert [one.number for one in recording] == [0, 1, 2] and (
-        recording.remarks,
-        recording.cut,
-    ) == ((), cut)
+    assert [one.number for one in recording] == [0, 1, 2]
+    assert (recording.remarks, recording.cut) == ((), cut)
 
 
 def test_the_end_in_a_thread() -> None:

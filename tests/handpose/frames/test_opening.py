@@ -18,9 +18,11 @@ from handpose.frames.formats.folder import FolderRecording
 from handpose.frames.formats.stack import StackRecording
 from handpose.frames.recording import CameraInfo, Recording
 from netlib.errors import DataError
-from tests.handpose.frames.conftest import GIVEN, hand_sized, put
+from tests.handpose.frames.conftest import GIVEN, hand_sized, middles, put, times_of
 from tests.support.bad_input import bad_inputs
 from tests.support.running import run_python
+
+pytestmark = pytest.mark.usefixtures("here")
 
 
 @pytest.fixture
@@ -46,10 +48,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, object, CameraInfo
         ("B.NPY", StackRecording),  # suffixes in capitals are accepted
     ],
 )
-def test_readers_of_files(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, source: str | Path, kind: type[Recording]
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_readers_of_files(source: str | Path, kind: type[Recording]) -> None:
     put(Path("frames/1.png"), hand_sized())
     Path("arrays").mkdir()
     np.save("arrays/1.npy", hand_sized())
@@ -71,14 +70,9 @@ def test_readers_of_files(
     ],
 )
 def test_readers_that_need_packages(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    asked: list[Any],
-    source: str,
-    calls: tuple[str, object],
+    asked: list[Any], source: str, calls: tuple[str, object]
 ) -> None:
     """Of bags, and of the first camera or that with a serial number."""
-    monkeypatch.chdir(tmp_path)
     Path("bag").mkdir()
     for name in ("a.bag", "A.MCAP", "bag/metadata.yaml"):
         Path(name).touch()
@@ -94,9 +88,8 @@ def test_readers_that_need_packages(
     },
 )
 def test_sources_with_a_clock_reject_a_unit_of_times(
-    tmp_path: Path, asked: list[Any], monkeypatch: pytest.MonkeyPatch, given: str, rejected: Any
+    asked: list[Any], given: str, rejected: Any
 ) -> None:
-    monkeypatch.chdir(tmp_path)
     if "." in given:
         Path(given).touch()
     with rejected:
@@ -120,10 +113,9 @@ def test_sources_with_a_clock_reject_a_unit_of_times(
     },
 )
 def test_missing_and_unknown_files_are_rejected(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: str, rejected: Any, asked: list[Any]
+    given: str, rejected: Any, asked: list[Any]
 ) -> None:
     """The error is raised before any reader is called."""
-    monkeypatch.chdir(tmp_path)
     Path("a.txt").touch()
     Path("a.raw").touch()
     Path("loop").symlink_to("loop")
@@ -159,11 +151,9 @@ def write_video(
         for title in titles:
             is_colour = title == "COLOR"
             stream = video.add_stream("mjpeg" if is_colour else "ffv1", rate=30)
-            stream.width, stream.height, stream.pix_fmt = (
-                64,
-                48,
-                "yuvj420p" if is_colour else "gray16le",
-            )
+            stream.width = 64
+            stream.height = 48
+            stream.pix_fmt = "yuvj420p" if is_colour else "gray16le"
             stream.codec_context.time_base = Fraction(1, 1000)
             stream.metadata["title"] = title
             streams.append(stream)
@@ -198,33 +188,26 @@ def write_video(
         (("COLOR", ""), "take.mkv"),
     ],
 )
-def test_videos_are_converted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, titles: Sequence[str], name: str
-) -> None:
+def test_videos_are_converted(titles: Sequence[str], name: str) -> None:
     """The stream of depth, every value, the times to 1 ms, and the camera in a tag, as
     tools/record.py once wrote.
     """
-    monkeypatch.chdir(tmp_path)
     depth = write_video(Path(name), (0, 33, 100), titles, CAMERA=camera_file.to_text(GIVEN))
     converted(name, "a video, ")
     with open_recording("frames") as recording:
         assert (recording.camera, recording.unit_mm) == (GIVEN.camera, GIVEN.unit_mm)
-        assert [frame.time for frame in recording] == pytest.approx([0, 0.033, 0.1])
+        assert times_of(recording) == pytest.approx([0, 0.033, 0.1])
         np.testing.assert_array_equal([frame.depth for frame in recording], depth / np.float32(2))
 
 
-def test_a_video_of_colours_is_not_converted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_a_video_of_colours_is_not_converted() -> None:
     write_video(Path("take.mkv"), (0, 33), ("COLOR",))
     assert converted("take.mkv", "a video, ", status=1) == "no stream of 16-bit grey values\n"
     assert not Path("frames").exists()
 
 
 @pytest.mark.parametrize("name", ["take.h5", "sub/a take.hdf5"])
-def test_hdf5_is_converted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_hdf5_is_converted(name: str) -> None:
     Path(name).parent.mkdir(exist_ok=True)
     with h5py.File(name, "w") as file:
         file["depth"], file["timestamps_ms"] = hand_sized()[None], [5]
@@ -234,11 +217,8 @@ def test_hdf5_is_converted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name
 
 
 @pytest.mark.parametrize("form", ["camera0/{}/image", "camera0/{}/frames_{}", "depth_camera/{0}"])
-def test_hdf5_with_groups_is_converted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, form: str
-) -> None:
+def test_hdf5_with_groups_is_converted(form: str) -> None:
     """Of groups with depth, infrared and colours: the depth with its own times and camera."""
-    monkeypatch.chdir(tmp_path)
     with h5py.File("take.h5", "w") as file:
         for number, kind in enumerate(("colour", "depth", "infrared")):
             name = form.format(kind, kind)
@@ -250,14 +230,13 @@ def test_hdf5_with_groups_is_converted(
     recording = open_recording("frames.npz")
     assert (recording.camera.fx, recording.camera.fy) == (61, 62)
     frames = list(recording)
-    assert [frame.time for frame in frames] == pytest.approx([0, 0.01, 0.02])
-    assert [frame.depth[20, 30] for frame in frames] == [1000, 1001, 1002]
+    assert times_of(frames) == pytest.approx([0, 0.01, 0.02])
+    assert middles(frames) == [1000, 1001, 1002]
     assert "exists" in converted("take.h5", "HDF5; ", status=1)  # nothing is replaced
 
 
-def test_two_depth_cameras_of_an_hdf5_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_two_depth_cameras_of_an_hdf5_file() -> None:
     """The error names both instead of one being chosen."""
-    monkeypatch.chdir(tmp_path)
     with h5py.File("take.h5", "w") as file:
         for camera in ("left", "right"):
             file.create_group(camera)["depth"] = hand_sized()[None]
@@ -268,11 +247,10 @@ def test_two_depth_cameras_of_an_hdf5_file(tmp_path: Path, monkeypatch: pytest.M
         open_recording("frames.npz", GIVEN)
 
 
-def test_pgm_is_converted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pgm_is_converted() -> None:
     """Every file of the folder under its name, so that order, times and kinds are
     those of the names.
     """
-    monkeypatch.chdir(tmp_path)
     for number in range(12):
         put(Path(f"a take/d-{number}.pgm"), hand_sized(distance=1000 + number))
         put(Path(f"a take/ir-{number}.pgm"), hand_sized(distance=3000))
@@ -280,11 +258,10 @@ def test_pgm_is_converted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     with pytest.raises(DataError, match="holds 2 sequences"):
         open_recording("frames", GIVEN)
     frames = open_recording("frames/d-*.png", GIVEN)
-    assert [frame.depth[20, 30] for frame in frames] == [500 + number / 2 for number in range(12)]
+    assert middles(frames) == [500 + number / 2 for number in range(12)]
 
 
-def test_a_folder_with_a_file_to_convert(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_a_folder_with_a_file_to_convert() -> None:
     Path("take").mkdir()
     with h5py.File("take/a.h5", "w") as file:
         file.create_group("camera0")["depth"] = hand_sized()[None]

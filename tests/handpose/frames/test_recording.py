@@ -57,10 +57,8 @@ def test_stored_is_the_inverse(values: list[int], unit_mm: float) -> None:
 
 
 def test_values_of_the_user_take_precedence() -> None:
-    own, beside = (
-        CameraInfo(SR305, unit_mm=0.25),
-        CameraInfo(CAMERA, unit_mm=2.0, rate=5.0, origin="camera.json"),
-    )
+    own = CameraInfo(SR305, unit_mm=0.25)
+    beside = CameraInfo(CAMERA, unit_mm=2.0, rate=5.0, origin="camera.json")
     shape = (SR305.height, SR305.width)
     found = DepthDecoder(shape, U16, "take", CameraInfo(unit_mm=3.0), own, beside)
     assert (found.camera, found.unit_mm, found.rate, found.remarks) == (SR305, 3.0, 5.0, ())

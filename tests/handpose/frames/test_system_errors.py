@@ -40,11 +40,9 @@ class Failing(FileIO):
 
 def read_all(place: Path) -> None:
     with open_recording(place, GIVEN) as recording:
-        assert (
-            len(list(recording)) == 3
-            and not recording.cut
-            and "damaged" not in str(recording.remarks)
-        )
+        assert len(list(recording)) == 3
+        assert not recording.cut
+        assert "damaged" not in str(recording.remarks)
 
 
 @pytest.mark.parametrize(
@@ -64,11 +62,9 @@ def test_reads_that_fail(
         try:
             read(folder / name)
         except DataError as error:
-            assert (
-                "Input/output error" in str(error)
-                and "damaged" not in str(error)
-                and system_error_of(error)
-            )
+            assert "Input/output error" in str(error)
+            assert "damaged" not in str(error)
+            assert system_error_of(error)
             assert not isinstance(error, BadFrameError)
             reached.append(left)
     assert reached

@@ -117,7 +117,8 @@ def test_pixels_without_depth(tmp_path: Path) -> None:
 def test_benchmarks() -> None:
     nyu, icvl = published.BENCHMARKS["nyu"], published.BENCHMARKS["icvl"]
     assert len(nyu.joints) == 14 and len(icvl.joints) == 16
-    assert nyu.joints[:2] == ("little_tip", "little_pip_a") and nyu.joints[8:] == (
+    assert nyu.joints[:2] == ("little_tip", "little_pip_a")
+    assert nyu.joints[8:] == (
         *("thumb_tip", "thumb_dip", "thumb_pip"),
         *("wrist_left", "wrist_middle", "palm"),
     )

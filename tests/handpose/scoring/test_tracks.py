@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 
 from handpose.frames.cameras import NYU
 from handpose.scoring.tracks import jitter, lag_s, rests, score
@@ -37,14 +38,21 @@ def frames(hands: Sequence[Sequence[TrackedHand]]) -> list[TrackedFrame]:
     return [TrackedFrame(n, n / 30, tuple(own)) for n, own in enumerate(hands)]
 
 
-def moved(one: TrackedHand, *by: float) -> TrackedHand:
+def moved(one: TrackedHand, by: ArrayLike) -> TrackedHand:
     """The same hand, shifted by this many mm."""
     return with_pose(one, xyz=one.xyz + np.array(by))
 
 
-TRUTH = frames(
-    [[hand(0, RIGHT, "right", n / 30), hand(1, OTHER, "left", n / 30)] for n in range(90)]
-)
+def two_hands(time: float) -> list[TrackedHand]:
+    return [hand(0, RIGHT, "right", time), hand(1, OTHER, "left", time)]
+
+
+TRUTH = frames([two_hands(n / 30) for n in range(90)])
+
+
+def each(change: Callable[[TrackedHand, int], TrackedHand]) -> list[TrackedFrame]:
+    """The truth with a change of each hand, which depends on the number of the frame."""
+    return frames([[change(one, frame.number) for one in frame.hands] for frame in TRUTH])
 
 
 def test_the_truth_is_without_fault() -> None:
@@ -60,31 +68,22 @@ def test_errors() -> None:
     """A shift by 3, 4 and 0 mm is an error of 5 mm; one of 31 joints contributes a
     31st to the mean.
     """
-    tracked = [
-        frame._replace(every=tuple(moved(one, 3, 4, 0) for one in frame.every)) for frame in TRUTH
-    ]
-    assert score(HEADER, tracked, TRUTH).hands[0].error_mm == pytest.approx(5)
     off = np.zeros((31, 3))
     off[1, 0] = 31
-    tracked = [
-        frame._replace(every=tuple(with_pose(one, xyz=one.xyz + off) for one in frame.every))
-        for frame in TRUTH
-    ]
-    assert score(HEADER, tracked, TRUTH).hands[0].error_mm == pytest.approx(1)
+    for by, error in (((3, 4, 0), 5), (off, 1)):
+        tracked = each(lambda one, number, by=by: moved(one, by))
+        assert score(HEADER, tracked, TRUTH).hands[0].error_mm == pytest.approx(error)
 
 
 def test_ids_may_have_any_number_but_must_not_change() -> None:
     """Ids swapped halfway are two switches; the order of the hands within a frame
     does not matter.
     """
-    tracked = [
-        frame._replace(
-            every=tuple(
-                replace(one, id=7 + (one.id + (frame.number >= 40)) % 2) for one in frame.every
-            )
-        )
-        for frame in TRUTH
-    ]
+
+    def swapped_later(one: TrackedHand, number: int) -> TrackedHand:
+        return replace(one, id=7 + (one.id + (number >= 40)) % 2)
+
+    tracked = each(swapped_later)
     reversed_ = [frame._replace(every=frame.every[::-1]) for frame in tracked]
     for track in (tracked, reversed_):
         scores = score(HEADER, track, TRUTH)
@@ -100,7 +99,7 @@ def test_sides() -> None:
 
 
 def test_a_hand_far_from_all_true_ones_counts_as_invented() -> None:
-    tracked = [frame._replace(every=(moved(frame.hands[0], 0, 0, 120),)) for frame in TRUTH]
+    tracked = frames([[moved(frame.hands[0], (0, 0, 120))] for frame in TRUTH])
     scores = score(HEADER, tracked, TRUTH)
     assert scores.found == 0 and scores.invented == 90
     assert scores.hands[0].missed == scores.hands[1].missed == 90
@@ -110,12 +109,8 @@ def test_a_hand_far_from_all_true_ones_counts_as_invented() -> None:
 def test_hands_partly_in_sight_are_not_scored() -> None:
     here, reasons = hand(0, RIGHT), ["", "", PARTLY, LEFT, PARTLY, "", ""]
     truth = frames([[lost(0, reason=why) if why else here] for why in reasons])
-    tracked = frames(
-        [
-            [hand(5, RIGHT)] if there else []
-            for there in (True, True, True, True, False, False, True)
-        ]
-    )
+    found = [hand(5, RIGHT)]
+    tracked = frames([found, found, found, found, [], [], found])
     scores = score(HEADER, tracked, truth)
     assert (scores.hands[0].in_sight, scores.hands[0].found) == (4, 3)
     assert scores.invented == 1  # in frame 3, not in frame 2
@@ -165,8 +160,8 @@ TIMES = NUMBERS / RATE
 
 def moving(times: Array) -> Array:
     """Joints (N, 31, 3) of a hand that moves back and forth."""
-    way = np.array([120.0, 60.0, 40.0]) * np.sin(2 * np.pi * 0.7 * times)[:, None]
-    return np.asarray(BASE + way[:, None])
+    phase = np.sin(2 * np.pi * 0.7 * times)
+    return np.asarray(BASE + phase[:, None, None] * (120, 60, 40))
 
 
 @pytest.mark.parametrize("lag", [0.0, 0.04, 0.0123, -0.025])
@@ -190,7 +185,8 @@ def test_the_lag_of_a_hand_at_rest_is_nan() -> None:
     still = np.broadcast_to(BASE, (300, 31, 3))
     assert np.isnan(lag_s(NUMBERS, TIMES, still, still))
     assert np.isnan(lag_s(NUMBERS, TIMES, moving(TIMES - 0.35), moving(TIMES)))
-    assert np.isnan(lag_s(NUMBERS[:3], TIMES[:3], moving(TIMES[:3]), moving(TIMES[:3])))
+    three = moving(TIMES[:3])
+    assert np.isnan(lag_s(NUMBERS[:3], TIMES[:3], three, three))
 
 
 def test_jitter_by_hand() -> None:
@@ -201,7 +197,8 @@ def test_jitter_by_hand() -> None:
     tracked = still.copy()
     tracked[::2, :, 0] += 1.0
     found = jitter(np.arange(42), np.arange(42) / RATE, tracked, still)
-    assert found == pytest.approx((2 * 15 * (7 / 15) * (8 / 15) / 28) ** 0.5)
+    squares = 15 * (7 / 15) * (8 / 15)
+    assert found == pytest.approx((2 * squares / 28) ** 0.5)
 
 
 def test_drift_and_movement_are_no_jitter() -> None:
@@ -215,7 +212,8 @@ def test_drift_and_movement_are_no_jitter() -> None:
     assert jitter(np.arange(600), times, late + times[:, None, None], stops) < 0.3
     assert jitter(np.arange(600), times, late, stops) == pytest.approx(0.0, abs=1e-9)
     assert np.isnan(jitter(NUMBERS, TIMES, moving(TIMES), moving(TIMES)))
-    assert np.isnan(jitter(NUMBERS[:1], TIMES[:1], moving(TIMES[:1]), moving(TIMES[:1])))
+    single = moving(TIMES[:1])
+    assert np.isnan(jitter(NUMBERS[:1], TIMES[:1], single, single))
 
 
 def test_a_missing_frame_ends_a_rest() -> None:

@@ -39,10 +39,8 @@ def test_a_moving_hand_is_a_hand_that_moves() -> None:
     assert 300 < speed.max() <= HAND_SPEED * 1.001
     assert 1 < np.abs(np.diff(fingers, axis=0)).max() / STEP <= FINGER_SPEED * 1.001
     depth = movement.person.penetration_mm(whole)
-    assert (
-        np.percentile(depth, 95) <= SAMPLER.prior.penetration
-        and depth.max() < 2 * SAMPLER.prior.penetration
-    )
+    assert np.percentile(depth, 95) <= SAMPLER.prior.penetration
+    assert depth.max() < 2 * SAMPLER.prior.penetration
     still = (np.abs(np.diff(whole, axis=0)).max(axis=1) < 1e-9) & (speed < 1e-6)
     assert still.sum() * STEP > 1.5 and (~still).sum() * STEP > 6
 
@@ -88,7 +86,9 @@ def test_elbows_stay_on_their_side() -> None:
             pose = movement.pose_at(time)
             limb = (pose.capsules.b - pose.capsules.a)[0, SAMPLER.surface.limbs][0]
             limb /= np.linalg.norm(limb)
-            assert limb[0] * outward > -0.75 and limb[1] < 0.6 and limb[2] > -0.6
+            assert limb[0] * outward > -0.75
+            assert limb[1] < 0.6
+            assert limb[2] > -0.6
 
 
 def test_gestures_as_poses_by_name() -> None:
@@ -100,9 +100,8 @@ def test_gestures_as_poses_by_name() -> None:
         assert len(inputs) == 20 and not any(name.startswith("palm") for name in inputs)
         for name, value in inputs.items():
             d = skeleton.dof_names.index(name)
-            assert skeleton.lower[d] - 1e-4 <= value <= skeleton.upper[d] + 1e-4 and value == round(
-                value, 4
-            )
+            assert skeleton.lower[d] - 1e-4 <= value <= skeleton.upper[d] + 1e-4
+            assert value == round(value, 4)
     for finger in FINGERS:
         assert found["fist"][f"{finger}_base_rot_x"] < found["open"][f"{finger}_base_rot_x"] - 0.5
 
@@ -127,11 +126,10 @@ def test_places_are_in_the_image(camera: Camera) -> None:
     for _ in range(50):
         place = volume.place(rng)
         u, v, d = camera.project(place)
-        across, down = MARGIN_MM * camera.fx / d - 1e-6, MARGIN_MM * camera.fy / d - 1e-6
-        assert (
-            0.5 * camera.width + across < u < camera.width - across
-            and down < v < camera.height - down
-        )
+        across = MARGIN_MM * camera.fx / d - 1e-6
+        down = MARGIN_MM * camera.fy / d - 1e-6
+        assert 0.5 * camera.width + across < u < camera.width - across
+        assert down < v < camera.height - down
         assert volume.near <= d <= volume.far
         np.testing.assert_allclose(volume.kept(place), place)
         assert not 0 < camera.project(volume.outside(place))[0] < camera.width

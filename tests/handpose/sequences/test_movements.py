@@ -26,7 +26,9 @@ def test_a_stroke() -> None:
     """
     s = np.linspace(0, 1, 100001)
     e = eased(s)
-    assert e[0] == 0 and e[-1] == 1 and e[50000] == pytest.approx(0.5)
+    assert e[0] == 0
+    assert e[-1] == 1
+    assert e[50000] == pytest.approx(0.5)
     assert np.diff(e).max() * 100000 == pytest.approx(TOP_SPEED, abs=1e-6)
     np.testing.assert_array_equal(eased(np.array([-1.0, 2.0])), [0, 1])
 
@@ -58,7 +60,8 @@ def test_values_have_speed_and_acceleration_without_jumps() -> None:
     t = np.arange(0, 3, 1e-3)
     x = np.array([values.at(time)[0] for time in t])
     speed, acceleration = np.diff(x) / 1e-3, np.diff(x, 2) / 1e-6
-    assert np.abs(np.diff(speed)).max() < 0.01 and np.abs(np.diff(acceleration)).max() < 0.1
+    assert np.abs(np.diff(speed)).max() < 0.01
+    assert np.abs(np.diff(acceleration)).max() < 0.1
     assert speed.max() == pytest.approx(TOP_SPEED, abs=1e-4)
     assert speed[(t[1:] > 0.7) & (t[1:] < 2.0)].min() > 0.4
 

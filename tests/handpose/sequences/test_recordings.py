@@ -47,9 +47,8 @@ def test_a_camera_keeps_its_noise_and_its_background() -> None:
     equally noisy.
     """
     recording = SyntheticRecording("rest", ICVL, seconds=0.4)
-    assert (
-        recording.sensor and recording.sensor.depth_noise[0] == recording.sensor.depth_noise[1] > 0
-    )
+    assert recording.sensor
+    assert recording.sensor.depth_noise[0] == recording.sensor.depth_noise[1] > 0
     clean = SyntheticRecording("rest", ICVL, seconds=0.4, clean=True)
     truth = clean.frame(0).depth
     off = np.abs(np.stack([frame.depth for frame in recording]) - truth)[:, truth > 0]
@@ -67,7 +66,8 @@ def test_the_truth_is_what_is_seen() -> None:
         header = recording.header
         for frame, truth in zip(recording, recording.truths()):
             (hand,) = truth.hands
-            assert hand.hand == ("left" if script == "left" else "right") and hand.confidence == 1
+            assert hand.hand == ("left" if script == "left" else "right")
+            assert hand.confidence == 1
             pose, surface = hand.pose, hand.pose.capsules
             alone = render_image(in_front(surface), NYU, np.inf)[0]
             seen = np.isfinite(alone)
@@ -78,10 +78,8 @@ def test_the_truth_is_what_is_seen() -> None:
             )
             np.testing.assert_allclose(xyz, hand.xyz, atol=1e-9)
             np.testing.assert_allclose(pose.center_uvd, NYU.project(pose.origin_mm))
-            ends, radii = (
-                np.hstack([surface.a, surface.b])[0],
-                np.hstack([surface.radius_a, surface.radius_b])[0],
-            )
+            ends = np.hstack([surface.a, surface.b])[0]
+            radii = np.hstack([surface.radius_a, surface.radius_b])[0]
             # also of a left hand
             assert (np.linalg.norm(xyz[:, None] - ends, axis=2) < radii + 15).any(axis=1).all()
 

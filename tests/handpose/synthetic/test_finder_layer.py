@@ -42,9 +42,8 @@ def test_the_net_trains_on_the_scenes_of_its_number() -> None:
     np.testing.assert_array_equal(
         net.blobs["frame"].data, channels_of(SceneGenerator(1).block(0).depth)
     )
-    assert len(net.blobs["frame"].data) == SCENES_PER_BLOCK and net.layers[0].state() == {
-        "number": 1
-    }
+    assert len(net.blobs["frame"].data) == SCENES_PER_BLOCK
+    assert net.layers[0].state() == {"number": 1}
     net.layers[0].restore({"number": 5})
     net.forward()
     np.testing.assert_array_equal(

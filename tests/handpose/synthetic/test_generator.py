@@ -26,9 +26,8 @@ def test_arrays(generator: Generator, frames: Frames) -> None:
     for (name, array), empty in zip(
         frames.arrays().items(), generator.columns().values(), strict=True
     ):
-        assert (array.shape, array.dtype) == ((BLOCK, *empty.shape[1:]), empty.dtype) and len(
-            empty
-        ) == 0
+        assert (array.shape, array.dtype) == ((BLOCK, *empty.shape[1:]), empty.dtype)
+        assert len(empty) == 0
         assert np.isfinite(array).all()
         if name in ("depth", "joint"):
             assert array.min() >= -1 and array.max() == 1

@@ -31,7 +31,8 @@ def test_bones_vary_within_reason(sampler: BodySampler, hands: Bodies) -> None:
     own = lengths / np.abs(skeleton.bones[child]) / hands.scale[:, None]
     assert own.std() == pytest.approx(0.04, rel=0.1)
     assert hands.scale.std() == pytest.approx(0.06, rel=0.15)
-    assert np.abs(own - 1).max() <= 0.1 + 1e-9 and np.abs(hands.scale - 1).max() <= 0.15 + 1e-9
+    assert np.abs(own - 1).max() <= 0.1 + 1e-9
+    assert np.abs(hands.scale - 1).max() <= 0.15 + 1e-9
 
 
 def test_parameters_are_the_models(sampler: BodySampler, hands: Bodies) -> None:
@@ -39,9 +40,8 @@ def test_parameters_are_the_models(sampler: BodySampler, hands: Bodies) -> None:
     of the labels.
     """
     skeleton = sampler.skeleton
-    assert (hands.inputs >= skeleton.lower - 1e-12).all() and (
-        hands.inputs <= skeleton.upper + 1e-12
-    ).all()
+    assert (hands.inputs >= skeleton.lower - 1e-12).all()
+    assert (hands.inputs <= skeleton.upper + 1e-12).all()
     assert (hands.inputs[:, skeleton.fixed] == 0).all()
     kinematics = kinematics_of(skeleton)
     np.testing.assert_allclose(
@@ -66,10 +66,8 @@ def test_center_is_in_the_palm(sampler: BodySampler, hands: Bodies) -> None:
     distance = (
         np.linalg.norm(hands.joints[:, sampler.skeleton.joint_names.index("palm")], axis=1) * 150
     )
-    assert (
-        np.median(distance) == pytest.approx(np.linalg.norm(CENTER_IN_PALM), abs=2)
-        and distance.max() < 70
-    )
+    assert np.median(distance) == pytest.approx(np.linalg.norm(CENTER_IN_PALM), abs=2)
+    assert distance.max() < 70
 
 
 def test_bones_of_a_group_differ_together() -> None:

@@ -12,15 +12,11 @@ def text(options=""):
 
 
 def test_by_hand(by_hand):
-    by_hand(
-        "InnerProduct inner_product_param { num_output: 3 }",
-        [[[1, 2]]],
-        [[[11, 22, 31]]],
-        [[[1, 0, 2]]],
-        [[[7, -2]]],
-        [[[1, 2], [0, 0], [2, 4]], [1, 0, 2]],
-        params=[[[1, 0], [0, 1], [3, -1]], [10, 20, 30]],
-    )
+    x, y, dy, dx = [[1, 2]], [[11, 22, 31]], [[1, 0, 2]], [[7, -2]]
+    params = [[1, 0], [0, 1], [3, -1]], [10, 20, 30]
+    dparams = [[1, 2], [0, 0], [2, 4]], [1, 0, 2]
+    layer = "InnerProduct inner_product_param { num_output: 3 }"
+    by_hand(layer, [x], [y], [dy], [dx], dparams, params=params)
 
 
 def test_a_transposed_weight(run, rng):
@@ -43,20 +39,22 @@ def test_axes_before_axis_count_items(run, rng, axis, shape, weight):
     assert done.layer.blobs[0].shape == weight
     assert done.y.shape == shape
     w, b = (p.data for p in done.layer.blobs)
-    assert np.allclose(done.y.reshape(-1, 3), x.reshape(-1, weight[1]) @ w.T + b)
+    items = x.reshape(-1, weight[1])
+    assert np.allclose(done.y.reshape(-1, 3), items @ w.T + b)
 
 
 def test_more_rows_than_a_block(run, rng, keep_threads):
     """Products are split into blocks between threads; the result is the same for any
     number of threads.
     """
-    x, w, dy = rng.normal(size=(300, 7)), rng.normal(size=(300, 7)), rng.normal(size=(300, 300))
+    x = rng.normal(size=(300, 7))
+    w = rng.normal(size=(300, 7))
+    dy = rng.normal(size=(300, 300))
+    layer = text("bias_term: false").replace("num_output: 3", "num_output: 300")
     found = []
     for threads in (1, 3):
         netlib.set_threads(threads)
-        done = run(
-            text("bias_term: false").replace("num_output: 3", "num_output: 300"), x, params=[w]
-        )
+        done = run(layer, x, params=[w])
         [dx] = done.backward(dy)
         assert np.allclose(done.y, x @ w.T)
         assert np.allclose(dx, dy @ w)

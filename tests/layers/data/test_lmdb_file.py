@@ -45,7 +45,8 @@ def walked(path: Path) -> Iterator[tuple[bytes, bytes]]:
 
 def numbered(count: int, size: int = 20, key: int = 8) -> Entries:
     """Return this number of entries, with keys of this length."""
-    return {f"{i:0{key}}".encode(): bytes([i % 251]) * size for i in range(count)}
+    keys = [f"{i:0{key}}".encode() for i in range(count)]
+    return {name: bytes([i % 251]) * size for i, name in enumerate(keys)}
 
 
 def only_file(path: Path) -> Path:
@@ -117,11 +118,9 @@ def test_databases_after_many_changes_are_read(tmp_path: Path, seed: int) -> Non
     cursor = Cursor(Database(path))
     for key in rng.sample(sorted(kept), min(len(kept), 50)):
         assert cursor.set_key(key) and (cursor.key, cursor.value()) == (key, kept[key])
-        assert (
-            not cursor.set_key(key + b"\0")
-            and not cursor.set_key(key[:-1] + b"\xff")
-            and cursor.key == key
-        )
+        assert not cursor.set_key(key + b"\0")
+        assert not cursor.set_key(key[:-1] + b"\xff")
+        assert cursor.key == key
 
 
 def test_several_cursors(tmp_path: Path) -> None:
@@ -143,7 +142,8 @@ def page(kind: int, number: int, nodes: list[bytes], size: int) -> bytes:
     for node in nodes:
         at -= len(node)
         places.append(at)
-    head = struct.pack(f"<QHHHH{len(nodes)}H", number, 0, kind, 16 + 2 * len(nodes), at, *places)
+    form, end = f"<QHHHH{len(nodes)}H", 16 + 2 * len(nodes)
+    head = struct.pack(form, number, 0, kind, end, at, *places)
     return head.ljust(at, b"\0") + b"".join(reversed(nodes))
 
 
@@ -193,26 +193,21 @@ def database_of(
 @pytest.mark.parametrize("size", [512, 1024, 4096, 16384, 32768])
 def test_pages_of_any_size(tmp_path: Path, size: int) -> None:
     value = bytes(range(251)) * (3 * size // 251)
-    path = database_of(
-        tmp_path / "a",
+    pages = [
         page(BRANCH, 2, [pointer(b"", 3), pointer(b"m", 4)], size),
         page(LEAF, 3, [node(b"a", b"first"), node(b"b", (5, len(value)))], size),
         page(LEAF, 4, [node(b"m", b""), node(b"mm", b"last")], size),
         overflow(5, 3, value, size),
-        depth=2,
-        entries=4,
-        size=size,
-    )
+    ]
+    path = database_of(tmp_path / "a", *pages, depth=2, entries=4, size=size)
     assert list(walked(path)) == [(b"a", b"first"), (b"b", value), (b"m", b""), (b"mm", b"last")]
 
 
 WHOLE = page(LEAF, 2, [node(b"a", b"1"), node(b"b", b"2")], 512)
 
 
-DAMAGED, UNSORTED = (
-    "; the database is damaged",
-    "its keys are out of order, or belong to another page",
-)
+DAMAGED = "; the database is damaged"
+UNSORTED = "its keys are out of order, or belong to another page"
 
 
 @bad_inputs(
@@ -313,13 +308,14 @@ def test_inconsistent_pages_and_headers_are_rejected(
 
 def test_a_page_that_is_referenced_twice_is_rejected(tmp_path: Path) -> None:
     """A tree of such branches would have 2^31 leaves."""
-    branches = [
-        page(BRANCH, i, [pointer(b"", i + 1), pointer(b"%02d" % i, i + 1)], 512)
-        for i in range(2, 33)
-    ]
-    path = database_of(
-        tmp_path / "a", *branches, page(LEAF, 33, [node(b"0", b"")], 512), depth=32, entries=1 << 31
-    )
+
+    def branch(number: int) -> bytes:
+        both = [pointer(key, number + 1) for key in (b"", b"%02d" % number)]
+        return page(BRANCH, number, both, 512)
+
+    leaf = page(LEAF, 33, [node(b"0", b"")], 512)
+    pages = [*map(branch, range(2, 33)), leaf]
+    path = database_of(tmp_path / "a", *pages, depth=32, entries=1 << 31)
     with pytest.raises(DataError, match="its keys are out of order, or belong to another page"):
         list(walked(path))
 
@@ -367,8 +363,9 @@ def zeros(content: bytearray, rng: random.Random) -> int:
 
 def swapped_pages(content: bytearray, rng: random.Random) -> int:
     """Swap two pages."""
-    a, b = (4096 * rng.randrange(len(content) // 4096) for _ in range(2))
-    content[a : a + 4096], content[b : b + 4096] = content[b : b + 4096], content[a : a + 4096]
+    pages = [4096 * rng.randrange(len(content) // 4096) for _ in range(2)]
+    one, other = (slice(at, at + 4096) for at in pages)
+    content[one], content[other] = content[other], content[one]
     return 2  # the later pages of a value are not numbered
 
 
@@ -383,9 +380,8 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, Entries]:
     """A tree of three levels, with values of all sizes and free pages: its content
     and its entries.
     """
-    entries = {
-        b"%0200d" % i: b"%04d" % i * (20 if i % 5 else 400 * (1 + i % 4)) for i in range(400)
-    }
+    counts = [20 if i % 5 else 400 * (1 + i % 4) for i in range(400)]
+    entries = {b"%0200d" % i: b"%04d" % i * count for i, count in enumerate(counts)}
     gone = dict.fromkeys([*entries][100:200])
     path = write(tmp_path_factory.mktemp("good") / "a", entries, gone, {})  # type: ignore[arg-type]
     return only_file(path).read_bytes(), {
@@ -408,11 +404,9 @@ def test_damage(tmp_path: Path, good: tuple[bytes, Entries], damage: Damage) -> 
         try:
             found = list(walked(path))
         except DataError as error:
-            assert (
-                str(error).startswith(f"{path}: ")
-                and str(error).isprintable()
-                and len(str(error)) < 500
-            )
+            assert str(error).startswith(f"{path}: ")
+            assert str(error).isprintable()
+            assert len(str(error)) < 500
             refused += 1
         else:
             assert len(found) == len(entries)
@@ -426,10 +420,11 @@ def test_a_database_that_is_cut_under_way(tmp_path: Path) -> None:
     pages in memory.
     """
     path = only_file(write(tmp_path / "a", numbered(300, 5000)))
-    for change, message in (
-        (lambda: os.truncate(path, 20_000), "was cut to 20000 of"),
-        (lambda: os.utime(path, ns=(0, 1)), "was changed"),
-    ):
+    changes: dict[str, Callable[[], None]] = {
+        "was cut to 20000 of": lambda: os.truncate(path, 20_000),
+        "was changed": lambda: os.utime(path, ns=(0, 1)),
+    }
+    for message, change in changes.items():
         cursor = Cursor(Database(path))
         assert cursor.first() and cursor.next()
         size = path.stat().st_size

@@ -66,10 +66,9 @@ def test_decoding_by_hand(run, code, location, box):
 
 def test_a_location_for_each_class(run):
     """Without share_location class c of a prior has its own four numbers."""
-    locations = np.array([[[9, 9, 9, 9], [1, 0, 0, 0], [0, 2, 0, 0]]]).reshape(1, -1)
-    found = rows(
-        run, text(3, "share_location: false"), locations, [[0.2, 0.4, 0.6]], bottoms([WIDE], [0])[2]
-    )
+    locations = [[9] * 4 + [1, 0, 0, 0] + [0, 2, 0, 0]]
+    priors = bottoms([WIDE], [0])[2]
+    found = rows(run, text(3, "share_location: false"), locations, [[0.2, 0.4, 0.6]], priors)
     assert np.allclose(found, [[0, 1, 0.4, 0.1, 0, 1, 1], [0, 2, 0.6, 0, 0.2, 1, 1]])
 
 
@@ -110,22 +109,19 @@ ALIKE = (0, 10, 20, 30), [0.5, 0.5, 0.7, 0.5]
     ],
 )
 def test_selection(run, options, boxes, kept):
-    found = rows(
-        run, text(more=options), *bottoms(strips(*boxes[0]), [[0, score] for score in boxes[1]])
-    )
-    assert found[:, 3].tolist() == kept
+    starts, scores = boxes
+    arrays = bottoms(strips(*starts), [[0, score] for score in scores])
+    assert rows(run, text(more=options), *arrays)[:, 3].tolist() == kept
 
 
 def test_an_overlap_equal_to_the_threshold_is_kept(run):
     """Boxes with overlap 1/3 are both kept with the threshold 1/3 of the same rounding."""
     arrays = bottoms(strips(0, 2), [[0, 0.9], [0, 0.8]])
-    assert (
-        len(rows(run, text(more=NMS % repr(float(np.float32(1 / 3)))), *arrays, dtype=np.float32))
-        == 2
-    )
+    third = float(np.float32(1 / 3))
+    assert len(rows(run, text(more=NMS % repr(third)), *arrays, dtype=np.float32)) == 2
 
 
-FOUR = strips(0, 1, 20, 30), [[0, 0.9, 0.1], [0, 0.8, 0.2], [0, 0.7, 0.3], [0, 0.6, 0.95]]
+FOUR = strips(0, 1, 20, 30), [0, 0.9, 0.1, 0, 0.8, 0.2, 0, 0.7, 0.3, 0, 0.6, 0.95]
 ONE = [WIDE], [[0.3, 0.4, 0.5]]
 
 
@@ -152,21 +148,17 @@ def test_a_batch_without_detections_has_one_row_per_item(run):
     priors = bottoms([WIDE], [[0, 0]])[2]
     options, locations = text(more="confidence_threshold: 0.5"), np.zeros((3, 4))
     found = rows(run, options, locations, np.zeros((3, 2)), priors)
-    assert found.tolist() == [[item, -1, -1, -1, -1, -1, -1] for item in range(3)]
-    assert rows(run, options, locations, [[0, 0], [0, 1], [0, 0]], priors)[:, 0].tolist() == [1]
+    assert found.tolist() == [[item] + [-1] * 6 for item in range(3)]
+    found = rows(run, options, locations, [[0, 0], [0, 1], [0, 0]], priors)
+    assert found[:, 0].tolist() == [1]
     assert rows(run, options, np.zeros((0, 4)), np.zeros((0, 2)), priors).shape == (0, 7)
 
 
 def test_a_confidence_of_nan_is_no_detection(run):
     """Boxes that overflow are infinite."""
     priors = bottoms([WIDE, WIDE], [[0, 0]])[2]
-    found = rows(
-        run,
-        text(more="code_type: CENTER_SIZE"),
-        [[0, 0, 1e5, 1e5, 0, 0, 0, 0]],
-        [[0, 0.5, 0, np.nan]],
-        priors,
-    )
+    locations, scores = [[0, 0, 1e5, 1e5, 0, 0, 0, 0]], [[0, 0.5, 0, np.nan]]
+    found = rows(run, text(more="code_type: CENTER_SIZE"), locations, scores, priors)
     assert found.tolist() == [[0, 1, 0.5, -np.inf, -np.inf, np.inf, np.inf]]
 
 
@@ -175,15 +167,14 @@ def test_many_candidates_are_suppressed_in_blocks(run, rng):
     higher confidence.
     """
     corner = rng.uniform(0, 0.9, (700, 2))
-    boxes, scores = (
-        np.hstack([corner, corner + rng.uniform(0.05, 0.3, (700, 2))]),
-        rng.uniform(size=(700, 2)),
-    )
+    boxes = np.hstack([corner, corner + rng.uniform(0.05, 0.3, (700, 2))])
+    scores = rng.uniform(size=(700, 2))
     found = rows(run, text(), *bottoms(boxes, scores))
     low = np.maximum(boxes[:, None, :2], found[None, :, 3:5])
     high = np.minimum(boxes[:, None, 2:], found[None, :, 5:])
     common = (high - low).clip(0).prod(axis=2)
-    area, kept_area = ((each[:, 2:] - each[:, :2]).prod(axis=1) for each in (boxes, found[:, 3:]))
+    area = (boxes[:, 2:] - boxes[:, :2]).prod(axis=1)
+    kept_area = (found[:, 5:] - found[:, 3:5]).prod(axis=1)
     overlaps = common / (area[:, None] + kept_area - common) > 0.3
     better = found[:, 2] > scores[:, 1:]
     is_kept = np.isin(scores[:, 1], found[:, 2])
@@ -206,21 +197,21 @@ def test_the_number_of_rows_may_change_in_every_pass(net_of):
     net = net_of(NET % "confidence_threshold: 0.5", netlib.TEST, dtype=np.float64)
     _, _, p = bottoms(strips(0, 10), [0])
     assert net.blobs["d"].shape == (1, 1, 1, 7)
-    for scores in (
-        [[0, 0.9, 0, 0.8], [0, 0.7, 0, 0]],
-        np.zeros((2, 4)),
-        [[0, 0, 0, 0], [0, 1, 0, 0]],
+    # without any detection each of the two items has a row
+    for first, second, count in (
+        ([0, 0.9, 0, 0.8], [0, 0.7, 0, 0], 3),
+        ([0] * 4, [0] * 4, 2),
+        ([0] * 4, [0, 1, 0, 0], 1),
     ):
-        y = net.forward(x=np.zeros((2, 8)), s=np.array(scores), p=p)["scaled"]
-        assert y.shape[2] == (np.array(scores) > 0).sum() or (
-            y.shape[2] == 2 and np.max(scores) == 0
-        )
+        y = net.forward(x=np.zeros((2, 8)), s=np.array([first, second]), p=p)["scaled"]
+        assert y.shape[2] == count
         assert np.array_equal(y, 2 * net.blobs["d"].data)
 
 
 def test_a_prior_without_size(run):
     """The default CORNER accepts a prior that no location can scale."""
-    assert len(rows(run, text(), *bottoms([WIDE, [0.5, 0, 0.5, 1]], [[0, 1], [0, 1]]))) == 2
+    arrays = bottoms([WIDE, [0.5, 0, 0.5, 1]], [[0, 1], [0, 1]])
+    assert len(rows(run, text(), *arrays)) == 2
 
 
 def test_saving_is_ignored_with_a_note(run, caplog):
@@ -229,12 +220,8 @@ def test_saving_is_ignored_with_a_note(run, caplog):
     """
     caplog.set_level(logging.WARNING, "netlib")
     arrays = bottoms([WIDE], [[0, 1]])
-    run(
-        text(
-            more='save_output_param { label_map_file: "voc.prototxt" resize_param { height: 3 } }'
-        ),
-        *arrays,
-    )
+    harmless = 'save_output_param { label_map_file: "voc.prototxt" resize_param { height: 3 } }'
+    run(text(more=harmless), *arrays)
     assert not caplog.messages
     run(text(more='save_output_param { output_directory: "out" }'), *arrays)
     run(text(more="visualize: true visualize_threshold: 0.4"), *arrays)

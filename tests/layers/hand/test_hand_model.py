@@ -96,11 +96,9 @@ def test_a_net_with_sizes(net_of, rng, N, sizes, dtype, tolerance):
         layer {{ name: "b" type: "Input" top: "b" input_param {{ shape {{ dim: {N} dim: {sizes} }} }} }}
         layer {{ name: "h" type: "HandModel" bottom: "x" bottom: "b" top: "y" }}
     """
-    x, b, dy = (
-        rng.normal(0, 0.5, (N, 47)),
-        rng.uniform(0.5, 1.5, (N, sizes)),
-        rng.normal(size=(N, 93)),
-    )
+    x = rng.normal(0, 0.5, (N, 47))
+    b = rng.uniform(0.5, 1.5, (N, sizes))
+    dy = rng.normal(size=(N, 93))
     predicting, learning = (
         net_of(start + layers, dtype=dtype) for start in ("", "force_backward: true")
     )
@@ -111,9 +109,8 @@ def test_a_net_with_sizes(net_of, rng, N, sizes, dtype, tolerance):
         y = net.forward(x=x, b=b)["y"]
         assert y.shape == (N, 93) and np.allclose(y, expected, rtol=0, atol=tolerance)
     for name, found in learning.backward(y=dy).items():
-        assert found.shape == gradients[name].shape and np.allclose(
-            found, gradients[name], rtol=0, atol=tolerance
-        )
+        assert found.shape == gradients[name].shape
+        assert np.allclose(found, gradients[name], rtol=0, atol=tolerance)
 
 
 def test_the_skeleton_is_found_beside_the_net(tmp_path, monkeypatch, arm_text):

@@ -90,10 +90,8 @@ def test_one_dof_may_drive_several_joints(body, arm_text, arm, rng):
     both = inputs.copy()
     both[:, 3] = inputs[:, 2] + 0.25
     assert np.allclose(coupled.joints(inputs), arm(both))
-    single, got = (
-        free.backward(free.forward(both), dX),
-        coupled.backward(coupled.forward(inputs), dX),
-    )
+    single = free.backward(free.forward(both), dX)
+    got = coupled.backward(coupled.forward(inputs), dX)
     assert np.allclose(got[:, 2], single[:, 2] + single[:, 3])
     assert not got[:, 3].any()
 
@@ -102,10 +100,8 @@ def test_one_dof_may_drive_several_joints(body, arm_text, arm, rng):
 @pytest.mark.parametrize("joints", [None, [2, 0]])
 def test_jacobian_against_differences(body, arm_text, rng, joints, fixed):
     """The Jacobian of all joints or of some agrees with differences; a fixed motion has no row."""
-    made, inputs = (
-        body(arm_text.replace("initial: 0.5", f"initial: 0.5 {fixed}")),
-        rng.normal(size=(3, 4)),
-    )
+    made = body(arm_text.replace("initial: 0.5", f"initial: 0.5 {fixed}"))
+    inputs = rng.normal(size=(3, 4))
     chosen = joints or [0, 1, 2]
     J = made.jacobian(made.forward(inputs), joints)
     assert J.shape == (3, 3 if fixed else 4, 3 * len(chosen))
@@ -200,10 +196,8 @@ def test_float32_costs_digits_of_float32_only(hand, rng):
     """float32 loses only float32 precision, even far from the origin, as torques are computed
     about local points.
     """
-    inputs, dX = (
-        rng.normal(0, 0.5, (20, 47)).astype(np.float32),
-        rng.normal(size=(20, 31, 3)).astype(np.float32),
-    )
+    inputs = rng.normal(0, 0.5, (20, 47)).astype(np.float32)
+    dX = rng.normal(size=(20, 31, 3)).astype(np.float32)
     inputs[10:, :3] += 500
     single = kinematics_of(HAND, np.float32)
     exact, pose = hand.forward(inputs), single.forward(inputs)

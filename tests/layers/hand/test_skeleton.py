@@ -1,11 +1,14 @@
 """Skeleton: reading, writing and changing skeleton files, and invalid files."""
 
+from pathlib import Path
+
 import numpy as np
 
 import netlib
 from layers.hand.skeleton import load, load_for
 from layers.hand.skeleton_file import text_of
 from tests.support.bad_input import bad_inputs
+from tests.support.tables import pairs_of
 
 HAND = load()
 
@@ -74,85 +77,12 @@ def test_slides_can_be_freed(skeleton, arm_text):
     assert np.array_equal(freed.initial, table.initial) and np.array_equal(freed.bones, table.bones)
 
 
-BONE = "expected half-cubes, at most 10 (half the edge of the cube around the body: of 300 mm, 1 is 150 mm)"
-LIMITS = "lower: -1 upper: 1"
+MISTAKES = pairs_of(Path(__file__).with_name("skeleton_mistakes.txt"))
 
 
 @bad_inputs(
     netlib.PrototxtError,
-    {
-        f"{old} -> {new}": ((old, new), f"...skeleton0.prototxt:{line}")
-        for old, new, line in (
-            (
-                'parent: "base"',
-                'parent: "bse"',
-                "6:27: error: unknown parent 'bse' (did you mean 'base'?)",
-            ),
-            (
-                'axis: Z dof: "elbow"',
-                'axis: Z dof: "elbov"',
-                "5:59: error: unknown dof 'elbov' (did you mean 'elbow'?)",
-            ),
-            (
-                'name: "elbow" parent: "base"',
-                'name: "elbow" parent: "hand"',
-                "5:11: error: joint 'hand' is its own ancestor",
-            ),
-            (
-                'name: "elbow" parent: "base"',
-                'name: "elbow" parent: "elbow"',
-                "6:11: error: joint 'elbow' is its own ancestor",
-            ),
-            ('dof { name: "y"', 'dof { name: "x"', "3:27: error: DoF 'x' is defined twice"),
-            (
-                'joint { name: "base"',
-                'joint { name: "hand"',
-                "7:11: error: joint 'hand' is defined twice",
-            ),
-            (LIMITS, "lower: 1 upper: -1", "4:9: error: DoF 'shoulder': lower limit 1 is above -1"),
-            (
-                "axis: Z",
-                "axis: W",
-                "5:57: error: unknown value W of 'axis'; known values: X, Y, Z, NEG_X, NEG_Y, NEG_Z",
-            ),
-            (
-                "length: 1",
-                "lenght: 1",
-                "5:89: error: unknown field 'lenght' (did you mean 'length'?)",
-            ),
-            (
-                "bone { axis: X length: 1 }",
-                "bone { axis: X }",
-                "5:79: error: missing required field 'length' in bone",
-            ),
-            (
-                LIMITS,
-                "lower: nan upper: 1",
-                "4:42: error: DoF 'shoulder': limits nan and 1; expected numbers",
-            ),
-            (
-                LIMITS,
-                "lower: -1 upper: nan",
-                "4:52: error: DoF 'shoulder': limits -1 and nan; expected numbers",
-            ),
-            (
-                LIMITS,
-                "lower: inf upper: inf",
-                "4:42: error: DoF 'shoulder': limits inf and inf; expected numbers",
-            ),
-            (
-                LIMITS,
-                "lower: -1 upper: 1e308",
-                "4:52: error: DoF 'shoulder': limits -1 and 1e+308; expected numbers",
-            ),
-            (LIMITS, "deviation: 0", "4:42: error: deviation 0; expected > 0"),
-            (LIMITS, "deviation: nan", "4:42: error: deviation nan; expected > 0"),
-            ("length: 1 ", "length: 1e30 ", f"5:79: error: a bone of length 1e+30; {BONE}"),
-            ("length: 1 ", "length: 40 ", f"5:79: error: a bone of length 40; {BONE}"),
-            ("length: 1 ", "length: -11 ", f"5:79: error: a bone of length -11; {BONE}"),
-            ("length: 1 ", "length: nan ", f"5:79: error: a bone of length nan; {BONE}"),
-        )
-    },
+    {" -> ".join(change): (change, f"...skeleton0.prototxt:{line}") for change, line in MISTAKES},
 )
 def test_mistakes_in_a_skeleton_file(skeleton, arm_text, given, rejected):
     assert given[0] in arm_text

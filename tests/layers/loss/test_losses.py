@@ -10,8 +10,11 @@ from netlib.proto.messages import LossParameter
 LN2, LEAST = np.log(2), float(np.float32(1e-20))  # LEAST: no logarithm of a smaller probability
 SCORES = [[3, 2, 1], [1, 3, 2], [2, 1, 3], [3, 1, 2]]
 # distances 5, 5, 1 and sqrt 2
-ROOT, A, ZERO = np.sqrt(2), [[3, 4], [3, 4], [0, 1], [1, 1]], np.zeros((4, 2))
-SIMILAR, PUSHED = [1, 0, 0, 0], [[0, -1 / 1.0001], [-(2 - ROOT) / (ROOT + 1e-4)] * 2]
+ROOT = np.sqrt(2)
+A = [[3, 4], [3, 4], [0, 1], [1, 1]]
+ZERO = np.zeros((4, 2))
+SIMILAR = [1, 0, 0, 0]
+PUSHED = [[0, -1 / 1.0001], [-(2 - ROOT) / (ROOT + 1e-4)] * 2]
 MARGIN_2 = "ContrastiveLoss contrastive_loss_param { margin: 2 %s }"
 HINGE = [[2, -3, 0.5], [0.5, 1, -1]]  # for labels 0 and 1 the margins are 0 0 1.5 and 1.5 0 0
 # probabilities 1/2 3/4 and 1/4 4/5
@@ -230,11 +233,9 @@ def test_labels_of_pixels_against_loops(run, rng, kind, options, divisor):
     ],
 )
 def test_classes_on_another_axis(run, rng, kind, options, more):
-    x, labels, wanted = (
-        rng.normal(size=(2, 3, 4)),
-        rng.integers(0, 3, (2, 4)),
-        [True, False, False][: 2 + len(more)],
-    )
+    x = rng.normal(size=(2, 3, 4))
+    labels = rng.integers(0, 3, (2, 4))
+    wanted = [True, False, False][: 2 + len(more)]
     first = run(f'type: "{kind}"', x, labels, *more, tops=2)
     last = run(f'type: "{kind}" {options}', np.moveaxis(x, 1, 2), labels, *more, tops=2)
     assert last.y == pytest.approx(first.y)

@@ -6,18 +6,14 @@ import pytest
 # channels of means 2 and 20, and deviations 1 and 10
 PAIRS = np.array([[1.0, 3], [10, 30]]).reshape(1, 2, 1, 2)
 LINE = np.array([1.0, 2, 3])
-# sums of squares of a value and its neighbours
-SCALED = [1 / (1 + 1 + 4), 2 / (1 + 1 + 4 + 9), 3 / (1 + 4 + 9)]
-NET = """
-input: "x" input_shape { dim: 2 dim: 3 }
-layer { name: "n" type: "Normalize" bottom: "x" top: "y" norm_param { channel_shared: %s } }
-"""
+SCALED = [1 / (1 + 5), 2 / (1 + 14), 3 / (1 + 13)]  # 1 + squares of a value and its neighbours
 
 
 def mvn(x, eps):
     """Return the values and, for dy = (1, 0, 0), the gradient, which ignores eps, as in Caffe."""
-    y = (x - np.mean(x)) / (np.std(x) + eps)
-    return y, (np.array([1, 0, 0]) - 1 / 3 - y * y[0] / 3) / (np.std(x) + eps)
+    deviation = np.std(x) + eps
+    y = (x - np.mean(x)) / deviation
+    return y, (np.array([2, -1, -1]) - y * y[0]) / 3 / deviation
 
 
 WITH_EPS, GRADIENT = mvn([1, 2, 6], 3)
@@ -108,12 +104,9 @@ def test_by_hand(run, layer, x, y, dy, dx):
 
 def test_a_scale_of_each_channel(by_hand):
     """The channels (3, 4) have length 5, (0, 2) length 2; the scales are 10 and 100."""
-    by_hand(
-        "Normalize norm_param { across_spatial: false channel_shared: false eps: 0 }",
-        [np.reshape([3.0, 0, 4, 2], (1, 2, 1, 2))],
-        [np.reshape([6, 0, 80, 100], (1, 2, 1, 2))],
-        params=[[10, 100]],
-    )
+    x, y = (np.reshape(values, (1, 2, 1, 2)) for values in ([3.0, 0, 4, 2], [6, 0, 80, 100]))
+    layer = "Normalize norm_param { across_spatial: false channel_shared: false eps: 0 }"
+    by_hand(layer, [x], [y], params=[[10, 100]])
 
 
 def test_the_gradient_of_a_shared_scale(run):
@@ -129,35 +122,15 @@ def test_any_size_of_lrn_gives_what_plain_loops_give(run, rng, size, region):
     """Also if the region is larger than the blob."""
     x = rng.normal(size=(2, 6, 4, 5))
     s, half = np.ones(x.shape), size // 2
+
+    def near(i):
+        return slice(max(i - half, 0), i + half + 1)
+
     for n, c, h, w in np.ndindex(x.shape):
         if region == "ACROSS_CHANNELS":
-            near = x[n, max(c - half, 0) : c + half + 1, h, w]
-            s[n, c, h, w] += 0.7 / size * (near**2).sum()
+            s[n, c, h, w] += 0.7 / size * (x[n, near(c), h, w] ** 2).sum()
         else:
-            near = x[n, c, max(h - half, 0) : h + half + 1, max(w - half, 0) : w + half + 1]
-            s[n, c, h, w] += 0.7 / size**2 * (near**2).sum()
-    done = run(
-        f'type: "LRN" lrn_param {{ local_size: {size} alpha: 0.7 beta: 0.6 norm_region: {region} }}',
-        x,
-    )
+            s[n, c, h, w] += 0.7 / size**2 * (x[n, c, near(h), near(w)] ** 2).sum()
+    options = f"local_size: {size} alpha: 0.7 beta: 0.6 norm_region: {region}"
+    done = run(f'type: "LRN" lrn_param {{ {options} }}', x)
     assert np.allclose(done.y, x / s**0.6)
-
-
-@pytest.mark.parametrize(
-    ("shared", "values", "shapes"),
-    [
-        ("false", [1, 2, 3], [(3,), (1, 3), (1, 1, 3), (1, 1, 1, 3)]),
-        ("true", 7, [(), (1,), (1, 1, 1, 1)]),
-    ],
-)
-def test_weights_with_leading_ones(net_of, tmp_path, shared, values, shapes):
-    """Scales of other programs, with leading axes of size 1, are loaded from both formats."""
-    net, other = net_of(NET % shared), net_of(NET % shared)
-    net.params["n"][0].data[...] = values
-    for shape in shapes:
-        net.params["n"][0].reshape(shape)
-        for name in ("n.caffemodel", "n.caffemodel.h5"):
-            net.save(tmp_path / name)
-            other.params["n"][0].data[...] = 0
-            other.copy_from(tmp_path / name)
-            assert other.params["n"][0].data.tolist() == values

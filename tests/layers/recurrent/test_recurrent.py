@@ -19,12 +19,11 @@ def text(kind="RNN", outputs=3, options=""):
 
 def test_an_rnn_by_hand(run):
     """With one output, h = tanh(x + 2 h before + 0.5) and o = tanh(3 h - 1)."""
-    done = run(
-        text(outputs=1), [[[0.1]], [[-0.2]]], [[1], [1]], params=[[[1]], [0.5], [[2]], [[3]], [-1]]
-    )
+    params = [[1]], [0.5], [[2]], [[3]], [-1]
+    done = run(text(outputs=1), [[[0.1]], [[-0.2]]], [[1], [1]], params=params)
     h1 = np.tanh(0.1 + 0.5)
     h2 = np.tanh(-0.2 + 2 * h1 + 0.5)
-    assert np.allclose(done.y.ravel(), [np.tanh(3 * h1 - 1), np.tanh(3 * h2 - 1)])
+    assert np.allclose(done.y.ravel(), np.tanh([3 * h1 - 1, 3 * h2 - 1]))
 
 
 C1 = np.tanh(1) / 2
@@ -53,16 +52,19 @@ def loops(kind, x, cont, params, static=None, h=None, c=None):
     """Compute the definition stream by stream and step by step; returns y and the last states."""
     w_x, b, *w_s, w_h = params if kind == "LSTM" else params[:-2]
     D = w_h.shape[1]
-    y, last = np.zeros((*x.shape[:2], D)), np.zeros((2, x.shape[1], D))
+    y = np.zeros((*x.shape[:2], D))
+    last = np.zeros((2, x.shape[1], D))
     for n in range(x.shape[1]):
         h_n, c_n = (np.zeros(D) if state is None else state[n] for state in (h, c))
         for t in range(len(x)):
-            a = w_x @ x[t, n].ravel() + b + w_h @ (cont[t, n] * h_n)
+            h_n = cont[t, n] * h_n
+            a = w_x @ x[t, n].ravel() + b + w_h @ h_n
             if static is not None:
                 a = a + w_s[0] @ static[n].ravel()
             if kind == "LSTM":
                 i, f, o, g = a.reshape(4, D)
-                c_n = expit(f) * cont[t, n] * c_n + expit(i) * np.tanh(g)
+                c_n = cont[t, n] * c_n
+                c_n = expit(f) * c_n + expit(i) * np.tanh(g)
                 h_n = y[t, n] = expit(o) * np.tanh(c_n)
             else:
                 h_n = np.tanh(a)
@@ -82,13 +84,9 @@ def test_it_gives_what_plain_loops_give(run, rng, kind, item, with_static):
     done = run(text(kind), x, CONT, *[static] * with_static)
     params = [blob.data for blob in done.layer.blobs]
     rows, more = (12, []) if kind == "LSTM" else (3, [(3, 3), (3,)])
-    assert [p.shape for p in params] == [
-        (rows, x[0, 0].size),
-        (rows,),
-        *[(rows, 4)] * with_static,
-        (rows, 3),
-        *more,
-    ]
+    of_static = [(rows, 4)] * with_static
+    shapes = [(rows, x[0, 0].size), (rows,), *of_static, (rows, 3), *more]
+    assert [p.shape for p in params] == shapes
     y, *states = loops(kind, x, CONT, params, static)
     assert np.allclose(done.y, y)
     done.layer.forward(done.bottom, done.top)
@@ -99,21 +97,23 @@ def test_the_exposed_state_of_an_rnn(run, rng):
     """The exposed state h is the bottom after the static features, and the second top; its
     gradient is 0.
     """
-    x, static, h = rng.normal(size=(4, 2, 5)), rng.normal(size=(2, 4)), rng.normal(size=(1, 2, 3))
+    x = rng.normal(size=(4, 2, 5))
+    static = rng.normal(size=(2, 4))
+    h = rng.normal(size=(1, 2, 3))
     done = run(text(options="expose_hidden: true"), x, np.ones((4, 2)), static, h, tops=2)
-    y, last = loops(
-        "RNN", x, np.ones((4, 2)), [blob.data for blob in done.layer.blobs], static, h[0]
-    )
+    params = [blob.data for blob in done.layer.blobs]
+    y, last = loops("RNN", x, np.ones((4, 2)), params, static, h[0])
     assert np.allclose(done.ys[0], y)
     assert np.allclose(done.ys[1][0], last)
-    assert not done.backward(
-        np.ones((4, 2, 3)), np.ones((1, 2, 3)), wanted=[True, False, True, True]
-    )[3].any()
+    dy = np.ones((4, 2, 3)), np.ones((1, 2, 3))
+    assert not done.backward(*dy, wanted=[True, False, True, True])[3].any()
 
 
 def test_the_exposed_states_of_an_lstm(run, rng):
     """They are h and c; two halves with passed states equal the whole sequence."""
-    x, h, c = rng.normal(size=(4, 2, 5)), rng.normal(size=(1, 2, 3)), rng.normal(size=(1, 2, 3))
+    x = rng.normal(size=(4, 2, 5))
+    h = rng.normal(size=(1, 2, 3))
+    c = rng.normal(size=(1, 2, 3))
     exposed = text("LSTM", options="expose_hidden: true")
     whole = run(exposed, x, np.ones((4, 2)), h, c, tops=3)
     params = [blob.data for blob in whole.layer.blobs]
@@ -130,16 +130,15 @@ def test_the_exposed_states_of_an_lstm(run, rng):
 
 def test_no_gradient_passes_exposed_states(run, rng):
     """Exposed states have gradient 0, and the gradients of their tops are ignored, as in Caffe."""
-    bottoms = rng.normal(size=(3, 2, 5)), np.ones((3, 2)), *rng.normal(size=(2, 1, 2, 3))
-    done = run(text("LSTM", options="expose_hidden: true"), *bottoms, tops=3)
+    x, states = rng.normal(size=(3, 2, 5)), rng.normal(size=(2, 1, 2, 3))
+    done = run(text("LSTM", options="expose_hidden: true"), x, np.ones((3, 2)), *states, tops=3)
     wanted, dy = [True, False, True, True], rng.normal(size=(3, 2, 3))
-    dx, _, dh, dc = (
-        array.copy() for array in done.backward(dy, *np.zeros((2, 1, 2, 3)), wanted=wanted)
-    )
+    dx, _, dh, dc = done.backward(dy, *np.zeros((2, 1, 2, 3)), wanted=wanted)
     assert dx.all()
     assert not dh.any()
     assert not dc.any()
-    assert np.array_equal(done.backward(dy, *np.ones((2, 1, 2, 3)), wanted=wanted)[0], dx)
+    before = dx.copy()
+    assert np.array_equal(done.backward(dy, *np.ones((2, 1, 2, 3)), wanted=wanted)[0], before)
 
 
 @kinds
@@ -203,19 +202,16 @@ LN3, TANH = math.log(3), math.tanh(2.1)  # sigmoid(ln 3) = 3/4, tanh(ln 3) = 4/5
 )
 def test_an_lstm_unit_by_hand(by_hand, dc, dh, of_cell, of_output):
     """For i = f = 3/4, o = 1/2 and g = 4/5, c = 3/4 * 2 + 3/4 * 4/5 = 2.1 and h = tanh(c) / 2."""
-    dx = [of_cell * 4 / 5 * 3 / 16, of_cell * 2 * 3 / 16, of_output, of_cell * 3 / 4 * 9 / 25]
-    by_hand(
-        "LSTMUnit",
-        [[[[2]]], [[[LN3, LN3, 0, LN3]]], [[1]]],
-        [[[[2.1]]], [[[TANH / 2]]]],
-        [[[[dc]]], [[[dh]]]],
-        [[[[of_cell * 3 / 4]]], [[dx]], None],
-    )
+    dx = [of_cell * 3 / 20, of_cell * 3 / 8, of_output, of_cell * 27 / 100]
+    bottoms = [[[2]]], [[[LN3, LN3, 0, LN3]]], [[1]]
+    tops, dy = ([[[2.1]]], [[[TANH / 2]]]), ([[[dc]]], [[[dh]]])
+    by_hand("LSTMUnit", bottoms, tops, dy, [[[[of_cell * 3 / 4]]], [[dx]], None])
 
 
 def test_an_lstm_unit_forgets_where_a_sequence_is_new(run):
     """The previous cell is ignored and gets gradient 0."""
-    done = run('type: "LSTMUnit"', [[[2], [2]]], [[[LN3, LN3, 0, LN3]] * 2], [[0, 1]], tops=2)
+    gates = [[LN3, LN3, 0, LN3]] * 2
+    done = run('type: "LSTMUnit"', [[[2], [2]]], [gates], [[0, 1]], tops=2)
     assert done.y.ravel() == pytest.approx([0.6, 2.1])
     dc_before, dx, _ = done.backward([[[1], [1]]], [[[1], [1]]], wanted=[True, True, False])
     assert dc_before[0, 0, 0] == dx[0, 0, 1] == 0

@@ -13,9 +13,8 @@ from tests.support.plain_loops import outputs, pool
 
 
 def text(**options):
-    return (
-        f'type: "Pooling" pooling_param {{ {" ".join(f"{k}: {v}" for k, v in options.items())} }}'
-    )
+    fields = " ".join(f"{name}: {value}" for name, value in options.items())
+    return f'type: "Pooling" pooling_param {{ {fields} }}'
 
 
 SQUARE = np.reshape([1.0, 2, 0, 4, 3, 5, 6, 0, 7], (1, 1, 3, 3))
@@ -91,14 +90,10 @@ LOWEST = -float(np.finfo(np.float32).max)  # of an empty window
     ids=lambda value: str(value) if isinstance(value, dict) else "",
 )
 def test_by_hand(by_hand, options, x, tops, dy, dx):
+    layer = text(**options).replace('type: "Pooling"', "Pooling")
     mask = [np.full((1, 1, *np.shape(dy)), 100)] * (len(tops) - 1)  # the diff of a mask is not read
-    by_hand(
-        text(**options).replace('type: "Pooling"', "Pooling"),
-        [x],
-        [[[top]] for top in tops],
-        [[[dy]], *mask] if dy else [],
-        [[[dx]]] if dy else [],
-    )
+    backward = ([[[dy]], *mask], [[[dx]]]) if dy else ()
+    by_hand(layer, [x], [[[top]] for top in tops], *backward)
 
 
 @pytest.mark.parametrize(
@@ -134,24 +129,16 @@ PAIRS = st.tuples(st.integers(1, 4), st.integers(1, 4))
 )
 def test_any_window_gives_what_plain_loops_give(size, kernel, stride, pad, ceil, mean, ties):
     stride = tuple(min(s, k) for s, k in zip(stride, kernel))
-    assume(
-        all(
-            p < k and outputs(n, k, s, p, ceil) > 0 for n, k, s, p in zip(size, kernel, stride, pad)
-        )
-    )
-    rng = np.random.default_rng(0)
-    x = rng.integers(0, 3, (2, 2, *size)).astype(float) if ties else rng.normal(size=(2, 2, *size))
-    options = text(
-        pool="AVE" if mean else "MAX",
-        kernel_h=kernel[0],
-        kernel_w=kernel[1],
-        stride_h=stride[0],
-        stride_w=stride[1],
-        pad_h=pad[0],
-        pad_w=pad[1],
-        round_mode="CEIL" if ceil else "FLOOR",
-    )
-    compare(options, x, *pool(x, kernel, stride, pad, mean, ceil))
+    assume(all(p < k for p, k in zip(pad, kernel)))
+    counts = [outputs(*axis, ceil) for axis in zip(size, kernel, stride, pad)]
+    assume(min(counts) > 0)
+    x = np.random.default_rng(0).normal(size=(2, 2, *size))
+    if ties:
+        x = np.rint(x)
+    options = {"pool": "AVE" if mean else "MAX", "round_mode": "CEIL" if ceil else "FLOOR"}
+    for name, pair in (("kernel", kernel), ("stride", stride), ("pad", pad)):
+        options[f"{name}_h"], options[f"{name}_w"] = pair
+    compare(text(**options), x, *pool(x, kernel, stride, pad, mean, ceil))
 
 
 def compare(options, x, y, share):
@@ -186,11 +173,9 @@ def test_global_pooling_follows_the_size(run, rng):
 )
 def test_the_mask_says_where_the_maximum_is(run, rng, options):
     x = rng.normal(size=(2, 3, 5, 6))
-    y, mask = run(text(**options), x, tops=2).ys
-    assert np.array_equal(
-        np.take_along_axis(x.reshape(2, 3, -1), mask.reshape(2, 3, -1).astype(int), axis=2),
-        y.reshape(2, 3, -1),
-    )
+    y, mask = (top.reshape(2, 3, -1) for top in run(text(**options), x, tops=2).ys)
+    named = np.take_along_axis(x.reshape(2, 3, -1), mask.astype(int), axis=2)
+    assert np.array_equal(named, y)
 
 
 def test_a_layer_in_place_before_the_pooling_shows_in_the_mask(net_of, rng):
@@ -198,10 +183,11 @@ def test_a_layer_in_place_before_the_pooling_shows_in_the_mask(net_of, rng):
     previous value.
     """
     kernel = 'type: "Convolution" convolution_param { num_output: 1 kernel_size: 1 weight_filler { value: 1 } }'
+    pooling = text(kernel_size=2, stride=2)
     net = net_of(
         inputs(x=(2, 1, 6, 6)) + f'layer {{ name: "c" bottom: "x" top: "c" {kernel} }} '
         'layer { name: "r" type: "ReLU" bottom: "c" top: "c" } '
-        f'layer {{ name: "p" bottom: "c" top: "y" top: "mask" {text(kernel_size=2, stride=2)} }} '
+        f'layer {{ name: "p" bottom: "c" top: "y" top: "mask" {pooling} }} '
         f'layer {{ name: "z" bottom: "y" top: "z" {kernel} }} '
     )
     found = net.forward(x=-rng.uniform(1, 2, (2, 1, 6, 6)))["mask"]
@@ -224,7 +210,8 @@ def test_half_a_kernel_is_ignored_as_in_caffe(run, caplog):
     """Of kernel_size and only one of kernel_h and kernel_w, Caffe uses the former; here
     with a warning.
     """
-    assert run(text(kernel_size=2, kernel_h=4), np.zeros((1, 1, 5, 5))).y.shape == (1, 1, 4, 4)
+    done = run(text(kernel_size=2, kernel_h=4), np.zeros((1, 1, 5, 5)))
+    assert done.y.shape == (1, 1, 4, 4)
     assert (
         "Pooling ignores kernel_h in pooling_param, as Caffe does; kernel_size takes precedence"
         in caplog.text
@@ -255,19 +242,20 @@ def test_spp_by_hand(run):
     assert run(spp(2), x).y.tolist() == [[8, 80, 2, 4, 6, 8, 20, 40, 60, 80]]
     done = run(spp(2, "AVE"), x[:, :1])
     assert done.y.tolist() == [[4.5, 1.5, 3.5, 5.5, 7.5]]
-    assert done.backward([[8, 2, 0, 0, 4]])[0].tolist() == [[[[2, 2, 1, 1], [1, 1, 3, 3]]]]
+    (dx,) = done.backward([[8, 2, 0, 0, 4]])
+    assert dx[0, 0].tolist() == [[2, 2, 1, 1], [1, 1, 3, 3]]
 
 
 def test_spp_the_first_of_equal_values_wins(run):
-    assert run(spp(2), np.zeros((1, 1, 2, 2))).backward([[1, 2, 3, 4, 5]])[0].tolist() == [
-        [[[3, 3], [4, 5]]]
-    ]
+    (dx,) = run(spp(2), np.zeros((1, 1, 2, 2))).backward([[1, 2, 3, 4, 5]])
+    assert dx[0, 0].tolist() == [[3, 3], [4, 5]]
 
 
 def test_spp_of_a_single_level_keeps_four_axes(run):
     """A single level keeps four axes, as in Caffe; several levels are flattened."""
     assert run(spp(1), np.ones((2, 3, 4, 5))).y.shape == (2, 3, 1, 1)
-    assert run(spp(3), np.ones((2, 3, 4, 4))).y.shape == (2, 3 * (1 + 4 + 16))
+    windows = 1 + 4 + 16
+    assert run(spp(3), np.ones((2, 3, 4, 4))).y.shape == (2, 3 * windows)
 
 
 def pooled(run, x, level, pool):
@@ -293,6 +281,5 @@ def test_levels_of_spp_are_poolings(run, rng, size, pool):
     dy = rng.normal(size=done.y.shape)
     ends = np.cumsum([level.y[0].size for level in levels])[:-1]
     parts = [part.reshape(level.y.shape) for part, level in zip(np.split(dy, ends, axis=1), levels)]
-    assert np.allclose(
-        done.backward(dy)[0], sum(level.backward(part)[0] for part, level in zip(parts, levels))
-    )
+    dx = sum(level.backward(part)[0] for part, level in zip(parts, levels))
+    assert np.allclose(done.backward(dy)[0], dx)

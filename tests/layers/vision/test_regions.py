@@ -101,11 +101,8 @@ def test_by_hand(by_hand, layer, x, region, y, dy, dx):
 
 def test_the_channels_of_the_top_follow_each_other(by_hand):
     """Channel k of the top reads the maps from k G G on, which differ from bin to bin."""
-    by_hand(
-        psroi(2),
-        [np.arange(8.0).reshape(1, 8, 1, 1), [[0] * 5]],
-        [np.arange(8).reshape(1, 2, 2, 2)],
-    )
+    maps = np.arange(8.0).reshape(1, 8, 1, 1)
+    by_hand(psroi(2), [maps, np.zeros((1, 5))], [maps.reshape(1, 2, 2, 2)])
 
 
 def test_each_region_names_its_item(by_hand, rng):
@@ -118,16 +115,16 @@ def test_each_region_names_its_item(by_hand, rng):
 
 def roi_bin(first, last, k, bins):
     """The pixels of bin k along one axis, at a scale of 1/4."""
-    begin, end = (math.floor(abs(v) / 4 + 0.5) * (1 if v > 0 else -1) for v in (first, last))
+    begin, end = (int(math.copysign(math.floor(abs(v) / 4 + 0.5), v)) for v in (first, last))
     length = max(end - begin + 1, 1)
-    return slice(max(begin + k * length // bins, 0), max(begin + -(-(k + 1) * length // bins), 0))
+    low, high = k * length // bins, -(-(k + 1) * length // bins)
+    return slice(max(begin + low, 0), max(begin + high, 0))
 
 
 def psroi_bin(first, last, k, bins):
     begin = first / 4
     length = max((last + 1) / 4 - begin, 0.1) / bins
-    low, high = begin + k * length, begin + (k + 1) * length
-    low, high = (round(v) if abs(v - round(v)) < 1e-6 else v for v in (low, high))
+    low, high = begin + k * length + 1e-6, begin + (k + 1) * length - 1e-6
     return slice(max(math.floor(low), 0), max(math.ceil(high), 0))
 
 
@@ -136,12 +133,9 @@ def test_any_region_gives_what_plain_loops_give(run, rng, kind):
     """Also regions that are outside the maps or have exchanged corners."""
     is_max, G = kind == "ROIPooling", 3
     x = rng.normal(size=(2, 2 if is_max else 2 * G * G, 7, 9))
-    rois = np.column_stack(
-        [
-            rng.integers(0, 2, 40),
-            rng.uniform(-8, 40, (40, 4)) if is_max else rng.integers(-8, 40, (40, 4)),
-        ]
-    )
+    items = rng.integers(0, 2, 40)
+    corners = rng.uniform(-8, 40, (40, 4))
+    rois = np.column_stack([items, corners if is_max else np.rint(corners)])
     layer, bin_, reduced = (
         (roi(3, 4, 0.25), roi_bin, np.max) if is_max else (psroi(2, G, 0.25), psroi_bin, np.mean)
     )
@@ -150,5 +144,6 @@ def test_any_region_gives_what_plain_loops_give(run, rng, kind):
     for r, k, i, j in np.ndindex(y.shape):
         item, left, top, right, bottom = rois[r]
         rows, columns = bin_(top, bottom, i, y.shape[2]), bin_(left, right, j, y.shape[3])
-        window = x[int(item), k if is_max else (k * G + i) * G + j, rows, columns]
+        channel = k if is_max else (k * G + i) * G + j
+        window = x[int(item), channel, rows, columns]
         assert y[r, k, i, j] == pytest.approx(reduced(window) if window.size else 0, abs=1e-6)

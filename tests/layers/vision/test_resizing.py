@@ -159,7 +159,8 @@ def test_any_size_of_interp_gives_what_plain_loops_give(run, rng):
         x = rng.normal(size=(2, H, W))
         y = run(f'type: "Interp" interp_param {{ height: {Ho} width: {Wo} }}', x[None]).y[0]
         for h, w in np.ndindex(Ho, Wo):
-            p, q = h * (H - 1) / max(Ho - 1, 1), w * (W - 1) / max(Wo - 1, 1)
+            p = h * (H - 1) / max(Ho - 1, 1)
+            q = w * (W - 1) / max(Wo - 1, 1)
             i, j = int(p + 1e-9), int(q + 1e-9)
             down, right = min(i + 1, H - 1), min(j + 1, W - 1)
             a, b = p - i, q - j
@@ -202,12 +203,11 @@ def test_after_a_pooling_with_a_mask(net_of, rng, kernel):
     gradient to them.
     """
     x = rng.permutation(2 * 3 * 6 * 6).reshape(2, 3, 6, 6) + 1.0
+    pooling = f'type: "Pooling" pooling_param {{ {kernel} }}'
+    upsample = 'type: "Upsample" upsample_param { upsample_h: 6 upsample_w: 6 }'
     net = net_of(
-        inputs(x=x.shape)
-        + "force_backward: true "
-        + f'layer {{ name: "p" type: "Pooling" bottom: "x" top: "p" top: "mask" pooling_param {{ {kernel} }} }}'
-        + 'layer { name: "u" bottom: "p" bottom: "mask" top: "y" type: "Upsample" '
-        + "upsample_param { upsample_h: 6 upsample_w: 6 } }",
+        f'force_backward: true {inputs(x=x.shape)} layer {{ name: "p" bottom: "x" top: "p" top: "mask" {pooling} }} '
+        f'layer {{ name: "u" bottom: "p" bottom: "mask" top: "y" {upsample} }}',
         dtype=np.float64,
     )
     y = net.forward(x=x)["y"].copy()

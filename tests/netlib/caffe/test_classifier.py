@@ -50,11 +50,9 @@ def test_ten_crops(make):
 
 def test_the_whole_image(make):
     classifier = make()
-    assert (
-        isinstance(classifier, caffe.Net)
-        and classifier.phase == caffe.TEST
-        and classifier.outputs == ["means"]
-    )
+    assert isinstance(classifier, caffe.Net)
+    assert classifier.phase == caffe.TEST
+    assert classifier.outputs == ["means"]
     assert tuple(classifier.image_dims) == tuple(classifier.crop_dims) == (2, 2)
     found = classifier.predict([image(4, 4)], oversample=False)
     np.testing.assert_allclose(found[0, :, 0, 0], [7.5, 100, 0], rtol=1e-6)

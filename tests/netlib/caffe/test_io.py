@@ -205,11 +205,10 @@ def test_ten_crops():
     crops = io.oversample([image, image + 100], (2, 2))
     assert crops.shape == (20, 2, 2, 1) and crops.dtype == np.float32
     assert crops[:5, 0, 0, 0].tolist() == [0, 3, 10, 13, 6]
-    assert crops[0, ..., 0].tolist() == [[0, 1], [5, 6]] and crops[5, ..., 0].tolist() == [
-        [1, 0],
-        [6, 5],
-    ]
-    assert (crops[5:10] == crops[:5, :, ::-1]).all() and (crops[10:] == crops[:10] + 100).all()
+    assert crops[0, ..., 0].tolist() == [[0, 1], [5, 6]]
+    assert crops[5, ..., 0].tolist() == [[1, 0], [6, 5]]
+    assert (crops[5:10] == crops[:5, :, ::-1]).all()
+    assert (crops[10:] == crops[:10] + 100).all()
 
 
 BGR = np.array([[[0, 51, 255], [255, 255, 255]]], np.uint8)  # one orange pixel, one white pixel

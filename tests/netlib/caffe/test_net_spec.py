@@ -131,11 +131,9 @@ def test_options_of_the_layer_and_of_its_block():
     )
     n.my = L.Python(n.data, module="mine", layer="My", param_str="x")
     data, my = n.to_proto().layer
-    assert (
-        data.name == "in"
-        and data.include[0].phase == caffe.TEST
-        and list(data.input_param.shape[0].dim) == [1, 2]
-    )
+    assert data.name == "in"
+    assert data.include[0].phase == caffe.TEST
+    assert list(data.input_param.shape[0].dim) == [1, 2]
     assert (my.python_param.module, my.python_param.layer, my.python_param.param_str) == (
         "mine",
         "My",
@@ -153,11 +151,9 @@ def test_a_netspec_has_items_too():
 
 def test_blocks_by_type():
     names = param_name_dict()
-    assert (
-        names["InnerProduct"] == "inner_product"
-        and names["HDF5Data"] == "hdf5_data"
-        and names["LRN"] == "lrn"
-    )
+    assert names["InnerProduct"] == "inner_product"
+    assert names["HDF5Data"] == "hdf5_data"
+    assert names["LRN"] == "lrn"
 
 
 def test_assign_proto():
@@ -172,21 +168,17 @@ def test_assign_proto():
     assign_proto(layer, "loss_weight", np.float32(0.5))
     assign_proto(layer, "include", [])
     assert [(p.lr_mult, p.name) for p in layer.param] == [(0, ""), (1, "w")]
-    assert (
-        list(layer.convolution_param.kernel_size) == [3, 5]
-        and layer.convolution_param.weight_filler.value == 2
-    )
+    assert list(layer.convolution_param.kernel_size) == [3, 5]
+    assert layer.convolution_param.weight_filler.value == 2
     assert list(layer.loss_weight) == [0.5] and len(layer.include) == 0
     assign_proto(layer, "power_param", caffe_pb2.PowerParameter(power=3))
     assert layer.power_param.power == 3
 
 
 def test_names_of_python_protocols_are_not_layers_or_parameters():
-    assert (
-        not hasattr(P, "__path__")
-        and not hasattr(L, "__path__")
-        and not hasattr(P.Pooling, "__len__")
-    )
+    assert not hasattr(P, "__path__")
+    assert not hasattr(L, "__path__")
+    assert not hasattr(P.Pooling, "__len__")
 
 
 def test_nets_of_forks_are_written() -> None:

@@ -114,11 +114,9 @@ def test_the_compiled_module() -> None:
         getattr(caffe, name) is getattr(_caffe, name)
         for name in set(_caffe.__all__) & set(caffe.__all__)
     )
-    assert (
-        caffe.Net is pycaffe.Net
-        and caffe.Layer is netlib.Layer
-        and _caffe.__version__ == caffe.__version__
-    )
+    assert caffe.Net is pycaffe.Net
+    assert caffe.Layer is netlib.Layer
+    assert _caffe.__version__ == caffe.__version__
 
 
 LAYER = """
@@ -228,14 +226,11 @@ def test_classes_are_pycaffes_by_identity(work: Path, module: MakeModule) -> Non
         assert (
             type(solver) is type(cls("solver.prototxt")) is cls is getattr(caffe, f"{name}Solver")
         )
-        assert (
-            cls.__name__ == f"{name}Solver"
-            and issubclass(cls, caffe.SGDSolver)
-            and issubclass(cls, _caffe.Solver)
-        )
-        assert (
-            type(solver.param) is _caffe.SolverParameter and type(solver.test_nets) is _caffe.NetVec
-        )
+        assert cls.__name__ == f"{name}Solver"
+        assert issubclass(cls, caffe.SGDSolver)
+        assert issubclass(cls, _caffe.Solver)
+        assert type(solver.param) is _caffe.SolverParameter
+        assert type(solver.test_nets) is _caffe.NetVec
     assert [
         len(cls("solver.prototxt").history[0]) for cls in (caffe.AdamSolver, caffe.SGDSolver)
     ] == [2, 1]

@@ -51,7 +51,9 @@ def test_alone():
     y, done = np.ones(3), []
     ALONE.introduce({"data": 1})
     ALONE.at_root(lambda: done.append(1))
-    assert done == [1] and y.tolist() == [1, 1, 1] and ALONE.shard == Shard()
+    assert done == [1]
+    assert y.tolist() == [1, 1, 1]
+    assert ALONE.shard == Shard()
     assert ALONE.agree(2.5, "stop") == 2.5 and ALONE.asked("stop") == "stop"
     assert ALONE.everyone({"a": 1}) == [{"a": 1}]
     error = NetlibError("no")

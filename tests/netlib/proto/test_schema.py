@@ -93,10 +93,8 @@ def test_values(text: str, field: str, expected: Any) -> None:
     assert getattr(read(text), field) == expected
 
 
-UNSIGNED, SIGNED = (
-    "expects an integer from 0 to 4294967295",
-    "expects an integer from -2147483648 to 2147483647",
-)
+UNSIGNED = "expects an integer from 0 to 4294967295"
+SIGNED = "expects an integer from -2147483648 to 2147483647"
 LONG = "expects an integer from -9223372036854775808 to 9223372036854775807"
 
 

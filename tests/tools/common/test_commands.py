@@ -9,16 +9,13 @@ import signal
 import sys
 import warnings
 from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 
 import tools
 from handpose import __version__
-from tests.support.running import Done, run_python
+from tests.support.running import ROOT, Done, run_python
 from tools.common.commands import EXAMPLES, GROUPS, NET_TOOLS, command, commands, main
-
-ROOT = Path(__file__).resolve().parents[3]
 
 
 def run(program: str, *words: str, status: int = 0) -> Done:

@@ -42,11 +42,8 @@ def test_detections_of_several_passes(results_of: Callable[..., Results]) -> Non
     first, second = results.add(rows[None, None], 2)
     assert len(first) == 0 and np.array_equal(second, rows)
     (nothing,) = results.add(np.array([[0, *[-1] * 6]], np.float32)[None, None], 1)
-    assert results.array().shape == (1, 1, 3, 7) and results.array()[0, 0, :, 0].tolist() == [
-        1,
-        1,
-        2,
-    ]
+    assert results.array().shape == (1, 1, 3, 7)
+    assert results.array()[0, 0, :, 0].tolist() == [1, 1, 2]
     expected = ["found: 2 detections", "  0.9000  class 1  20 20 60 40"]
     assert list(results.lines(second, Shown(1), STEPS, (100, 200, 3))) == expected
     assert list(results.lines(nothing, Shown(5), STEPS, (100, 200, 3))) == ["found: 0 detections"]
@@ -67,9 +64,14 @@ def test_detections_in_the_picture(
     picture = results.drawn(rows, Shown(None, 0.5), STEPS, image)
     assert picture.shape == (100, 200, 3) and not image.any()
     seen = picture.any(axis=2)
-    top, bottom, left, right = seen[50, 50:150], seen[90, 50:150], seen[50:90, 50], seen[50:90, 150]
+    top = seen[50, 50:150]
+    bottom = seen[90, 50:150]
+    left = seen[50:90, 50]
+    right = seen[50:90, 150]
     assert all(side.all() for side in (top, bottom, left, right))
-    assert not seen[55:85, 55:145].any() and not seen[:, :45].any() and not seen[94:].any()
+    assert not seen[55:85, 55:145].any()
+    assert not seen[:, :45].any()
+    assert not seen[94:].any()
     assert (picture == 255).all(axis=2)[:50].any()  # the name above the box
     both = results.drawn(rows, Shown(), STEPS, image)
     assert len({tuple(both[80, 50]), tuple(both[20, 100])}) == 2

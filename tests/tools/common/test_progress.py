@@ -38,9 +38,10 @@ def test_a_bar_on_a_terminal() -> None:
         progress.print("a line", terminal)
     assert not progress.is_shown
     shown = terminal.getvalue()
-    assert (
-        "fitting: " in shown and "10/10" in shown and " frames/s" in shown and "\ra line\n" in shown
-    )
+    assert "fitting: " in shown
+    assert "10/10" in shown
+    assert " frames/s" in shown
+    assert "\ra line\n" in shown
     assert shown.endswith("\n")
 
 

@@ -32,15 +32,15 @@ from tools.common.progress import StoppedError
 from tools.common.track_outputs import LiveOutput, Outputs, add_output_options
 
 LONGEST_S = 300  # for which a process is waited
-ALL = ["--json", "a.json", "--csv", "a.csv", "--sheet", "a.png"]
+ALL = "--json a.json --csv a.csv --sheet a.png"
 
 pytestmark = pytest.mark.usefixtures("here")
 
 
-def parsed(*argv: str) -> argparse.Namespace:
+def parsed(options: str = "") -> argparse.Namespace:
     parser = argparse.ArgumentParser()
     add_output_options(parser)
-    return parser.parse_args(argv)
+    return parser.parse_args(options.split())
 
 
 def frames(count: int = 4) -> Iterator[tuple[np.ndarray, TrackedFrame]]:
@@ -50,9 +50,9 @@ def frames(count: int = 4) -> Iterator[tuple[np.ndarray, TrackedFrame]]:
         yield seen([hand]), TrackedFrame(n, n / 30, (hand,))
 
 
-def written(*argv: str, count: int = 4) -> list[str]:
+def written(options: str = "", count: int = 4) -> list[str]:
     """Return the names that are reported as written."""
-    with Outputs(parsed(*argv), HEADER, 30.0) as outputs:
+    with Outputs(parsed(options), HEADER, 30.0) as outputs:
         for depth, frame in frames(count):
             outputs.write(depth, frame)
     return outputs.written
@@ -77,7 +77,7 @@ def test_all_outputs_are_complete_files_if_one_fails(
     monkeypatch.setattr(TrackWriter, "__exit__", failing)
     with (
         pytest.raises(OSError, match="No space left"),
-        Outputs(parsed(*ALL), HEADER, 30.0) as outputs,
+        Outputs(parsed(ALL), HEADER, 30.0) as outputs,
     ):
         for depth, frame in frames():
             outputs.write(depth, frame)
@@ -93,7 +93,7 @@ def test_all_outputs_are_complete_files_if_one_fails(
     )
     with (
         pytest.raises(NetlibError, match=r"^the camera was unplugged$"),
-        Outputs(parsed(*ALL), HEADER, 30.0) as outputs,
+        Outputs(parsed(ALL), HEADER, 30.0) as outputs,
     ):
         outputs.write(*next(frames()))
         raise NetlibError("the camera was unplugged")
@@ -106,24 +106,25 @@ def test_without_outputs_nothing_is_written() -> None:
 
 def test_no_frames() -> None:
     """Without frames there is no contact sheet; the other files are empty tracks."""
-    assert written(*ALL, count=0) == ["a.json", "a.csv"]
+    assert written(ALL, count=0) == ["a.json", "a.csv"]
     assert not Path("a.png").exists() and read_track("a.json").frames == []
 
 
 def test_lines_on_standard_output(capsys: pytest.CaptureFixture[str]) -> None:
     """A header and one line per frame are printed at once, and no file name is reported."""
-    with Outputs(parsed("--json", "-"), HEADER, 30.0) as outputs:
+    with Outputs(parsed("--json -"), HEADER, 30.0) as outputs:
         for n, (depth, frame) in enumerate(frames()):
             outputs.write(depth, frame)
             lines = capsys.readouterr().out.splitlines()
-            assert len(lines) == (2 if n == 0 else 1) and json.loads(lines[-1])["number"] == n
+            assert len(lines) == (2 if n == 0 else 1)
+            assert json.loads(lines[-1])["number"] == n
     assert outputs.written == []
 
 
 def test_a_video() -> None:
     """A video and a contact sheet can be written together."""
     av = pytest.importorskip("av")
-    assert set(written("--video", "a.mp4", "--sheet", "a.png")) >= {"a.png"}
+    assert set(written("--video a.mp4 --sheet a.png")) >= {"a.png"}
     with av.open("a.mp4") as video:
         assert len(list(video.decode(video=0))) == 4
     assert cv2.imread("a.png") is not None
@@ -134,7 +135,7 @@ def test_a_missing_package_is_reported_before_any_file_is_written(
 ) -> None:
     monkeypatch.setitem(sys.modules, "av", None)
     with pytest.raises(NetlibError, match="is missing: pip install"):
-        written(*ALL, "--video", "a.mp4")
+        written(f"{ALL} --video a.mp4")
     assert list(Path().iterdir()) == []
 
 
@@ -158,8 +159,8 @@ def ends() -> None:
 
 
 def test_a_port_alone_is_on_the_local_machine() -> None:
-    assert parsed("--serve", "8000").serve == ("127.0.0.1", 8000)
-    assert parsed("--serve", "0.0.0.0:0").serve == ("0.0.0.0", 0)
+    assert parsed("--serve 8000").serve == ("127.0.0.1", 8000)
+    assert parsed("--serve 0.0.0.0:0").serve == ("0.0.0.0", 0)
     assert parsed("--serve").serve == ("127.0.0.1", 0) and parsed().serve is None
 
 
@@ -196,16 +197,15 @@ def test_the_addresses_of_the_server_are_printed(capsys: pytest.CaptureFixture[s
     with LiveOutput(parsed("--serve"), HEADER) as output:
         output.begin(source(live=True), ends, sys.stdout)
         first, second = capsys.readouterr().out.splitlines()
-        assert first.startswith("page: http://127.0.0.1:") and second.startswith(
-            "for programs: ws://127.0.0.1:"
-        )
+        assert first.startswith("page: http://127.0.0.1:")
+        assert second.startswith("for programs: ws://127.0.0.1:")
         with pytest.raises(StoppedError):
             output.begin(source(live=False), ends, sys.stdout)
         assert capsys.readouterr().out.splitlines()[2:] == [
             "waiting for the first connection; Ctrl-C stops"
         ]
         output.write(DEPTH, frame(0))
-    with LiveOutput(parsed("--serve", "0.0.0.0:0"), HEADER) as output:
+    with LiveOutput(parsed("--serve 0.0.0.0:0"), HEADER) as output:
         output.begin(source(live=True), ends, sys.stdout)
         assert (
             capsys.readouterr().err
@@ -220,13 +220,12 @@ def test_the_addresses_in_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     pytest.importorskip("websockets")
     monkeypatch.setenv(track_outputs.TOKEN, "0123456789abcdefABCDEF-_")
     path = tmp_path / "live.json"
-    with LiveOutput(parsed("--serve", "--addresses", str(path)), HEADER):
+    with LiveOutput(parsed(f"--serve --addresses {path}"), HEADER):
         found = json.loads(path.read_text(encoding="utf-8"))
         assert path.stat().st_mode & 0o777 == 0o600
     assert not path.exists() and found["token"] == "0123456789abcdefABCDEF-_"
-    assert found["frames"].startswith("ws://127.0.0.1:") and found["page"].endswith(
-        f"/?token={found['token']}"
-    )
+    assert found["frames"].startswith("ws://127.0.0.1:")
+    assert found["page"].endswith(f"/?token={found['token']}")
 
 
 # -------------------------------------------------------------------------------- the whole command
@@ -234,13 +233,18 @@ def test_the_addresses_in_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
 @pytest.fixture
 def running(recorded: Path, tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
-    """``running("take.npz", "--serve", ...)`` starts the tracker as a process, which is killed
+    """``running("take.npz", "--serve ...")`` starts the tracker as a process, which is killed
     after the test.
     """
     begun: list[subprocess.Popen[str]] = []
 
-    def start(name: str, *options: str) -> subprocess.Popen[str]:
-        command = [sys.executable, str(ROOT / "tools" / "track.py"), str(recorded / name), *options]
+    def start(name: str, options: str = "--serve") -> subprocess.Popen[str]:
+        command = [
+            sys.executable,
+            str(ROOT / "tools" / "track.py"),
+            str(recorded / name),
+            *options.split(),
+        ]
         buffered = {key: value for key, value in os.environ.items() if key != "PYTHONUNBUFFERED"}
         pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
         begun.append(subprocess.Popen(command, cwd=tmp_path, env=buffered, **pipes))
@@ -279,7 +283,7 @@ def test_a_program_gets_all_frames_of_a_recording(
     """Tracking starts when a client connects; it receives the lines of --json up to the end of
     the recording.
     """
-    process = running("take.npz", "--serve", "--json", "a.jsonl", "--joints", "mano")
+    process = running("take.npz", "--serve --json a.jsonl --joints mano")
     with client_of(process) as client:
         header, *frames = (json.loads(line) for line in client)
     out, error = process.communicate(timeout=LONGEST_S)
@@ -295,20 +299,16 @@ def test_a_signal_ends_it(running: Callable[..., subprocess.Popen[str]]) -> None
     """A signal ends the tracker while it waits for a client and while it tracks, with a reason
     sent to clients.
     """
-    waiting = running("slow.npz", "--serve")
+    waiting = running("slow.npz")
     address_of(waiting)
     waiting.send_signal(signal.SIGINT)
-    assert (
-        waiting.communicate(timeout=LONGEST_S)[1].splitlines()[-1] == "stopped"
-        and waiting.returncode == 130
-    )
-    tracking = running("slow.npz", "--serve")
+    assert waiting.communicate(timeout=LONGEST_S)[1].splitlines()[-1] == "stopped"
+    assert waiting.returncode == 130
+    tracking = running("slow.npz")
     with client_of(tracking) as client:
         json.loads(client.recv(timeout=LONGEST_S))
         json.loads(client.recv(timeout=LONGEST_S))
         tracking.send_signal(signal.SIGTERM)
         list(client)
-    assert (
-        tracking.wait(LONGEST_S) == 143
-        and client.protocol.close_reason == "the tracker was stopped"
-    )
+    assert tracking.wait(LONGEST_S) == 143
+    assert client.protocol.close_reason == "the tracker was stopped"

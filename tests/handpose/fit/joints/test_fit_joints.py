@@ -75,7 +75,8 @@ def test_frames_with_missing_joints_are_fitted_to_the_others(inputs):
     hidden[::2, [0, 5, 28]] = np.nan  # tips and a joint of the thumb
     hidden[3, 7, 1] = np.nan  # one missing coordinate makes the joint unknown
     found = fit_joints(NYU_HAND, hidden, starts=32)
-    assert np.isnan(found.residuals[::2, [0, 5, 28]]).all() and np.isnan(found.residuals[3, 7])
+    assert np.isnan(found.residuals[::2, [0, 5, 28]]).all()
+    assert np.isnan(found.residuals[3, 7])
     assert np.nanmax(found.residuals) < 1e-5
     assert (
         np.abs(joints_of(NYU_HAND, found.inputs)[:, [1, 6, 29]] - targets[:, [1, 6, 29]]).max()
@@ -104,9 +105,8 @@ def test_limits_hold(inputs, rng):
         fit_joints(NYU_HAND, targets, EVALUATION_JOINTS, limits=limits, starts=4)
         for limits in (True, False)
     )
-    assert (inside.inputs >= NYU_HAND.lower - 1e-12).all() and (
-        inside.inputs <= NYU_HAND.upper + 1e-12
-    ).all()
+    assert (inside.inputs >= NYU_HAND.lower - 1e-12).all()
+    assert (inside.inputs <= NYU_HAND.upper + 1e-12).all()
     assert (free.inputs[:, NYU_HAND.fixed] == 0).all()
     assert (free.residuals**2).sum() < (inside.residuals**2).sum()
     assert (free.inputs > NYU_HAND.upper).any()
@@ -121,7 +121,8 @@ def test_ridge_pulls_to_the_initial_pose(inputs, rng):
         found = fit_joints(NYU_HAND, targets, EVALUATION_JOINTS, ridge=ridge, starts=4)
         sizes.append((found.inputs[:, fingers] ** 2).sum())
         residuals.append((found.residuals**2).sum())
-    assert sizes[0] > sizes[1] > sizes[2] and residuals[0] < residuals[1] < residuals[2]
+    assert sizes[0] > sizes[1] > sizes[2]
+    assert residuals[0] < residuals[1] < residuals[2]
 
 
 def test_the_result_is_a_minimum(inputs, rng):

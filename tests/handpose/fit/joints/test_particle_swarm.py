@@ -23,9 +23,8 @@ def test_swarm_comes_near_but_fit_comes_nearer():
     targets = kinematics_of(NYU_HAND).joints(inputs)[:, EVALUATION_JOINTS]
     swarm = fit_joints_by_swarm(NYU_HAND, targets, EVALUATION_JOINTS, particles=64, generations=150)
     best = fit_joints(NYU_HAND, targets, EVALUATION_JOINTS)
-    assert (swarm.inputs >= np.maximum(NYU_HAND.lower, -20)).all() and (
-        swarm.inputs <= np.minimum(NYU_HAND.upper, 20)
-    ).all()
+    assert (swarm.inputs >= np.maximum(NYU_HAND.lower, -20)).all()
+    assert (swarm.inputs <= np.minimum(NYU_HAND.upper, 20)).all()
     assert best.residuals.mean() <= swarm.residuals.mean() < 0.15
 
 

@@ -18,6 +18,7 @@ from handpose.frames.formats import realsense
 from handpose.frames.formats.realsense import open_live
 from handpose.frames.recording import UNKNOWN, CameraInfo
 from netlib.errors import DataError, NetlibError
+from tests.handpose.frames.conftest import times_of
 from tests.support.bad_input import bad_inputs
 
 SENT = [(10 + i, 5000 + i * 33.0) for i in range(4)]  # frame numbers, and times in ms
@@ -115,7 +116,7 @@ def test_a_camera_is_read_until_it_is_unplugged(fake: FakeModule) -> None:
         )
         frames = list(recording)
         assert [f.number for f in frames] == [0, 1, 2, 3]
-        assert [f.time for f in frames] == pytest.approx([0, 0.033, 0.066, 0.099])
+        assert times_of(frames) == pytest.approx([0, 0.033, 0.066, 0.099])
         assert [f.depth[0, 0] for f in frames] == pytest.approx([1.0, 1.1, 1.2, 1.3])
         assert "was the camera unplugged" in recording.cut
         assert recording.remarks == ()
@@ -212,21 +213,17 @@ def software(rs: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
         device.register_info(key, value)
     sensor = device.add_sensor("Stereo Module")
     numbers = rs.intrinsics()
-    numbers.width, numbers.height, numbers.model, numbers.coeffs = (
-        64,
-        48,
-        rs.distortion.brown_conrady,
-        [0.0] * 5,
-    )
+    numbers.width = 64
+    numbers.height = 48
+    numbers.model = rs.distortion.brown_conrady
+    numbers.coeffs = [0.0] * 5
     numbers.fx, numbers.fy, numbers.ppx, numbers.ppy = 60.5, 61.5, 31.25, 23.75
     stream = rs.video_stream()
-    stream.type, stream.index, stream.uid, stream.fmt, stream.bpp = (
-        rs.stream.depth,
-        0,
-        0,
-        rs.format.z16,
-        2,
-    )
+    stream.type = rs.stream.depth
+    stream.index = 0
+    stream.uid = 0
+    stream.fmt = rs.format.z16
+    stream.bpp = 2
     stream.width, stream.height, stream.fps, stream.intrinsics = 64, 48, 30, numbers
     profile = sensor.add_video_stream(stream, True).as_video_stream_profile()
     sensor.add_read_only_option(rs.option.depth_units, 0.0001)
@@ -237,11 +234,9 @@ def software(rs: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     def send(number: int, time_ms: float, value: int) -> None:
         frame = rs.software_video_frame()
         frame.pixels, frame.stride, frame.bpp = np.full((48, 64), value, np.uint16), 128, 2
-        frame.timestamp, frame.domain, frame.frame_number = (
-            time_ms,
-            rs.timestamp_domain.hardware_clock,
-            number,
-        )
+        frame.timestamp = time_ms
+        frame.domain = rs.timestamp_domain.hardware_clock
+        frame.frame_number = number
         frame.profile, frame.depth_units = profile, 0.0001
         sensor.on_video_frame(frame)
 

@@ -18,6 +18,7 @@ from handpose.frames.formats.ros_bag import BagRecording
 from handpose.frames.lens import Lens
 from handpose.frames.recording import UNKNOWN, CameraInfo, DepthFrame, Recording
 from netlib.errors import DataError, NetlibError
+from tests.handpose.frames.conftest import times_of
 from tests.support import bags
 from tests.support.bad_input import bad_inputs
 
@@ -72,9 +73,7 @@ def test_every_kind_of_bag(tmp_path: Path, name: str) -> None:
     assert recording.camera == Camera("ros", 60.5, 61.5, 31.25, 23.75, 64, 48)
     assert recording.unit_mm == (0.1 if "realsense" in name else 1.0)
     assert (recording.count, recording.cut) == (4, "")
-    assert [f.time for f in frames] == pytest.approx(
-        [i * bags.STEP_NS / 1e9 for i in range(4)], abs=1e-12
-    )
+    assert times_of(frames) == pytest.approx([i * bags.STEP_NS / 1e9 for i in range(4)], abs=1e-12)
     assert [f.number for f in frames] == list(range(4))
     assert all(
         np.array_equal(f.depth, d * np.float32(recording.unit_mm)) for f, d in zip(frames, DEPTH)
@@ -284,10 +283,8 @@ def test_frames_before_the_damage_of_a_bag_are_read(
         return values_of(message, where)
 
     monkeypatch.setattr(ros_bag, "values_of", failing)
-    assert (
-        len(list(recording)) == 2
-        and recording.cut == "damaged or cut after frame 1: the chunk ends"
-    )
+    assert len(list(recording)) == 2
+    assert recording.cut == "damaged or cut after frame 1: the chunk ends"
 
 
 def of_rows(rows: int) -> bytes:

@@ -142,12 +142,11 @@ def test_a_hand_without_joints_is_outlined_or_marked() -> None:
     pictures = [annotated(DEPTH, of(one)) for one in (hand, replace(hand, mask=None))]
     coloured = [(picture[HEAD:] == colour_of(2)).all(axis=2) for picture in pictures]
     edge, inside = ((round(60 * zoom), round(column * zoom)) for column in (30, 50))
-    assert coloured[0][edge[0], edge[1] - 3 : edge[1] + 4].any() and not coloured[0][inside]
+    assert coloured[0][edge[0], edge[1] - 3 : edge[1] + 4].any()
+    assert not coloured[0][inside]
     u, v, _ = CAMERA.project(np.array([60.0, 0, 600])) * zoom
-    assert (
-        coloured[1][round(v), round(u) - 6 : round(u) + 7].any()
-        and not coloured[0][round(v), round(u)]
-    )
+    assert coloured[1][round(v), round(u) - 6 : round(u) + 7].any()
+    assert not coloured[0][round(v), round(u)]
 
 
 def test_a_hand_that_the_finder_no_longer_sees_is_not_drawn() -> None:
@@ -173,6 +172,6 @@ def test_sizes(camera: Camera) -> None:
     )
     height, width = picture.shape[0] - HEAD, picture.shape[1]
     assert abs(width / height - camera.width / camera.height) < 0.01
-    assert (
-        height <= MAX_HEIGHT and width <= MAX_WIDTH and (height == MAX_HEIGHT or width == MAX_WIDTH)
-    )
+    assert height <= MAX_HEIGHT
+    assert width <= MAX_WIDTH
+    assert height == MAX_HEIGHT or width == MAX_WIDTH

@@ -26,11 +26,9 @@ from handpose.output.drawing.view import (
 )
 from tests.support.tracked_hands import CAMERA, lost, present, tracked
 
-NEAR, FAR, BESIDE = (
-    tracked("right", (0, 0, 600)),
-    tracked("left", (40, 0, 3000)),
-    tracked("right", (-250, 0, 600)),
-)
+NEAR = tracked("right", (0, 0, 600))
+FAR = tracked("left", (40, 0, 3000))
+BESIDE = tracked("right", (-250, 0, 600))
 WHOLE = Viewport(0.0, 0.0, CAMERA.width, CAMERA.height)
 
 
@@ -54,10 +52,8 @@ def test_a_part_lies_within_the_frame(hands: list, time: float) -> None:
     follower.see(0.0, [NEAR])
     view = follower.see(time, hands)
     assert view.left >= 0 and view.top >= 0
-    assert (
-        view.left + view.width <= CAMERA.width + 1e-6
-        and view.top + view.height <= CAMERA.height + 1e-6
-    )
+    assert view.left + view.width <= CAMERA.width + 1e-6
+    assert view.top + view.height <= CAMERA.height + 1e-6
     assert CAMERA.width / MAX_ZOOM <= view.width * 1.0001
 
 

@@ -39,11 +39,9 @@ def test_modules_stand_after_those_that_they_import(
     monkeypatch.setattr(assembly, "FOLDER", tmp_path)
     script = script_of("a")
     assert re.findall(r"^modules\.(\w) = ", script, re.MULTILINE) == ["c", "b", "a"]
-    assert (
-        "return { D, c };" in script
-        and "const {\n  c,\n} = modules.c;" in script
-        and "export" not in script
-    )
+    assert "return { D, c };" in script
+    assert "const {\n  c,\n} = modules.c;" in script
+    assert "export" not in script
     (tmp_path / "c.js").write_text("export default 1;\n")
     with pytest.raises(AssertionError, match=r"c\.js: unsupported import, export or tag"):
         script_of("c")

@@ -135,10 +135,8 @@ def test_points_are_where_the_camera_saw_them(
     """Every pixel of the frame within the cube yields one point, as unprojected by the
     camera; no others do.
     """
-    rng, uvd = (
-        np.random.default_rng(0),
-        np.array([camera.u0 + place[0], camera.v0 + place[1], 800.0]),
-    )
+    rng = np.random.default_rng(0)
+    uvd = np.array([camera.u0 + place[0], camera.v0 + place[1], 800.0])
     frame = rng.uniform(500, 1100, (camera.height, camera.width)).astype(np.float32)
     frame[rng.random(frame.shape) < 0.3] = 0
     given = [crop(frame, uvd, 300.0, camera).ravel().tolist(), uvd.tolist(), 300.0, vars(camera)]

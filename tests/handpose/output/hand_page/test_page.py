@@ -128,9 +128,8 @@ def test_beyond_a_limit(visit: Visit, bare: Path) -> None:
     assert "beyond" not in thumb.get_attribute("class")
     enter(thumb.locator("input[type=number]"), "60")
     over = np.deg2rad(60) - HAND.upper[HAND.dof_names.index("thumb_tip_rot_z")]
-    assert "beyond" in thumb.get_attribute("class") and "beyond its limit" in thumb.get_attribute(
-        "title"
-    )
+    assert "beyond" in thumb.get_attribute("class")
+    assert "beyond its limit" in thumb.get_attribute("title")
     assert (
         tab.locator("#limit-loss").inner_text() == f"limit loss {over:.4f} (L1), {over**2:.4f} (L2)"
     )
@@ -196,7 +195,8 @@ def test_the_mouse_and_the_keyboard_rotate_the_picture(visit: Visit, bare: Path)
     tab.mouse.up()
     nearer = "(([x, y, z]) => hand.view.camera.project([x, y, z - 50]))(hand.view.camera.center)"
     u, v, _ = tab.evaluate(nearer)
-    assert u > box["width"] / 2 + 5 and v > box["height"] / 2 + 5
+    assert u > box["width"] / 2 + 5
+    assert v > box["height"] / 2 + 5
     tab.dispatch_event("#view", "wheel", {"deltaY": -200})
     assert tab.evaluate("hand.view.camera.zoom") > 1.2
     tab.mouse.dblclick(box["x"] + 20, box["y"] + 20)
@@ -264,9 +264,8 @@ def test_a_force_is_dragged_at_a_fingertip(visit: Visit, bare: Path) -> None:
         number, _, shown = row(tab, name).locator(".torque").inner_text().partition(" ")
         # test_numbers.py compares them
         torque = tab.evaluate(f"hand.body.torques[{HAND.dof_names.index(name)}]")
-        assert shown == unit and float(number) == pytest.approx(
-            torque, abs=0.05 if abs(torque) < 100 else 0.5
-        )
+        assert shown == unit
+        assert float(number) == pytest.approx(torque, abs=0.05 if abs(torque) < 100 else 0.5)
     assert row(tab, "index_pip_rot_x").locator(".torque").inner_text() == ""
     tab.get_by_role("button", name="No force").click()
     assert not np.any(tab.evaluate("hand.body.forces"))
@@ -331,7 +330,8 @@ def test_predicted_hands(visit: Visit, predicted: tuple[Path, np.ndarray]) -> No
         "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
     )
     drawn, recorded = (picture(tab, name)[..., 0].astype(int) for name in ("depth", "recorded"))
-    assert (recorded > 0).mean() > 0.1 and (np.abs(drawn - recorded) > 1).mean() < 0.002
+    assert (recorded > 0).mean() > 0.1
+    assert (np.abs(drawn - recorded) > 1).mean() < 0.002
     with_points = colours(tab)
     tab.get_by_label("depth points").uncheck()
     blue = [

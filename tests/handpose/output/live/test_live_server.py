@@ -365,22 +365,19 @@ def test_other_machines(serve: Serve) -> None:
     machine's name.
     """
     with serve() as server:
-        assert not server.is_public and server.page_url.startswith(
-            f"http://127.0.0.1:{server.port}/?token="
-        )
+        assert not server.is_public
+        assert server.page_url.startswith(f"http://127.0.0.1:{server.port}/?token=")
     with serve("0.0.0.0") as server:
-        assert (
-            server.is_public and urlsplit(server.page_url).hostname == socket.gethostname().lower()
-        )
+        assert server.is_public
+        assert urlsplit(server.page_url).hostname == socket.gethostname().lower()
 
 
 @pytest.mark.skipif(not socket.has_ipv6, reason="no IPv6")
 def test_an_address_of_ipv6(connect: Connect, serve: Serve) -> None:
     try:
         with serve("::1") as server:
-            assert not server.is_public and server.lines_url.startswith(
-                f"ws://[::1]:{server.port}/frames?token="
-            )
+            assert not server.is_public
+            assert server.lines_url.startswith(f"ws://[::1]:{server.port}/frames?token=")
             connect(server)
     except NetlibError as error:
         pytest.skip(str(error))

@@ -54,10 +54,8 @@ def test_large_frames_are_sampled() -> None:
     """
     for camera in CAMERAS.values():
         grid = grid_of(camera, ViewportFollower(camera).see(0.0, ()), ())
-        assert (
-            grid.step == (2 if camera.width > MAX_SAMPLES else 1)
-            and max(grid.columns, grid.rows) <= MAX_SAMPLES
-        )
+        assert grid.step == (2 if camera.width > MAX_SAMPLES else 1)
+        assert max(grid.columns, grid.rows) <= MAX_SAMPLES
         assert grid.of(np.zeros((camera.height, camera.width))).shape == (grid.rows, grid.columns)
     camera = dataclasses.replace(HEADER.camera, width=642, height=482)
     messages, frame = Messages(dataclasses.replace(HEADER, camera=camera)), TrackedFrame(0, 0.0, ())
@@ -80,7 +78,8 @@ def test_the_part_around_a_hand_is_sent_with_all_its_pixels() -> None:
     # a crop of 735 px, partly outside
     hand = with_pose(RIGHT, center_uvd=np.array([100.0, 600.0, 600.0]))
     grid = grid_of(camera, viewport, [hand])
-    assert (grid.left, grid.left + grid.step * grid.columns) == (0, 903) and grid.step == 3
+    assert (grid.left, grid.left + grid.step * grid.columns) == (0, 903)
+    assert grid.step == 3
     assert grid.of(np.zeros((1200, 1600))).shape == (grid.rows, grid.columns)
 
 

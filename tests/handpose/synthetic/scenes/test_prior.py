@@ -17,11 +17,9 @@ TEXT = SCENE_PRIOR.read_text()
 def test_ranges_are_uniform_or_uniform_in_the_logarithm() -> None:
     rng = np.random.default_rng(0)
     numbers = Range(2.0, 8.0).draw(rng, 4000)
-    assert (
-        numbers.min() >= 2
-        and numbers.max() <= 8
-        and np.mean(numbers < 5) == pytest.approx(0.5, abs=0.03)
-    )
+    assert numbers.min() >= 2
+    assert numbers.max() <= 8
+    assert np.mean(numbers < 5) == pytest.approx(0.5, abs=0.03)
     doublings = Sizes(2.0, 8.0).draw(rng, 4000)
     assert np.mean(doublings < 4) == pytest.approx(0.5, abs=0.03)
 

@@ -7,23 +7,19 @@ from typing import Any
 import numpy as np
 
 from handpose.synthetic.scenes import prior as scene_prior
-from handpose.synthetic.scenes.cameras import draw_cameras
-from handpose.synthetic.scenes.people import People, draw_people
+from handpose.synthetic.scenes.people import People
 from handpose.synthetic.scenes.prior import PartParameter, Range, Sizes, ThingParameter
 from handpose.synthetic.scenes.solids import CYLINDER, Solids
 from handpose.synthetic.scenes.surroundings import Table, draw_table, draw_things
-from handpose.synthetic.whole_scenes import SceneGenerator
 from netlib.proto import schema
+from tests.handpose.synthetic.scenes.conftest import drawn
 
 COUNT = 32
 
 
 def people_and_table(**hands: float) -> tuple[People, Table]:
-    prior = scene_prior.load()
-    prior = schema.changed(prior, hands=schema.changed(prior.hands, **hands))
     rng = np.random.default_rng(4)
-    cameras = draw_cameras(rng, prior.view, COUNT)
-    people = draw_people(rng, prior, SceneGenerator().sampler, cameras)
+    prior, _, people = drawn(rng, COUNT, **hands)
     near = people.palms[:, 0]
     return people, draw_table(rng, prior.table, people, near, prior.hands.rests_mm)
 
@@ -52,30 +48,27 @@ def test_things_stand_on_the_table() -> None:
         "can", 1.0, (PartParameter("CYLINDER", Sizes(20.0, 30.0), Sizes(40.0, 60.0)),)
     )
     solids = things_of(can, table, people, most=3)
-    assert (
-        solids.shown.all() and solids.kind.shape == (COUNT, 3) and (solids.kind == CYLINDER).all()
-    )
+    assert solids.shown.all()
+    assert solids.kind.shape == (COUNT, 3)
+    assert (solids.kind == CYLINDER).all()
     on = table.there
     foot = solids.center - solids.axes[..., 1] * solids.half[..., 1:2]
-    height = ((foot - table.top[:, None]) * table.axes[:, None, :, 1]).sum(axis=-1)
+    up = table.axes[:, None, :, 1]
+    height = ((foot - table.top[:, None]) * up).sum(axis=-1)
     np.testing.assert_allclose(height[on], 0, atol=1e-9)
 
 
 def test_the_parts_of_a_thing_keep_their_places() -> None:
     people, table = people_and_table()
     side = Range(50.0, 50.0)
-    parts = (
-        PartParameter("BOX", Sizes(10.0, 10.0), Sizes(10.0, 10.0)),
-        PartParameter("BOX", Sizes(5.0, 5.0), Sizes(5.0, 5.0), at_x=side, lean=Range(90.0, 90.0)),
-    )
-    two = ThingParameter("two", 1.0, parts, stands="ROOM", size=Sizes(2.0, 2.0))
+    large, small = Sizes(10.0, 10.0), Sizes(5.0, 5.0)
+    lower = PartParameter("BOX", large, large)
+    beside = PartParameter("BOX", small, small, at_x=side, lean=Range(90.0, 90.0))
+    two = ThingParameter("two", 1.0, (lower, beside), stands="ROOM", size=Sizes(2.0, 2.0))
     solids = things_of(two, table, people, most=1)
     apart = solids.center[:, 1] - solids.center[:, 0]
-    np.testing.assert_allclose(
-        np.einsum("nij,ni->nj", solids.axes[:, 0], apart),
-        np.tile((100.0, -10.0, 0.0), (COUNT, 1)),
-        atol=1e-9,
-    )
+    along = np.einsum("nij,ni->nj", solids.axes[:, 0], apart)
+    np.testing.assert_allclose(along - (100, -10, 0), 0, atol=1e-9)
     np.testing.assert_allclose(solids.axes[:, 1, :, 0], solids.axes[:, 0, :, 1], atol=1e-12)
     np.testing.assert_allclose(solids.axes[:, 0, :, 1], people.person.up)
 
@@ -88,6 +81,7 @@ def test_the_shares_choose_what_stands_there() -> None:
         np.random.default_rng(8), prior, people.person, people.palms[:, 0], table
     )
     first = np.concatenate([[True], of[1:] != of[:-1]])
-    assert list(of[first]) == sorted(set(of)) and len(set(of)) == len(prior.thing)
+    assert list(of[first]) == sorted(set(of))
+    assert len(set(of)) == len(prior.thing)
     shown = [solids.shown[:, of == k].any() for k in range(len(prior.thing))]
     assert np.mean(shown) > 0.9

@@ -30,14 +30,18 @@ def test_solids_agree_with_steps_along_the_rays(kind: int) -> None:
     center, half = np.array([20.0, -10.0, 500.0]), np.array([60.0, 40.0, 60.0])
     entry = solids._entry(kind, center, axes, half, X, X)
     steps = np.arange(350.0, 650.0, 0.25)
-    rays = np.stack(np.broadcast_arrays(X[None, :], -X[:, None], np.float32(1)), axis=-1)
-    local = np.abs((steps[:, None] * rays[..., None, :] - center) @ axes / half)
+    u, v = np.meshgrid(X, -X)
+    rays = np.stack([u, v, np.ones_like(u)], axis=-1)
+    points = steps[:, None] * rays[..., None, :]
+    local = np.abs((points - center) @ axes / half)
+    across, along, depth = np.moveaxis(local, -1, 0)
     size = {
         BOX: local.max(axis=-1),
         ELLIPSOID: np.linalg.norm(local, axis=-1),
-        CYLINDER: np.maximum(local[..., 1], np.hypot(local[..., 0], local[..., 2])),
+        CYLINDER: np.maximum(along, np.hypot(across, depth)),
     }[kind]
-    hit, missed = (size <= 1).sum(axis=-1) > 8, size.min(axis=-1) > 1.01
+    hit = (size <= 1).sum(axis=-1) > 8
+    missed = size.min(axis=-1) > 1.01
     np.testing.assert_allclose(entry[hit], steps[(size <= 1).argmax(axis=-1)][hit], atol=0.5)
     assert np.isinf(entry[missed]).all() and hit.sum() > 10
 
@@ -47,18 +51,15 @@ def balls(*z: float) -> Solids:
     count = len(z)
     center = np.zeros((1, count, 3))
     center[..., 2] = z
-    return Solids(
-        np.full((1, count), ELLIPSOID),
-        center,
-        np.tile(np.eye(3), (1, count, 1, 1)),
-        np.full((1, count, 3), 30.0),
-        np.ones((1, count), bool),
-    )
+    kind, shown = np.full((1, count), ELLIPSOID), np.ones((1, count), bool)
+    axes, half = np.tile(np.eye(3), (1, count, 1, 1)), np.full((1, count, 3), 30.0)
+    return Solids(kind, center, axes, half, shown)
 
 
 def test_the_nearest_solid_is_shown_with_its_number() -> None:
     layer = solid_layer(balls(700, 500, 600), 7, (X[None], X[None]))
-    assert layer.depth[0, 4, 4] == pytest.approx(470) and layer.number[0, 4, 4] == 8
+    assert layer.depth[0, 4, 4] == pytest.approx(470)
+    assert layer.number[0, 4, 4] == 8
     assert np.isinf(layer.depth[0, 0, 0]) and layer.number[0, 0, 0] == 0
 
 
@@ -69,7 +70,8 @@ def test_hidden_and_too_near_solids_are_left_out() -> None:
 
 
 def test_the_nearest_layer_wins() -> None:
-    back, front = one(np.full((1, 2, 2), 900.0, np.float32), 3), np.full((1, 2, 2), np.inf)
+    back = one(np.full((1, 2, 2), 900.0, np.float32), 3)
+    front = np.full((1, 2, 2), np.inf)
     front[0, 0, 0] = 400.0
     both = nearest([back, Layer(front.astype(np.float32), np.full((1, 2, 2), 5, np.int16))])
     np.testing.assert_array_equal(both.depth[0], [[400, 900], [900, 900]])
@@ -78,4 +80,5 @@ def test_the_nearest_layer_wins() -> None:
 
 def test_planes_lie_at_their_offset() -> None:
     depth = plane_depth(np.array([[0.0, 0.6, 0.8]]), np.array([400.0]), (X[None], X[None]))
-    np.testing.assert_allclose(depth[0] * (0.6 * -X[:, None] + 0.8), 400, rtol=1e-5)
+    along_the_normal = 0.8 - 0.6 * X[:, None]
+    np.testing.assert_allclose(depth[0] * along_the_normal, 400, rtol=1e-5)

@@ -1,0 +1,22 @@
+"""People in scenes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from handpose.synthetic.scenes import prior as scene_prior
+from handpose.synthetic.scenes.cameras import Cameras, draw_cameras
+from handpose.synthetic.scenes.people import People, draw_people
+from handpose.synthetic.scenes.prior import ScenePrior
+from handpose.synthetic.whole_scenes import SceneGenerator
+from netlib.proto import schema
+
+
+def drawn(
+    rng: np.random.Generator, count: int, **hands: float
+) -> tuple[ScenePrior, Cameras, People]:
+    """A prior whose ``hands { ... }`` have other numbers, and cameras and people of it."""
+    prior = scene_prior.load()
+    prior = schema.changed(prior, hands=schema.changed(prior.hands, **hands))
+    cameras = draw_cameras(rng, prior.view, count)
+    return prior, cameras, draw_people(rng, prior, SceneGenerator().sampler, cameras)
