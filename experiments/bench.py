@@ -118,7 +118,7 @@ def peers_of(name: str, work: Workload, threads: int) -> Iterator[tuple[str, Job
     """
     makers: list[Callable[[str, Workload, int], Iterator[tuple[str, Job]]]]
     makers = [_torch_training] if work.solver else [_opencv, _onnxruntime, _torch]
-    if len(work.inputs) > 1:  # a recurrent net
+    if not work.solver and len(work.inputs) > 1:  # a recurrent net
         makers = [_torch]
     for make in makers:
         try:

@@ -47,6 +47,7 @@ MIN_WINDOWS = 8
 MIN_IMAGE = 128
 MIN_ROW = 16  # outputs; copying shorter rows takes as long if their values are not adjacent
 COPY = 16  # multiplications that take as long as copying a value
+FEW_COLUMNS = 10  # up to which a product takes as long as reading the weights from main memory
 
 Index = tuple[Any, ...]
 
@@ -121,7 +122,7 @@ def _correlate(g: Geometry, w: Array, after: After, columns: Array, y: Array) ->
         multiply(g, w, columns, result, o)
         after.write(by_image[:, o], target[:, o], o, axis=1)
 
-    run_parts(job, O, g.group, w.size * columns.shape[1])
+    run_parts(job, O, g.group, w.size * max(columns.shape[1], FEW_COLUMNS))
 
 
 def _transpose(

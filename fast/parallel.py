@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 import os
 import threading
-import weakref
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from queue import SimpleQueue
@@ -26,59 +25,44 @@ from netlib.system import memory
 
 
 class Workers:
-    """A pool of ``count`` threads.
+    """Threads that wait for jobs. They are started at the first job, in a forked process anew."""
 
-    A forked process starts its own. Threads end with the last reference.
-    """
+    def __init__(self) -> None:
+        self._process, self._started = -1, 0
 
-    def __init__(self, count: int, name: str) -> None:
-        self.count, self._name = count, name
-        self._process = -1  # that of the threads: none are started before the first job
-
-    def _start(self) -> None:
-        self._process, self._jobs = os.getpid(), SimpleQueue[Callable[[], None] | None]()
-        for number in range(self.count):
-            # a daemon, because an idle thread must not keep the process running
-            threading.Thread(
-                target=_serve, args=(self._jobs,), name=f"{self._name}_{number}", daemon=True
-            ).start()
-        weakref.finalize(self, _end, self._jobs, self.count).atexit = False
-
-    def submit(self, job: Callable[[], None]) -> None:
-        """Call ``job`` on a thread."""
+    def submit(self, job: Callable[[], None], count: int) -> None:
+        """Call ``job`` on one of at least ``count`` threads."""
         if self._process != os.getpid():
-            self._start()
+            self._process, self._started = os.getpid(), 0
+            self._jobs: SimpleQueue[Callable[[], None]] = SimpleQueue()
+        while self._started < count:
+            self._started += 1
+            # a daemon, because an idle thread must not keep the process running
+            threading.Thread(target=_serve, args=(self._jobs,), name="netlib", daemon=True).start()
         self._jobs.put(job)
 
 
-def _serve(jobs: SimpleQueue[Callable[[], None] | None]) -> None:
-    while (job := jobs.get()) is not None:
+def _serve(jobs: SimpleQueue[Callable[[], None]]) -> None:
+    while True:
+        job = jobs.get()
         job()
         del job  # a waiting thread must not keep arrays
 
 
-def _end(jobs: SimpleQueue[Callable[[], None] | None], count: int) -> None:
-    for _ in range(count):
-        jobs.put(None)
-
-
 _here = threading.local()
-_helpers: Workers | None = None  # one fewer than the threads in use; None: not decided yet
+_workers = Workers()
+_helpers: int | None = None  # one fewer than the threads in use; None: not decided yet
 
 
 def threads() -> int:
     """Number of threads in use: ``set_threads``, else NETLIB_NUM_THREADS, else one
     per processor.
     """
-    return _pool().count + 1
-
-
-def _pool() -> Workers:
     if _helpers is None:
         text = os.environ.get("NETLIB_NUM_THREADS", "")
         set_threads(int(text) if text.isdecimal() and int(text) > 0 else available_cpus())
     assert _helpers is not None
-    return _helpers
+    return _helpers + 1
 
 
 def set_threads(count: int) -> None:
@@ -89,9 +73,7 @@ def set_threads(count: int) -> None:
     global _helpers
     if count < 1:
         raise ValueError(f"the number of threads must be at least 1, not {count}")
-    if _helpers is None or count != _helpers.count + 1:
-        # the old threads end with the last run that uses them
-        _helpers = Workers(count - 1, "netlib")
+    _helpers = count - 1
 
 
 def is_inside() -> bool:
@@ -110,7 +92,6 @@ def run(jobs: Sequence[Callable[[], None]], *, here: bool = False) -> None:
         for job in jobs:
             job()
         return
-    pool = _pool()
     queue = iter(jobs)  # next() on a list iterator is atomic: each job is taken once
     failed: list[BaseException] = []
 
@@ -127,19 +108,13 @@ def run(jobs: Sequence[Callable[[], None]], *, here: bool = False) -> None:
         finally:
             _here.inside = False
 
-    helpers = min(pool.count, len(jobs) - 1)
-    if not helpers:
-        work()
-    else:
-        _work_together(pool, helpers, work, failed)
+    _work_together(min(threads(), len(jobs)) - 1, work, failed)
     if failed:
         raise failed[0]
 
 
-def _work_together(
-    pool: Workers, helpers: int, work: Callable[[], None], failed: list[BaseException]
-) -> None:
-    """Call ``work`` here and on some threads of the pool, and return when all calls have returned.
+def _work_together(helpers: int, work: Callable[[], None], failed: list[BaseException]) -> None:
+    """Call ``work`` here and on other threads, and return when all calls have returned.
 
     A thread that has not begun when ``work`` has returned here is not needed any more.
     """
@@ -157,22 +132,18 @@ def _work_together(
         done.put(None)
 
     for _ in range(helpers):
-        pool.submit(help_)
+        _workers.submit(help_, helpers)
     work()
     running = helpers
     while offered:
         with suppress(IndexError):
             offered.pop()
             running -= 1
-    interrupt: BaseException | None = None
     while len(finished) < running:
         try:
             done.get()
-        except BaseException as error:  # what the jobs write must not change any more
-            interrupt = error
-            failed.append(error)
-    if interrupt is not None:
-        raise interrupt
+        except BaseException as error:  # an interrupt: what jobs write must not change any more
+            failed.insert(0, error)
 
 
 # ------------------------------------------------------------------------------------------- memory

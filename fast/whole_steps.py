@@ -63,10 +63,10 @@ class FusedStep(FastStep):
     ``blobs`` are those of the net.
     """
 
-    def __init__(self, connections: Sequence[Connection], blobs: Set[Blob]) -> None:
+    def __init__(self, connections: list[Connection], blobs: Set[Blob]) -> None:
         first, last = connections[0], connections[-1]
         super().__init__(first)
-        self.connections = list(connections)
+        self.connections = connections
         self._by_layer = [WholeStep(at) for at in connections]
         self._run = Connection(
             first.layer, first.bottom, last.top, first.propagate_down, first.needs_backward
@@ -74,7 +74,7 @@ class FusedStep(FastStep):
         tops = dict.fromkeys(blob for at in connections for blob in at.top)
         self.unstored = [blob for blob in tops if blob not in last.top]
         writers = [at for at in connections if at.top[0] in self.unstored]
-        self._missing = Run(writers, writers, list(self.unstored), {}, sliced=False)
+        self._missing = Run(writers, writers, self.unstored, {}, sliced=False)
         # what a writer reads -> the source that has its values
         self._read = {param: param for at in writers for param in at.layer.blobs}
         for blob in first.bottom if writers else []:
@@ -124,10 +124,6 @@ class FusedStep(FastStep):
         """The layers in execution order."""
         return [[self._run, *self.connections[1:]]]
 
-    def has_state(self) -> bool:
-        """Whether the last forward pass is complete."""
-        return bool(self._is_done)
-
     def store(self) -> Missing:
         """Store the unstored blobs with their values in the last pass.
 
@@ -146,11 +142,15 @@ class FusedStep(FastStep):
     def _values(self) -> Copies:
         """What the last pass read, as far as it is known: all or nothing."""
         values: Copies = {}
+        if self._copies is None:
+            return values
         for (blob, source), version in zip(self._read.items(), self._versions):
-            copy = (self._copies or {}).get(source)
-            if copy is None and (self._copies is None or blob.version != version):
+            if source in self._copies:
+                values[blob] = self._copies[source]
+            elif blob.version == version:
+                values[blob] = source.unwatched_data
+            else:
                 return {}
-            values[blob] = source.unwatched_data if copy is None else copy
         return values
 
 

@@ -47,7 +47,7 @@ SMALL = (  # replacements in an example; the last ones apply to one command each
     (r"(draw_net.*)\.(png|svg)", r"\1.dot"),  # Graphviz need not be installed
     (r"\b(IJCAI16|ICCV15)_\w+", "test_groundtruth_uvd"),
 )
-PARSED = re.compile(r"mpiexec|realsense")
+PARSED = re.compile(r"mpiexec|--ranks|realsense")
 # ends with status 1 until the reader has written the layer
 UNSOLVED = "python tools/exercise.py relu --iterations 1"
 NEEDS = {

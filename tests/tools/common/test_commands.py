@@ -92,7 +92,7 @@ def test_help_of_an_installed_command_names_commands(shown: Callable[..., str]) 
                 r"tools/\w+\.py|docs/\w+\.md|python -m mpi4py", shown(name, "--help")
             ), name
     assert "'handpose docs live'" in shown("track", "--help")
-    assert "mpiexec -n 4 handpose train" in shown("train", "--help")
+    assert re.search(r"handpose train \S+ --ranks 2", shown("train", "--help"))
 
 
 @pytest.mark.parametrize(
