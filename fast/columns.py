@@ -47,7 +47,7 @@ MIN_WINDOWS = 8
 MIN_IMAGE = 128
 MIN_ROW = 16  # outputs; copying shorter rows takes as long if their values are not adjacent
 COPY = 16  # multiplications that take as long as copying a value
-FEW_COLUMNS = 10  # up to which a product takes as long as reading the weights from main memory
+FEW_COLUMNS = 32  # up to which a product takes as long, because reading the weights limits it
 
 Index = tuple[Any, ...]
 
