@@ -103,9 +103,8 @@ class Objective:
         k, sigma = np.float32((robust * self.larger) ** 2), w.sigma * self.larger
         q = m.residuals.value * m.residuals.value
         of_points = q[:, :, :P]
-        of_points[:] = (
-            of_points[:, :1] + of_points[:, 1:]
-        )  # a point's two residuals are robust together
+        # a point's two residuals are robust together
+        of_points[:] = of_points[:, :1] + of_points[:, 1:]
         weight = np.empty_like(q)
         unit = w.independent / sigma**2 / np.maximum(seen.known.sum(axis=1, keepdims=True), 1)
         counts = self.counts[m.residuals.capsule[:, :P]]
@@ -117,10 +116,9 @@ class Objective:
         q *= weight
         weight *= robustly
         spheres = q[:, :, P:].sum(axis=2)
-        surface = q[:, 0, :P].sum(axis=1)
-        parts = np.stack([surface, spheres[:, 0], spheres[:, 1], m.prior], axis=1).astype(
-            np.float64
-        )
+        surface = of_points[:, 0].sum(axis=1)
+        columns = [surface, spheres[:, 0], spheres[:, 1], m.prior]
+        parts = np.stack(columns, axis=1).astype(np.float64)
         return Cost(parts.sum(axis=1), parts, weight)
 
     def equations(self, m: Measured, cost: Cost) -> tuple[Array, Array]:

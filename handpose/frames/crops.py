@@ -110,8 +110,8 @@ def crop_scale(
     """
     spans = _spans(center_uvd, cube_mm, camera, size)
     factor = np.stack([span.length / span.extent for span in spans], axis=1)
-    edges = [(0.5 - span.start) * span.length / span.extent + span.pad for span in spans]
-    return np.stack([edge - 0.5 for edge in edges], axis=1), factor
+    first = [(0.5 - span.start) * span.length / span.extent + span.pad - 0.5 for span in spans]
+    return np.stack(first, axis=1), factor
 
 
 def _spans(

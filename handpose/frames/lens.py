@@ -107,8 +107,9 @@ class Lens:
         missing = max(COUNTS) - len(self.coefficients)
         k1, k2, p1, p2, k3, k4, k5, k6 = (*self.coefficients, *[0.0] * missing)
         r = x * x + y * y
-        above, below = 1 + r * (k1 + r * (k2 + r * k3)), 1 + r * (k4 + r * (k5 + r * k6))
-        q = above / below
+        numerator = 1 + r * (k1 + r * (k2 + r * k3))
+        denominator = 1 + r * (k4 + r * (k5 + r * k6))
+        q = numerator / denominator
         u = x * q + 2 * p1 * x * y + p2 * (r + 2 * x * x)
         v = y * q + 2 * p2 * x * y + p1 * (r + 2 * y * y)
         return u, v
@@ -152,7 +153,8 @@ class Undistorter:
             column = np.rint(u * camera.fx + camera.u0)
             row = np.rint(v * camera.fy + camera.v0)
             in_width = (column >= 0) & (column < camera.width)
-            inside = in_width & (row >= 0) & (row < camera.height)
+            in_height = (row >= 0) & (row < camera.height)
+            inside = in_width & in_height
             self._source = np.where(inside, row * camera.width + column, 0).astype(np.int32)
         if inside.mean() < MIN_SHOWN:
             raise DataError(

@@ -299,7 +299,8 @@ class SyntheticRecording(Recording):
         """The reason why a hand is not visible in frame ``number``, or empty."""
         u, v, _ = self.camera.project(self.movements[id].pose_at(number / self.rate).xyz).T
         width, height = self.camera.width, self.camera.height
-        in_width, in_height = (u > 0) & (u < width - 1), (v > 0) & (v < height - 1)
+        in_width = (u > 0) & (u < width - 1)
+        in_height = (v > 0) & (v < height - 1)
         inside = (in_width & in_height).mean()
         return LEFT if inside <= HARDLY else "" if inside >= MOSTLY else PARTLY
 

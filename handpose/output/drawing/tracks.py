@@ -64,7 +64,8 @@ class Painter:
         source = f"{self.header.source}{raw}"
         moment = f"{frame.time:.2f} s, frame {frame.number}"
         for words, left, right in ((source, 0, middle), (moment, middle, width)):
-            at, room = np.array([left + _INSET, HEAD - _INSET]), right - left - 2 * _INSET
+            at = np.array([left + _INSET, HEAD - _INSET])
+            room = right - left - 2 * _INSET
             strokes.text_within(head, printable(words), at, _INK, 0.55, room)
         return np.concatenate([head, seen])
 

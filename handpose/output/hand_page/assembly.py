@@ -204,19 +204,17 @@ def _columns(skeleton: Skeleton) -> dict[str, Any]:
     def limits(values: Array) -> list[float | None]:
         return [value if abs(value) <= MAX_LIMIT else None for value in values.tolist()]
 
+    motions = [
+        [{"turns": m.kind == "rotate", "axis": m.axis, "sign": m.sign, "dof": m.dof} for m in own]
+        for own in skeleton.motions
+    ]
     return {
         "name": skeleton.name,
         "joints": skeleton.joint_names,
         "parents": skeleton.parents.tolist(),
         "bones": skeleton.bones.tolist(),
         "bone_axes": skeleton.bone_axes.tolist(),
-        "motions": [
-            [
-                {"turns": m.kind == "rotate", "axis": m.axis, "sign": m.sign, "dof": m.dof}
-                for m in own
-            ]
-            for own in skeleton.motions
-        ],
+        "motions": motions,
         "dofs": skeleton.dof_names,
         "initial": skeleton.initial.tolist(),
         "lower": limits(skeleton.lower),
