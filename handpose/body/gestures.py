@@ -74,15 +74,12 @@ def scores(
     out = _over(_distance(at["thumb_tip"], at["middle_mcp"]) / palm, OUT)
     touch = 1 - _over(_distance(at["thumb_tip"], at["index_tip"]) / palm, TOUCH)
     found = {PINCH: touch * straight[1]}
+    by_thumb = {True: out, False: 1 - out, None: 1.0}
     for name, (wanted, thumb) in STRAIGHT_FINGERS.items():
         fingers = np.prod(
             [part if is_straight else 1 - part for part, is_straight in zip(straight, wanted)]
         )
-        found[name] = float(
-            fingers
-            * (1.0 if thumb is None else out if thumb else 1 - out)
-            * (1 - touch * straight[1])
-        )
+        found[name] = float(fingers * by_thumb[thumb] * (1 - found[PINCH]))
     return {name: found[name] for name in GESTURES}
 
 

@@ -36,6 +36,7 @@ from netlib.errors import PrototxtError, did_you_mean
 from netlib.proto import schema
 
 FINGERS = ("thumb", *LONG_FINGERS)
+_TINY = 1e-9  # instead of 0 as a divisor
 Sphere = tuple[int, float]  # its joint and its radius
 
 
@@ -158,7 +159,9 @@ class Surface:
         """The penetrations (P, N) of the pairs ``apart``; ends (3, M, N), radii (M, 2, N)."""
         i, j = self.apart
         s, t, distance = _between(a[:, i], b[:, i], a[:, j], b[:, j])
-        thick = r[i, 0] + s * (r[i, 1] - r[i, 0]) + r[j, 0] + t * (r[j, 1] - r[j, 0])
+        ra, rb = r[i, 0], r[i, 1]
+        rc, rd = r[j, 0], r[j, 1]
+        thick = ra + s * (rb - ra) + rc + t * (rd - rc)
         return np.asarray(thick - distance)
 
     def _capsule(self, c: CapsuleParameter) -> tuple[Sphere, Sphere]:
@@ -175,7 +178,8 @@ class Surface:
 
     @staticmethod
     def _radii(shape: object, given: tuple[float, ...], count: int) -> list[float]:
-        if len(given) not in (1, count) or not all(0 < r <= max_length(shape) for r in given):
+        are_lengths = all(0 < r <= max_length(shape) for r in given)
+        if len(given) not in (1, count) or not are_lengths:
             found, expected = (
                 f"radius {', '.join(map(format_length, given))}",
                 {2: "two", 3: "three"}[count],
@@ -214,12 +218,15 @@ def _between(a: Array, b: Array, c: Array, d: Array) -> tuple[Array, Array, Arra
     their distance.
     """
     u, v, w = b - a, d - c, a - c
-    uu, vv, uv = (u * u).sum(0), (v * v).sum(0), (u * v).sum(0)
+    uu, vv = (u * u).sum(0), (v * v).sum(0)
     uw, vw = (u * w).sum(0), (v * w).sum(0)
-    s = np.clip((uv * vw - uw * vv) / np.maximum(uu * vv - uv * uv, 1e-9), 0, 1)
-    t = np.clip((uv * s + vw) / np.maximum(vv, 1e-9), 0, 1)
-    s = np.clip((uv * t - uw) / np.maximum(uu, 1e-9), 0, 1)
-    return s, t, np.sqrt(((w + s * u - t * v) ** 2).sum(0))
+    uv = (u * v).sum(0)
+    determinant = np.maximum(uu * vv - uv * uv, _TINY)
+    s = np.clip((uv * vw - uw * vv) / determinant, 0, 1)
+    t = np.clip((uv * s + vw) / np.maximum(vv, _TINY), 0, 1)
+    s = np.clip((uv * t - uw) / np.maximum(uu, _TINY), 0, 1)
+    apart = w + s * u - t * v
+    return s, t, np.sqrt((apart**2).sum(0))
 
 
 def has_fingers(skeleton: Skeleton) -> bool:

@@ -44,6 +44,7 @@ from netlib.errors import DataError
 CLEAR_MM = 40.0  # minimum distance from the camera's plane
 _FAR, _SPECK = 1e6, 1e-3  # mm: distance and radius of an invisible sphere
 _TILE = 32768  # pixels computed together: half a dozen such arrays stay in the cache
+_WIDTH_STEP = 8  # pixels, in which rectangles are sorted by width, and then by height
 # tolerance, so that rays along a triangle's border do not miss both it and the capsule
 _EDGE = np.float32(1e-4)
 _OUTSIDE = 8.0  # slope of the rays of crop pixels outside the image, which meet no capsule
@@ -95,7 +96,8 @@ def joined(parts: Iterable[Capsules]) -> Capsules:
     every = list(parts)
     before = np.cumsum([0, *(one.a.shape[1] for one in every)])
     facets = [one.facets + 2 * first for one, first in zip(every, before)]
-    a, b, ra, rb = (np.concatenate(values, axis=1) for values in zip(*(one[:4] for one in every)))
+    by_field = zip(*(one[:4] for one in every))
+    a, b, ra, rb = (np.concatenate(values, axis=1) for values in by_field)
     return Capsules(a, b, ra, rb, np.concatenate(facets))
 
 
@@ -104,10 +106,8 @@ def in_front(capsules: Capsules, clear_mm: ArrayLike = CLEAR_MM) -> Capsules:
     become specks.
     """
     clear = np.maximum(np.asarray(clear_mm, dtype=np.float64).reshape(-1, 1), CLEAR_MM)
-    near = [
-        (capsules.a[..., 2] - capsules.radius_a) - clear,
-        (capsules.b[..., 2] - capsules.radius_b) - clear,
-    ]
+    nearest = capsules.a[..., 2] - capsules.radius_a, capsules.b[..., 2] - capsules.radius_b
+    near = [depth - clear for depth in nearest]
     change = np.where(near[1] == near[0], 1.0, near[1] - near[0])
     first = np.where(near[0] < 0, np.clip(-near[0] / change, 0, 1), 0.0)
     last = np.where(near[1] < 0, np.clip(-near[0] / change, 0, 1), 1.0)
@@ -166,9 +166,7 @@ def render(capsules: Capsules, x: ArrayLike, y: ArrayLike, background: ArrayLike
     if len(capsules.facets):
         frame, corners = _triangles(capsules)
         slopes = corners[:, :, :2] / corners[:, :, 2:]
-        bounds = [
-            (slopes[:, :, axis].min(axis=1), slopes[:, :, axis].max(axis=1)) for axis in (0, 1)
-        ]
+        bounds = [(slope.min(axis=1), slope.max(axis=1)) for slope in np.moveaxis(slopes, 2, 0)]
         _paint(image, x, y, frame, bounds, _plane_coefficients(corners), _plane_depths)
     return image
 
@@ -194,24 +192,24 @@ def _paint(
     j0, j1 = _pixels(y, frame, *bounds[1])
     width, height = i1 - i0, j1 - j0
     shown = np.flatnonzero((width > 0) & (height > 0))
-    # Similar rectangles together: by width in steps of 8 pixels, then by height.
-    shown = shown[np.lexsort((height[shown], -(-width[shown] // 8)))]
-    area = (-(-width // 8) * 8) * height
+    # similar rectangles together
+    steps = -(-width // _WIDTH_STEP)
+    shown = shown[np.lexsort((height[shown], steps[shown]))]
+    area = (steps * _WIDTH_STEP * height)[shown]
     first = 0
     while first < len(shown):
         # as many as fill a tile; the last of them are the largest
         last = first + 1
-        while last < len(shown) and (last + 1 - first) * area[shown[last]] <= _TILE:
+        while last < len(shown) and (last + 1 - first) * area[last] <= _TILE:
             last += 1
         some = shown[first:last]
         w, h = int(width[some].max()), int(height[some].max())
         column = np.minimum(i0[some], W - w)
         row = np.minimum(j0[some], H - h)
-        depth = depths(
-            coefficients[:, some],
-            x[frame[some, None], column[:, None] + np.arange(w)][:, None, :],
-            y[frame[some, None], row[:, None] + np.arange(h)][:, :, None],
-        )
+        image_of = frame[some, None]
+        across = x[image_of, column[:, None] + np.arange(w)]
+        down = y[image_of, row[:, None] + np.arange(h)]
+        depth = depths(coefficients[:, some], across[:, None, :], down[:, :, None])
         for n, i, j, tile in zip(
             frame[some].tolist(), column.tolist(), row.tolist(), depth, strict=True
         ):
@@ -239,7 +237,8 @@ def _visible_ends(capsules: Capsules) -> tuple[Array, Array, Array, Array]:
     a = capsules.a.reshape(-1, 3) * (1, -1, 1)
     b = capsules.b.reshape(-1, 3) * (1, -1, 1)
     ra, rb = capsules.radius_a.reshape(-1), capsules.radius_b.reshape(-1)
-    if not (np.minimum(a[:, 2] - ra, b[:, 2] - rb) > 0).all():
+    nearest = np.minimum(a[:, 2] - ra, b[:, 2] - rb)
+    if not (nearest > 0).all():
         raise DataError(
             "a capsule lies at or behind the camera, or has a coordinate that is not a number"
         )
@@ -250,7 +249,9 @@ def _visible_ends(capsules: Capsules) -> tuple[Array, Array, Array, Array]:
     end = (w < 0).astype(float)
     # The camera is inside the cone, along the axis, so the nearer end hides the rest.
     s = -g / np.where(inside, 1, e)
-    along = ~inside & (e * ((a * a).sum(1) - ra * ra) - g * g <= 0) & (ra - s * w > 0)
+    q = (a * a).sum(1) - ra * ra
+    in_cone = e * q - g * g <= 0
+    along = ~inside & in_cone & (ra - s * w > 0)
     end = np.where(along, np.clip(s, 0, 1).round(), end)
     one = inside | along
     at_b = one & (end == 1)
@@ -266,8 +267,10 @@ def _extent(a: Array, b: Array, ra: Array, rb: Array, axis: int) -> tuple[Array,
     for c, r in ((a, ra), (b, rb)):
         p, z = c[:, axis], c[:, 2]
         reach = r * np.sqrt(p * p + z * z - r * r)  # tangents to a circle
-        bounds.append(((p * z - reach) / (z * z - r * r), (p * z + reach) / (z * z - r * r)))
-    return np.minimum(bounds[0][0], bounds[1][0]), np.maximum(bounds[0][1], bounds[1][1])
+        denominator = z * z - r * r
+        bounds.append(((p * z - reach) / denominator, (p * z + reach) / denominator))
+    (low_a, high_a), (low_b, high_b) = bounds
+    return np.minimum(low_a, low_b), np.maximum(high_a, high_b)
 
 
 def _pixels(
@@ -277,9 +280,9 @@ def _pixels(
     ``frame`` (L,).
     """
     own = slopes[frame]
-    return np.count_nonzero(own < low[:, None], axis=1), np.count_nonzero(
-        own <= high[:, None], axis=1
-    )
+    first = np.count_nonzero(own < low[:, None], axis=1)
+    end = np.count_nonzero(own <= high[:, None], axis=1)
+    return first, end
 
 
 def _coefficients(a: Array, b: Array, ra: Array, rb: Array) -> Floats:
@@ -291,8 +294,9 @@ def _coefficients(a: Array, b: Array, ra: Array, rb: Array) -> Floats:
     g = (a * B).sum(1) + ra * w
     e = np.where(e > 0, e, 1.0)  # a single sphere: B = 0, g = 0, and any e gives s = 0
     q = (a * a).sum(1) - ra * ra
+    k0 = e * q - g * g
     k1 = g[:, None] * B - e[:, None] * a
-    return np.stack([*a.T, *B.T, *k1.T, e, g, e * q - g * g, q]).astype(np.float32)
+    return np.stack([*a.T, *B.T, *k1.T, e, g, k0, q]).astype(np.float32)
 
 
 def _depths(coefficients: Floats, x: Floats, y: Floats) -> Floats:
@@ -337,9 +341,10 @@ def _triangles(capsules: Capsules) -> tuple[NDArray[np.int64], Array]:
     (L, 3, 3), y down.
     """
     N, M = capsules.radius_a.shape
-    ends = np.stack([capsules.a, capsules.b], axis=2).reshape(N, 2 * M, 3) * (1, -1, 1)
+    ends = np.stack([capsules.a, capsules.b], axis=2).reshape(N, 2 * M, 3)
     radii = np.stack([capsules.radius_a, capsules.radius_b], axis=2).reshape(N, 2 * M)
-    center, r = ends[:, capsules.facets].reshape(-1, 3, 3), radii[:, capsules.facets].reshape(-1, 3)
+    center = (ends * (1, -1, 1))[:, capsules.facets].reshape(-1, 3, 3)
+    r = radii[:, capsules.facets].reshape(-1, 3)
     frame = np.repeat(np.arange(N), len(capsules.facets))
     sides = center[:, 1:] - center[:, :1]
     across = np.cross(sides[:, 0], sides[:, 1])
@@ -348,7 +353,8 @@ def _triangles(capsules: Capsules) -> tuple[NDArray[np.int64], Array]:
     flat = area > 1e-6 * (1 + np.trace(gram, axis1=1, axis2=2))  # the centres are not collinear
     gram[~flat] = np.eye(2)
     # the normal's part there
-    within = (np.linalg.solve(gram, (r[:, :1] - r[:, 1:])[..., None]) * sides).sum(axis=1)
+    along_sides = np.linalg.solve(gram, (r[:, :1] - r[:, 1:])[..., None])
+    within = (along_sides * sides).sum(axis=1)
     left = 1 - (within * within).sum(axis=1)
     flat &= left > 0  # otherwise one sphere is inside the hull of the others
     found = []
@@ -356,9 +362,9 @@ def _triangles(capsules: Capsules) -> tuple[NDArray[np.int64], Array]:
         upright = np.sqrt(np.maximum(left, 0)) * sign / np.where(flat, area, 1)
         normal = within + upright[:, None] * across
         corners = center + r[..., None] * normal[:, None]
-        seen = (
-            flat & ((normal * corners[:, 0]).sum(axis=1) < 0) & (corners[:, :, 2] > 0).all(axis=1)
-        )
+        faces_camera = (normal * corners[:, 0]).sum(axis=1) < 0
+        before_camera = (corners[:, :, 2] > 0).all(axis=1)
+        seen = flat & faces_camera & before_camera
         found.append((frame[seen], corners[seen]))
     return np.concatenate([one for one, _ in found]), np.concatenate([one for _, one in found])
 

@@ -62,13 +62,16 @@ class Frames:
         ``half_cube`` is one number, or (n,).
         """
         n, K, _ = joints.shape
+        joint = np.clip(joints, -1, 1).reshape(n, 3 * K)
+        center = camera.unproject(center_uvd)
+        half_cubes = np.broadcast_to(half_cube, n)
         return cls(
             depth=np.asarray(crops, np.float32).reshape(n, 1, SIZE, SIZE),
-            joint=np.clip(joints, -1, 1).reshape(n, 3 * K).astype(np.float32),
-            center=camera.unproject(center_uvd).astype(np.float32),
+            joint=joint.astype(np.float32),
+            center=center.astype(np.float32),
             center_uvd=center_uvd.astype(np.float32),
             index=index,
-            half_cube=np.broadcast_to(half_cube, n).astype(np.float32),
+            half_cube=half_cubes.astype(np.float32),
             dof=None if dof is None else dof.astype(np.float32),
             bones=None if bones is None else bones.astype(np.float32),
         )
@@ -128,7 +131,8 @@ def _open(path: Path) -> File:
     """A file of crops, with joints if it has them. Raises DataError."""
     file = File(path, ("depth",))
     shape = file.datasets[0].shape
-    if len(shape) < 3 or shape[-1] != shape[-2] or math.prod(shape[1:]) != shape[-1] * shape[-2]:
+    is_square = len(shape) >= 3 and shape[-1] == shape[-2]
+    if not is_square or math.prod(shape[1:]) != shape[-1] * shape[-2]:
         raise DataError(
             f"{path}: data set 'depth' has shape {shape}, expected square crops (N, 1, size, size)"
         )

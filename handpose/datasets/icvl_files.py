@@ -114,18 +114,20 @@ def read_split(root: Path, split: str, centers: Path | None = None) -> Published
         )
     annotation = read_annotation(there)
     count = len(annotation.files)
+    if centers is None:
+        center_uvd, centre = annotation.uvd[:, PALM_JOINT], "annotated palm"
+    else:
+        center_uvd, centre = read_centers(centers, count), f"centres of {centers.name}"
     return PublishedFrames(
         split=split,
         files=annotation.files,
-        center_uvd=annotation.uvd[:, PALM_JOINT]
-        if centers is None
-        else read_centers(centers, count),
+        center_uvd=center_uvd,
         joints=ICVL.unproject(annotation.uvd),
         cube_mm=np.full(count, ICVL_CUBE_MM),
         camera=ICVL,
         read=read_icvl_depth,
         made_from="ICVL",
-        centre="annotated palm" if centers is None else f"centres of {centers.name}",
+        centre=centre,
     )
 
 

@@ -109,9 +109,8 @@ def read_crop_centers(files: Sequence[File]) -> tuple[Array, Camera]:
         found.append(np.stack(stored))
     uvd, xyz = np.concatenate(found, axis=1)
     far = np.abs([uvd, xyz]).max(initial=0) > MAX_PX_OR_MM  # their quotients may overflow
-    if far or not (
-        np.isfinite(uvd).all() and np.isfinite(xyz).all() and (xyz[:, 2] > MIN_MM).all()
-    ):
+    is_finite = np.isfinite(uvd).all() and np.isfinite(xyz).all()
+    if far or not is_finite or not (xyz[:, 2] > MIN_MM).all():
         raise DataError(
             f"{files[0].path}: crop centres that are not finite, or not before the camera"
         )
@@ -126,8 +125,6 @@ def read_crop_centers(files: Sequence[File]) -> tuple[Array, Camera]:
 
 def _maps(camera: Camera, xyz: Array, uvd: Array) -> bool:
     """True if a camera maps these points to these pixels, and some of them are off its axis."""
-    miss, off = (
-        np.abs(camera.project(xyz) - uvd)[:, :2],
-        np.abs(uvd[:, :2] - (camera.u0, camera.v0)),
-    )
+    miss = np.abs(camera.project(xyz) - uvd)[:, :2]
+    off = np.abs(uvd[:, :2] - (camera.u0, camera.v0))
     return bool(miss.max() < EXACTLY_PX and off.max(axis=0).min() > OFF_AXIS_PX)

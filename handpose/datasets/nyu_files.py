@@ -125,22 +125,22 @@ def read_split(root: Path, split: str, centers: Path | None = None) -> Published
     folder = folder_of(root, split)
     annotation = read_annotation(folder / ANNOTATION)
     count = len(annotation.uvd)
+    if centers is None:
+        center_uvd, centre = annotation.uvd[:, CENTER_JOINT], f"annotated joint {CENTER_JOINT}"
+    else:
+        center_uvd, centre = read_centers(centers, count), f"centres of {centers.name}"
+    is_test = split == "test"
+    cube_mm = cube_of_test_frame(np.arange(count)) if is_test else np.full(count, CUBE_MM)
     return PublishedFrames(
         split=split,
         files=[folder / frame_name(i) for i in range(count)],
-        center_uvd=annotation.uvd[:, CENTER_JOINT]
-        if centers is None
-        else read_centers(centers, count),
+        center_uvd=center_uvd,
         joints=annotation.xyz[:, list(ANNOTATION_OF_JOINT)],
-        cube_mm=cube_of_test_frame(np.arange(count))
-        if split == "test"
-        else np.full(count, CUBE_MM),
+        cube_mm=cube_mm,
         camera=NYU,
         read=read_nyu_depth,
         made_from="NYU",
-        centre=f"annotated joint {CENTER_JOINT}"
-        if centers is None
-        else f"centres of {centers.name}",
+        centre=centre,
     )
 
 

@@ -143,9 +143,8 @@ def check_space(out: Path, rows: Sequence[tuple[int, Columns]]) -> None:
 
     The files that are there are taken for parts that are kept or replaced.
     """
-    need = sum(
-        count * row_bytes(columns) + -(-count // FRAMES_PER_FILE) * _PAGE for count, columns in rows
-    )
+    need = sum(count * row_bytes(columns) for count, columns in rows)
+    need += sum(-(-count // FRAMES_PER_FILE) for count, _ in rows) * _PAGE
     there = [out / name for name in names_in(out) if name.endswith(".h5")]
     need -= sum(path.stat().st_size for path in there if path.is_file())
     free = shutil.disk_usage(

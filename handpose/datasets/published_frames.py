@@ -87,7 +87,8 @@ class PublishedFrames:
     def crop(self, i: int) -> NDArray[np.float32]:
         """The crop of frame ``i``. Raises BadFrameError."""
         path, center = self.files[i], self.center_uvd[i]
-        if not (np.isfinite(center).all() and center[2] > 0 and np.isfinite(self.joints[i]).all()):
+        is_finite = np.isfinite(center).all() and np.isfinite(self.joints[i]).all()
+        if not is_finite or center[2] <= 0:
             raise BadFrameError(path, UNLABELLED)
         depth = self.depth(i)
         try:
@@ -96,11 +97,8 @@ class PublishedFrames:
             raise BadFrameError(path, OUTSIDE, str(error)) from None
         if not (np.abs(made) < 1).any():
             u, v, d = center
-            raise BadFrameError(
-                path,
-                EMPTY,
-                f"within {self.cube_mm[i] / 2:g} mm of u {u:.0f}, v {v:.0f}, {d:.0f} mm",
-            )
+            where = f"within {self.cube_mm[i] / 2:g} mm of u {u:.0f}, v {v:.0f}, {d:.0f} mm"
+            raise BadFrameError(path, EMPTY, where)
         return made
 
     def recipe(self, start: int, rows: int) -> dict[str, object]:
@@ -178,10 +176,11 @@ def statistics(frames: PublishedFrames, index: Sequence[int]) -> str:
     few = np.asarray(index)
     offset = frames.joints[few] - frames.camera.unproject(frames.center_uvd[few])[:, None]
     cubes, counts = np.unique(frames.cube_mm[few].round(3), return_counts=True)
-    clipped = (np.abs(offset) > frames.cube_mm[few, None, None] / 2).any(axis=(1, 2)).mean()
-    cube = " and ".join(
-        f"{c:g} mm ({n} frames)" if len(cubes) > 1 else f"{c:g} mm" for c, n in zip(cubes, counts)
-    )
+    outside = np.abs(offset) > frames.cube_mm[few, None, None] / 2
+    clipped = outside.any(axis=(1, 2)).mean()
+    cube = " and ".join(f"{c:g} mm ({n} frames)" for c, n in zip(cubes, counts))
+    if len(cubes) == 1:
+        cube = f"{cubes[0]:g} mm"
     return (
         f"crops about the {frames.centre}, cube {cube}; {clipped:.1%} of the frames have a joint outside the cube, "
         "which is clipped"

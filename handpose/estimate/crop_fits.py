@@ -37,18 +37,14 @@ def fit_crops(
     before    x (N, V) expected from earlier frames, as for ``DepthFitter.fit``
     """
     found = []
+    sizes = None if size is None else np.broadcast_to(size, len(hands))
     for rows in blocks(len(hands), MAX_CROPS):
         part = hands.take(rows)
         starts = fit_starts(net, fitter, part.network_input, plan.quarters)
-        found.append(
-            fitter.fit(
-                fitter.observe(part, plan),
-                starts,
-                plan,
-                size=None if size is None else np.broadcast_to(size, len(hands))[rows],
-                before=None if before is None else before[rows],
-            )
-        )
+        seen = fitter.observe(part, plan)
+        own_sizes = None if sizes is None else sizes[rows]
+        expected = None if before is None else before[rows]
+        found.append(fitter.fit(seen, starts, plan, size=own_sizes, before=expected))
     return DepthFit.concatenate(found)
 
 

@@ -287,13 +287,10 @@ class HandEstimator:
         shown = None
         if any(one.shown is not None for one in candidates):
             shown = np.stack([one.crop if one.shown is None else one.shown for one in candidates])
-        return HandCrops(
-            np.stack([one.crop for one in candidates]),
-            np.stack([one.center_uvd for one in candidates]),
-            [camera_of(camera, one.side) for one in candidates],
-            self.cube_mm,
-            shown,
-        )
+        crops = np.stack([one.crop for one in candidates])
+        center_uvd = np.stack([one.center_uvd for one in candidates])
+        cameras = [camera_of(camera, one.side) for one in candidates]
+        return HandCrops(crops, center_uvd, cameras, self.cube_mm, shown)
 
 
 def _key(candidate: Candidate) -> tuple[object, ...]:

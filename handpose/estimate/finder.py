@@ -75,10 +75,11 @@ class Finder:
         height, width = net.blobs["frame"].shape[2:]
         for name, (channels, part) in OUTPUTS.items():
             found = net.blobs[name].shape[1:] if name in net.blobs else None
-            if found != (channels, height // part, width // part):
+            expected = (channels, height // part, width // part)
+            if found != expected:
                 raise NetlibError(
                     f"{net.source}: blob {name!r} of shape {found} an item, expected "
-                    f"{(channels, height // part, width // part)} of a finder"
+                    f"{expected} of a finder"
                 )
         self.net, self.settings = net, settings
 
@@ -114,13 +115,14 @@ class Finder:
         said = self.net.forward(blobs=["votes", "class"], frame=channels_of(small[None], focal))
         if not all(np.isfinite(said[name]).all() for name in OUTPUTS):
             raise NetlibError(f"{self.net.source}: answers that are not finite; check its weights")
+        chances = said["class"][0, 1], said["presence"][0, 0], said["right"][0, 0]
         hand, presence, right = (
-            rounded(said[name][0, n], CHANCE_STEP).astype(np.float32)
-            for name, n in (("class", 1), ("presence", 0), ("right", 0))
+            rounded(values, CHANCE_STEP).astype(np.float32) for values in chances
         )
         z = small[::4, ::4].astype(np.float64)
         z[z >= BEYOND_MM] = 0
-        points = np.concatenate([slopes[::4, ::4], np.ones((*z.shape, 1))], axis=-1) * z[..., None]
+        rays = np.concatenate([slopes[::4, ::4], np.ones((*z.shape, 1))], axis=-1)
+        points = rays * z[..., None]
         votes = points + rounded(VOTE_MM * np.moveaxis(said["votes"][0], 0, -1), PLACE_STEP_MM)
         weight = (z > 0) * np.maximum(hand[::2, ::2], 1e-3)
         peaks = [
@@ -158,13 +160,15 @@ class Finder:
         rows, columns = np.nonzero((presence == highest) & (presence >= min_presence))
         kept: list[tuple[float, Array]] = []
         for n in np.argsort(-presence[rows, columns], kind="stable"):
-            around = tuple(slice(max(at - 2, 0), at + 3) for at in (int(rows[n]), int(columns[n])))
+            row, column = int(rows[n]), int(columns[n])
+            top, left = max(row - 2, 0), max(column - 2, 0)
+            around = np.s_[top : row + 3, left : column + 3]
             own = weight[around].ravel()
             if own.sum() < MIN_VOTES:
                 continue
             middle = self._agreed(votes[around].reshape(-1, 3), own)
             if all(np.linalg.norm(middle - other) > self.settings.apart_mm for _, other in kept):
-                kept.append((float(presence[rows[n], columns[n]]), middle))
+                kept.append((float(presence[row, column]), middle))
             if len(kept) == most:
                 break
         return kept
@@ -193,25 +197,20 @@ class Finder:
         hand   (H/2, W/2) probability of hands
         owner  (H/4, W/4) number of the middle that a pixel votes for
         """
-        u, v = (
-            np.arange(size, dtype=np.float32) * np.float32(part)
-            for size, part in zip((camera.width, camera.height), scale)
-        )
+        u = np.arange(camera.width, dtype=np.float32) * np.float32(scale[0])
+        v = np.arange(camera.height, dtype=np.float32) * np.float32(scale[1])
         x, y = np.meshgrid(u / 2, v / 2)
         chance = cv2.remap(
             np.ascontiguousarray(hand), x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
         )
         is_hand = (chance > 0.5) & (image > 0) & (image < BEYOND_MM)
         rows, columns = np.nonzero(is_hand)
-        quarter = [
-            np.minimum(np.rint(line[index] / 4).astype(int), size - 1)
-            for line, index, size in ((v, rows, owner.shape[0]), (u, columns, owner.shape[1]))
-        ]
-        own = owner[quarter[0], quarter[1]]
+        quarter_row = np.minimum(np.rint(v[rows] / 4).astype(int), owner.shape[0] - 1)
+        quarter_column = np.minimum(np.rint(u[columns] / 4).astype(int), owner.shape[1] - 1)
+        own = owner[quarter_row, quarter_column]
         points = camera.unproject(np.stack([columns, rows, image[rows, columns]], axis=-1))
-        own = np.where(
-            np.linalg.norm(points - middles[own], axis=1) < self.settings.reach_mm, own, -1
-        )
+        within_reach = np.linalg.norm(points - middles[own], axis=1) < self.settings.reach_mm
+        own = np.where(within_reach, own, -1)
         masks = np.zeros((len(middles), *image.shape), bool)
         for k in range(len(middles)):
             masks[k, rows[own == k], columns[own == k]] = True
@@ -232,7 +231,9 @@ def channels_of(depth: Floats, focal: float = FOCAL_PX) -> Floats:
     out[:, 1] = np.clip(np.log(z / MIDDLE_MM), -1.5, 1.5)
     for channel, axis in ((2, 2), (3, 1)):
         before, at, after = ([slice(None)] * 3 for _ in range(3))
-        before[axis], at[axis], after[axis] = slice(None, -2), slice(1, -1), slice(2, None)
+        before[axis] = slice(None, -2)
+        at[axis] = slice(1, -1)
+        after[axis] = slice(2, None)
         first, here, last = tuple(before), tuple(at), tuple(after)
         slope = (z[last] - z[first]) * (0.5 * focal) / z[here]
         slope /= np.sqrt(1 + slope * slope)
@@ -250,14 +251,12 @@ def _scale(camera: Camera) -> Array:
 def _scaled(image: Floats, scale: Array) -> Floats:
     """The nearest pixels at the net's resolution, padded with 0 to multiples of ``STRIDE``."""
     height, width = image.shape
-    columns, rows = (
-        np.rint(np.arange(max(1, int(size * part))) / part).astype(int).clip(0, size - 1)
-        for size, part in zip((width, height), scale)
-    )
-    out = np.zeros(
-        (-(-len(rows) // STRIDE) * STRIDE, -(-len(columns) // STRIDE) * STRIDE), np.float32
-    )
-    out[: len(rows), : len(columns)] = image[np.ix_(rows, columns)]
+    columns = np.rint(np.arange(max(1, int(width * scale[0]))) / scale[0])
+    rows = np.rint(np.arange(max(1, int(height * scale[1]))) / scale[1])
+    row, column = rows.astype(int).clip(0, height - 1), columns.astype(int).clip(0, width - 1)
+    padded = [-(-count // STRIDE) * STRIDE for count in (len(rows), len(columns))]
+    out = np.zeros(padded, np.float32)
+    out[: len(rows), : len(columns)] = image[np.ix_(row, column)]
     return out
 
 

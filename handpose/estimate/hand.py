@@ -254,8 +254,8 @@ def _as_frame(hand: Hand) -> tuple[NDArray[np.float32], Camera]:
     """A hand's crop as a depth image in mm, and its camera."""
     camera, size = hand.view_camera, len(hand.view_crop)
     offset, factor = crop_scale(hand.view_uvd[None], hand.cube_mm, camera, size)
-    (fx, fy), (u0, v0) = factor[0] * (camera.fx, camera.fy), factor[0] * (camera.u0, camera.v0)
-    u0, v0 = offset[0] + (u0, v0)
+    fx, fy = factor[0] * (camera.fx, camera.fy)
+    u0, v0 = offset[0] + factor[0] * (camera.u0, camera.v0)
     depth = hand.view_uvd[2] + hand.view_crop * (hand.cube_mm / 2)
     return depth.astype(np.float32), replace(
         camera, fx=fx, fy=fy, u0=u0, v0=v0, width=size, height=size

@@ -90,15 +90,15 @@ def skeleton_to_fit(net: Net) -> Skeleton:
 def _layer_to_fit(net: Net) -> HandModel:
     """The hand model of a net that predicts no bone lengths: a fit knows one size per hand only."""
     hand = the_hand_layer(net)
-    if (
-        len(hand.spec.bottom) > 1
-        and net.blobs[hand.spec.bottom[1]].count != net.blobs[hand.spec.bottom[1]].num
-    ):
-        raise NetlibError(
-            f"{net.source}: layer {hand.name!r} takes the bones of each hand from blob "
-            f"{hand.spec.bottom[1]!r}, which a fit does not know; do without a fit, or give the "
-            "layer one bottom, or two with a size"
-        )
+    bottoms = hand.spec.bottom
+    if len(bottoms) > 1:
+        bones = net.blobs[bottoms[1]]
+        if bones.count != bones.num:  # otherwise one size for each hand
+            raise NetlibError(
+                f"{net.source}: layer {hand.name!r} takes the bones of each hand from blob "
+                f"{bottoms[1]!r}, which a fit does not know; do without a fit, or give the "
+                "layer one bottom, or two with a size"
+            )
     return hand
 
 

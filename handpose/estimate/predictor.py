@@ -166,10 +166,12 @@ class Predictor:
             place = pixel_of(start, camera, frame.side)
             return self._judged(frame, place, False).given(self.min_confidence)
         found = self._found(frame)
+        if self.plan is None:
+            found = found[:1]
         mirror = mirror_of(frame.side)
         hands = [
             self._judged(frame, frame.camera.project(one.middle * mirror), True, one.presence)
-            for one in (found if self.plan is not None else found[:1])
+            for one in found
         ]
         return max(hands, key=lambda hand: hand.presence * max(hand.chance, 0.01)).given(
             self.min_confidence
@@ -265,9 +267,8 @@ def depth_around(depth: NDArray[np.generic], u: float, v: float, reach: int = 8)
         raise DataError(
             f"pixel {u:g}, {v:g} lies outside the image of {image.shape[1]} x {image.shape[0]}"
         )
-    around = image[
-        max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1
-    ]
+    top, left = max(row - reach, 0), max(column - reach, 0)
+    around = image[top : row + reach + 1, left : column + reach + 1]
     seen = around[np.isfinite(around) & (around > 0)]
     if not len(seen):
         raise DataError(f"no depth around pixel {u:g}, {v:g}")

@@ -80,14 +80,8 @@ class CapsuleModel:
         self.upper = np.append(whole.upper[self.free], [np.log(MAX_SIZE), THICKNESS_LIMIT])
         self.deviation = surface.deviation[self.free]
         roots = np.flatnonzero(whole.parents < 0)
-        slides = [
-            (j, m) for j, own in enumerate(whole.motions) for m in own if m.kind == "translate"
-        ]
-        if (
-            len(roots) != 1
-            or whole.bone_axes[roots[0]] >= 0
-            or any(j != roots[0] for j, _ in slides)
-        ):
+        sliding = {j for j, own in enumerate(whole.motions) for m in own if m.kind == "translate"}
+        if len(roots) != 1 or whole.bone_axes[roots[0]] >= 0 or not sliding.issubset(roots):
             raise NetlibError(
                 f"skeleton {skeleton.name!r}: expected one root, without a bone, that alone translates"
             )
@@ -145,7 +139,8 @@ class CapsuleModel:
         x = np.zeros((len(given), self.variables))
         skeletons = self.free < given.shape[1]
         x[:, :SIZE_INDEX][:, skeletons] = given[:, self.free[skeletons]]
-        x[:, self.limbs] = np.clip(x[:, self.limbs], self.lower[self.limbs], self.upper[self.limbs])
+        limbs = self.limbs
+        x[:, limbs] = np.clip(x[:, limbs], self.lower[limbs], self.upper[limbs])
         return x
 
     def inputs_of(self, x: Array) -> Array:
@@ -171,10 +166,9 @@ class CapsuleModel:
         """The capsules' ends and their derivatives at x (N, V)."""
         N, Q, E = len(x), len(self._order), len(self._used)
         joints, ends, pose = self._ends(x)
-        axis, pivot = (
-            np.ascontiguousarray(v[:, self._order].transpose(2, 0, 1), np.float32)
-            for v in self._whole_kinematics.axes(pose)
-        )  # (3, N, Q)
+        ordered = (v[:, self._order] for v in self._whole_kinematics.axes(pose))
+        # (3, N, Q)
+        axis, pivot = (np.ascontiguousarray(v.transpose(2, 0, 1), np.float32) for v in ordered)
         turn = axis * self._turns
         shift = (axis - turn - _cross(turn, pivot)) * np.float32(self.unit_mm)
         turn = turn[:, :, None]
@@ -189,9 +183,8 @@ class CapsuleModel:
         motion[..., Q] = ends - joints[:, [self._root_joint]]
         motion[..., Q + 1] = 0
         if not self._one_each:
-            motion = np.concatenate(
-                [(motion[..., :Q] @ self._sums).astype(np.float32), motion[..., Q:]], axis=-1
-            )
+            of_inputs = (motion[..., :Q] @ self._sums).astype(np.float32)
+            motion = np.concatenate([of_inputs, motion[..., Q:]], axis=-1)
         return Posed(ends, motion, self._thickness(x).astype(np.float32))
 
     def capsules(self, x: Array, center_mm: Array) -> Capsules:
@@ -200,13 +193,8 @@ class CapsuleModel:
         """
         ends = self.ends(x).astype(np.float64) + center_mm[:, None]
         radii = self.radii.astype(np.float64) * self._thickness(x)[:, None, None]
-        return Capsules(
-            ends[:, self.start],
-            ends[:, self.end],
-            radii[:, :, 0],
-            radii[:, :, 1],
-            self.surface.facets,
-        )
+        a, b = ends[:, self.start], ends[:, self.end]
+        return Capsules(a, b, radii[:, :, 0], radii[:, :, 1], self.surface.facets)
 
     def _ends(self, x: Array) -> tuple[Floats, Floats, Pose]:
         """All joints (N, K, 3), the capsules' ends (N, E, 3), and their pose."""
@@ -268,12 +256,8 @@ class RootMotion:
         turns = [m for m in motions if m.kind == "rotate"]
         column = {int(dof): i for i, dof in enumerate(model.free)}
         free = {m.dof for m in motions} & set(column)
-        if (
-            set(slides) != {0, 1, 2}
-            or {m.axis for m in turns} != {0, 1, 2}
-            or len(motions) != 6
-            or len(free) != 6
-        ):
+        along_and_about_each = set(slides) == {m.axis for m in turns} == {0, 1, 2}
+        if not along_and_about_each or len(motions) != 6 or len(free) != 6:
             raise NetlibError(
                 f"skeleton {model.skeleton.name!r}: its root does not translate along x, y, z and turn about three "
                 "axes, by a free DoF each, so that it can neither be followed through space nor turned with the "
@@ -291,7 +275,8 @@ class RootMotion:
 
     def place(self, x: Array) -> Array:
         """The root's position (N, 3) in mm from the crop's centre."""
-        return np.asarray((x[:, self.columns[:3]] + self._initial[:3]) * self._signs[:3])
+        inputs = x[:, self.columns[:3]] + self._initial[:3]
+        return np.asarray(inputs * self._signs[:3])
 
     def rotation(self, x: Array) -> Array:
         """The root's rotation world_from_root (N, 3, 3)."""
@@ -304,18 +289,19 @@ class RootMotion:
         angles in [-pi, pi).
         """
         x = np.concatenate([place, self._angles(R)], axis=1) / self._signs - self._initial
-        x[:, 3:] = (x[:, 3:] + np.pi) % (2 * np.pi) - np.pi
+        angles = x[:, 3:]
+        x[:, 3:] = (angles + np.pi) % (2 * np.pi) - np.pi
         return np.asarray(x)
 
     def _angles(self, R: Array) -> Array:
         """The angles (N, 3) of R = R_i(a) R_j(b) R_k(c) with the root's axes i, j, k."""
         (i, j, k), e = self._axes, self._parity
         pole = np.abs(R[:, i, k]) > 1 - 1e-12  # only the sum of the other angles is determined
-        a = np.where(
-            pole, np.arctan2(e * R[:, k, j], R[:, j, j]), np.arctan2(-e * R[:, j, k], R[:, k, k])
-        )
+        sum_at_pole = np.arctan2(e * R[:, k, j], R[:, j, j])
+        a = np.arctan2(-e * R[:, j, k], R[:, k, k])
         b = np.arcsin(np.clip(e * R[:, i, k], -1, 1))
-        c = np.where(pole, 0.0, np.arctan2(-e * R[:, i, j], R[:, i, i]))
+        c = np.arctan2(-e * R[:, i, j], R[:, i, i])
+        a, c = np.where(pole, sum_at_pole, a), np.where(pole, 0.0, c)
         return np.stack([a, b, c], axis=1)
 
 

@@ -190,9 +190,8 @@ class DepthFitter:
             seen, before[None].copy(), priors, plan, size, np.ones((1, len(seen))), hold
         )
         off = (found.x - priors[0])[:, self.model.limbs]
-        found.parts[:, 3] -= (
-            (hold - 1) * self.objective.weights.limbs * ((off @ self.precision) * off).sum(axis=1)
-        )
+        squares = ((off @ self.precision) * off).sum(axis=1)
+        found.parts[:, 3] -= (hold - 1) * self.objective.weights.limbs * squares
         return self._results(found, seen, network, moved_mm)
 
     def _expected(self, before: Array) -> Array:
@@ -251,11 +250,12 @@ class DepthFitter:
         signs = np.column_stack([found.parts, moved])
         shown = (seen.outside < 0).mean(axis=(1, 2))[seen.frame]
         signs[shown < EMPTY_CROP] = np.inf  # an empty crop contradicts no hand
+        log_uncertainty = np.log1p(signs) @ np.array(self.settings.sign_weights)
         return DepthFit(
             joints=joints,
             network=network,
             cost=signs[:, :4].sum(axis=1),
-            uncertainty=np.exp(np.log1p(signs) @ np.array(self.settings.sign_weights)),
+            uncertainty=np.exp(log_uncertainty),
             x=found.x,
             start=found.start,
             signs=signs,

@@ -57,7 +57,8 @@ def near_joints(
         A = J @ J.swapaxes(1, 2)
         A[:, diagonal, diagonal] += precision
         b = (J @ r)[..., 0] + precision * off
-        return (r * r).sum(axis=(1, 2)) + (precision * off * off).sum(axis=1), A, b
+        pull = (precision * off * off).sum(axis=1)
+        return (r * r).sum(axis=(1, 2)) + pull, A, b
 
     found[:, columns], _ = minimise(
         evaluate, start, lower, upper, settings.steps, ridge=START_RIDGE
@@ -81,7 +82,8 @@ def aligned(model: CapsuleModel, x: Array, joints: Array) -> Array:
     rigid = ~model.skeleton.moves[limbs].any(axis=0)
     own, goal = model.joints(x)[:, rigid], joints[:, rigid]
     middle, goal_middle = own.mean(axis=1), goal.mean(axis=1)
-    U, _, V = np.linalg.svd((own - middle[:, None]).swapaxes(1, 2) @ (goal - goal_middle[:, None]))
+    centred, goal_centred = own - middle[:, None], goal - goal_middle[:, None]
+    U, _, V = np.linalg.svd(centred.swapaxes(1, 2) @ goal_centred)
     V[:, 2] *= np.sign(np.linalg.det(U @ V))[:, None]  # a rotation, no reflection
     turn = (U @ V).swapaxes(1, 2)
     place = goal_middle + (turn @ (root.place(x) - middle)[..., None])[..., 0]

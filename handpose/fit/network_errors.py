@@ -79,13 +79,14 @@ def read_errors(path: str | Path | Content, model: CapsuleModel) -> NetworkError
         raise DataError(
             f"{path}: {GROUP}/{LIMBS} of shape {limbs.shape}, expected a covariance ({L}, {L})"
         )
-    if poses is not None and (
-        poses.shape != (L + 1, L) or not np.isfinite(poses).all() or not _is_covariance(poses[1:])
-    ):
+    if poses is None:
+        return NetworkErrors(limbs)
+    is_finite = np.isfinite(poses).all()
+    if poses.shape != (L + 1, L) or not is_finite or not _is_covariance(poses[1:]):
         raise DataError(
             f"{path}: {GROUP}/{POSES} of shape {poses.shape}, expected a mean and a covariance ({L + 1}, {L})"
         )
-    return NetworkErrors(limbs, None if poses is None else Poses(poses[0], poses[1:]))
+    return NetworkErrors(limbs, Poses(poses[0], poses[1:]))
 
 
 def _is_covariance(values: Array) -> bool:

@@ -102,22 +102,23 @@ class Objective:
         w, P = self.weights, seen.points.shape[2]
         k, sigma = np.float32((robust * self.larger) ** 2), w.sigma * self.larger
         q = m.residuals.value * m.residuals.value
-        q[:, :, :P] = q[:, :1, :P] + q[:, 1:, :P]  # a point's two residuals are robust together
+        of_points = q[:, :, :P]
+        # a point's two residuals are robust together
+        of_points[:] = of_points[:, :1] + of_points[:, 1:]
         weight = np.empty_like(q)
         unit = w.independent / sigma**2 / np.maximum(seen.known.sum(axis=1, keepdims=True), 1)
         counts = self.counts[m.residuals.capsule[:, :P]]
         weight[:, :, :P] = (seen.known * counts * unit.astype(np.float32))[:, None]
-        weight[:, :, P:] = np.array([w.outline, w.front], np.float32)[:, None] / np.float32(
-            sigma**2
-        )
+        of_spheres = np.array([w.outline, w.front], np.float32)
+        weight[:, :, P:] = of_spheres[:, None] / np.float32(sigma**2)
         robustly = k / (k + q)
         weight *= robustly
         q *= weight
         weight *= robustly
         spheres = q[:, :, P:].sum(axis=2)
-        parts = np.stack(
-            [q[:, 0, :P].sum(axis=1), spheres[:, 0], spheres[:, 1], m.prior], axis=1
-        ).astype(np.float64)
+        surface = of_points[:, 0].sum(axis=1)
+        columns = [surface, spheres[:, 0], spheres[:, 1], m.prior]
+        parts = np.stack(columns, axis=1).astype(np.float64)
         return Cost(parts.sum(axis=1), parts, weight)
 
     def equations(self, m: Measured, cost: Cost) -> tuple[Array, Array]:

@@ -89,13 +89,12 @@ class HandCrops:
 
     def take(self, rows: slice) -> HandCrops:
         """Some of the crops."""
-        return HandCrops(
-            self.crops[rows],
-            self.center_uvd[rows],
-            self.cameras if isinstance(self.cameras, Camera) else self.cameras[rows],
-            self.cube_mm,
-            None if self.shown is None else self.shown[rows],
-        )
+        cameras, shown = self.cameras, self.shown
+        if not isinstance(cameras, Camera):
+            cameras = cameras[rows]
+        if shown is not None:
+            shown = shown[rows]
+        return HandCrops(self.crops[rows], self.center_uvd[rows], cameras, self.cube_mm, shown)
 
     @property
     def network_input(self) -> NDArray[np.floating]:
@@ -145,18 +144,9 @@ def observe(hands: HandCrops, points: int, thin_px: float) -> Observation:
         nearest[n] = cv2.erode(crops[n].astype(np.float32), _CROSS) * np.float32(half[n])
     middle = np.stack([u0, v0], axis=1)
     focal = np.array([camera.fx, camera.fy])
-    return Observation(
-        surface,
-        rays,
-        known,
-        np.arange(N),
-        outside,
-        nearest,
-        center.astype(np.float32),
-        half.astype(np.float32),
-        (first + scale * middle).astype(np.float32),
-        (scale * focal * (1, -1)).astype(np.float32),
-    )
+    offset, factor = first + scale * middle, scale * focal * (1, -1)
+    of_crops = (values.astype(np.float32) for values in (center, half, offset, factor))
+    return Observation(surface, rays, known, np.arange(N), outside, nearest, *of_crops)
 
 
 def _outside(crop: NDArray[np.floating]) -> Floats:
@@ -167,12 +157,9 @@ def _outside(crop: NDArray[np.floating]) -> Floats:
     """
     solid = cv2.morphologyEx((crop < FAR_FACE).astype(np.uint8), cv2.MORPH_CLOSE, _CROSS)
     out = cv2.distanceTransform(1 - solid, cv2.DIST_L2, cv2.DIST_MASK_5)
-    within = cv2.distanceTransform(
-        cv2.copyMakeBorder(solid, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=1),
-        cv2.DIST_L2,
-        cv2.DIST_MASK_5,
-    )[1:-1, 1:-1]
+    bordered = cv2.copyMakeBorder(solid, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=1)
+    within = cv2.distanceTransform(bordered, cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
     far = np.float32(len(crop))  # a crop without a silhouette, or all of it, has no distance
-    return np.asarray(
-        np.where(solid > 0, 0.5 - np.minimum(within, far), np.minimum(out, far) - 0.5), np.float32
-    )
+    # the edge is half a pixel from the middles on both sides
+    from_inside, from_outside = 0.5 - np.minimum(within, far), np.minimum(out, far) - 0.5
+    return np.asarray(np.where(solid > 0, from_inside, from_outside), np.float32)

@@ -176,7 +176,9 @@ def pose_signs(fit: Array, depths: JointDepths, penetration_mm: Array, guessed: 
 def mean_log_error(signs: Array, lag_mm: Array, hand: Regression) -> Array:
     """The mean (N,) of the logarithm of the error in mm, of poses with these signs (N, 9)."""
     fit = np.exp(np.log1p(signs) @ hand.weights + hand.constant)
-    return np.asarray(np.log(np.sqrt(fit**2 + lag_mm**2 + signs[:, SIGNS.index("before")] ** 2)))
+    before = signs[:, SIGNS.index("before")]
+    squares = fit**2 + lag_mm**2 + before**2
+    return np.asarray(np.log(np.sqrt(squares)))
 
 
 def least_error(confidence: Array) -> Array:

@@ -55,6 +55,7 @@ from handpose.frames.crops import FAR_FACE
 from netlib.blob import Array
 
 _TINY = np.float32(1e-6)
+_MIN_SIDE_MM2 = 1e-3  # one of two spheres may contain the other
 POSITION_BITS = 11  # bits of a position of half the cube's edge: 1/8 mm for a hand
 DIRECTION_STEP = np.float32(2.0**-10)
 _UPPER = np.triu_indices(8)  # the 36 independent elements of a symmetric 8 x 8 matrix
@@ -90,11 +91,10 @@ class Cones(NamedTuple):
 
     def of(self, belongs: Floats) -> Cones:
         """The capsules of the points given by ``belonging``; a product is faster than indexing."""
-        picked = (
-            np.concatenate([self.a, self.along, self.radius[:, None], self.wider[:, None]], axis=1)
-            @ belongs
-        )
-        return Cones(picked[:, :3], picked[:, 3:6], picked[:, 6], picked[:, 7])
+        columns = [self.a, self.along, self.radius[:, None], self.wider[:, None]]
+        picked = np.concatenate(columns, axis=1) @ belongs
+        radius, wider = picked[:, 6], picked[:, 7]
+        return Cones(picked[:, :3], picked[:, 3:6], radius, wider)
 
 
 def cones_of(model: CapsuleModel, posed: Posed) -> Cones:
@@ -102,7 +102,8 @@ def cones_of(model: CapsuleModel, posed: Posed) -> Cones:
     ends = posed.ends.swapaxes(1, 2)
     a = ends[:, :, model.start]
     radii = model.radii.T * posed.thickness[:, None, None]
-    return Cones(a, ends[:, :, model.end] - a, radii[:, 0], radii[:, 1] - radii[:, 0])
+    along = ends[:, :, model.end] - a
+    return Cones(a, along, radii[:, 0], radii[:, 1] - radii[:, 0])
 
 
 def belonging(capsule: NDArray[np.int_], capsules: int) -> Floats:
@@ -143,12 +144,22 @@ def nearest_capsules(cones: Cones, seen: Observation) -> NDArray[np.int_]:
     d = _on_grid(cones.along / length[:, None], DIRECTION_STEP)
     ones = np.ones((N, 1, P), np.float32)
     rows = np.empty((N, 2 * M, 5), np.float32)
-    rows[:, :M, :3], rows[:, :M, 3], rows[:, :M, 4] = d.swapaxes(1, 2), -(a * d).sum(axis=1), 0
-    rows[:, M:, :3], rows[:, M:, 3], rows[:, M:, 4] = -2 * a.swapaxes(1, 2), (a * a).sum(axis=1), 1
+    upper, lower = rows[:, :M], rows[:, M:]
+    # (p - a) . d and |p - a|² from the columns (p, 1, |p|²)
+    upper[:, :, :3] = d.swapaxes(1, 2)
+    upper[:, :, 3] = -(a * d).sum(axis=1)
+    upper[:, :, 4] = 0
+    lower[:, :, :3] = -2 * a.swapaxes(1, 2)
+    lower[:, :, 3] = (a * a).sum(axis=1)
+    lower[:, :, 4] = 1
     both = rows @ np.concatenate([p, ones, (p * p).sum(axis=1, keepdims=True)], axis=1)
     along, across = both[:, :M], both[:, M:]
-    rows[:, :M, 3], rows[:, M:, :3], rows[:, M:, 3] = 0, -a.swapaxes(1, 2), 1
-    both = rows[:, :, :4] @ np.concatenate([v, (p * v).sum(axis=1, keepdims=True)], axis=1)
+    # d . v and (p - a) . v from the columns (v, p . v)
+    upper[:, :, 3] = 0
+    lower[:, :, :3] = -a.swapaxes(1, 2)
+    lower[:, :, 3] = 1
+    columns = np.concatenate([v, (p * v).sum(axis=1, keepdims=True)], axis=1)
+    both = rows[:, :, :4] @ columns
     away, behind = both[:, :M], both[:, M:]
     t = np.maximum(along, 0)
     np.minimum(t, length[..., None], out=t)
@@ -188,9 +199,11 @@ def point_residuals(cones: Cones, seen: Observation, capsule: NDArray[np.int_]) 
     N, P = capsule.shape
     own = cones.of(belonging(capsule, cones.a.shape[2]))
     q, w = seen.points - own.a, own.wider
-    LL, t = np.maximum((own.along * own.along).sum(axis=1), _TINY), (q * own.along).sum(axis=1)
-    h = np.sqrt(np.maximum((q * q).sum(axis=1) * LL - t * t, 0))
-    s = (t + h * w / np.sqrt(np.maximum(LL - w * w, 1e-3))) / LL
+    LL = np.maximum((own.along * own.along).sum(axis=1), _TINY)
+    qq, t = (q * q).sum(axis=1), (q * own.along).sum(axis=1)
+    h = np.sqrt(np.maximum(qq * LL - t * t, 0))
+    side = np.sqrt(np.maximum(LL - w * w, _MIN_SIDE_MM2))
+    s = (t + h * w / side) / LL
     np.maximum(s, 0, out=s)
     np.minimum(s, 1, out=s)
     c, radius = own.at(s)
@@ -198,11 +211,11 @@ def point_residuals(cones: Cones, seen: Observation, capsule: NDArray[np.int_]) 
     f = np.maximum((y * seen.rays).sum(axis=1), 0)
     y -= f[:, None] * seen.rays
     rho = np.sqrt((y * y).sum(axis=1)) + _TINY
-    direction, swell, value = (
-        np.zeros((N, *shape, P), np.float32) for shape in ((3, 2), (2,), (2,))
-    )
+    direction = np.zeros((N, 3, 2, P), np.float32)
+    swell, value = np.zeros((2, N, 2, P), np.float32)
     np.divide(y, -rho[:, None], out=direction[:, :, 0])
-    np.multiply(seen.rays, -(f > 0).astype(np.float32)[:, None], out=direction[:, :, 1])
+    is_behind = (f > 0).astype(np.float32)
+    np.multiply(seen.rays, -is_behind[:, None], out=direction[:, :, 1])
     np.negative(radius, out=swell[:, 0])
     np.subtract(rho, radius, out=value[:, 0])
     value[:, 1] = f
@@ -233,7 +246,8 @@ def sphere_residuals(
     right, down = (pixel - corner).swapaxes(0, 1)
     crop = seen.frame[:, None] * (S * S)
     first = corner[:, 1] * S + corner[:, 0] + crop
-    F = seen.outside.reshape(-1)[first + np.array([0, 1, S, S + 1])[:, None, None]]
+    neighbours = np.array([0, 1, S, S + 1])
+    F = seen.outside.reshape(-1)[first + neighbours[:, None, None]]
     across_upper, across_lower = F[1] - F[0], F[3] - F[2]
     upper, lower = F[0] + right * across_upper, F[2] + right * across_lower
     falls = lower - upper
@@ -244,11 +258,14 @@ def sphere_residuals(
     slopes *= seen.factor[:, :, None] / far[:, None]
     direction = np.zeros((N, 3, 2, R), np.float32)
     direction[:, :2, 0] = slopes
-    direction[:, 2, 0] = outside / far - (slopes * at[:, :2]).sum(axis=1) / z
+    sideways = (slopes * at[:, :2]).sum(axis=1)
+    direction[:, 2, 0] = outside / far - sideways / z
     direction[:, 2, 1] = -1
     column, row = np.rint(pixel).astype(np.int64).swapaxes(0, 1)
     surface = seen.nearest.reshape(-1)[row * S + column + crop]
-    value = np.stack([outside * z / far + radius, surface - c[:, 2] + radius], axis=1)
+    leaves = outside * z / far + radius
+    in_front = surface - c[:, 2] + radius
+    value = np.stack([leaves, in_front], axis=1)
     value -= np.float32(slack)
     active = value > 0
     active &= shown[:, None]
@@ -279,7 +296,8 @@ def normal_equations(
     # (N, M, 8, 8)
     G = (belonging(r.capsule, M) @ products.swapaxes(1, 2))[:, :, _FULL].astype(np.float64)
     B = np.zeros((N, M, 7, V))
-    B[:, :, :3], B[:, :, 3:6] = posed.motion[:, model.start], posed.motion[:, model.end]
+    B[:, :, :3] = posed.motion[:, model.start]
+    B[:, :, 3:6] = posed.motion[:, model.end]
     B[:, :, 6, [SIZE_INDEX, THICKNESS_INDEX]] = 1
     transposed = B.reshape(N, M * 7, V).swapaxes(1, 2)
     A = transposed @ (G[..., :7, :7] @ B).reshape(N, M * 7, V)

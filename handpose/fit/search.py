@@ -185,7 +185,8 @@ class Search:
         """
         K, N, _ = starts.shape
         every, cost_factors = np.tile(np.arange(N), K), np.broadcast_to(cost_factor, (K, N))
-        x, own = starts.reshape(K * N, -1), objective.prior_of(priors.reshape(K * N, -1), precision)
+        x = starts.reshape(K * N, -1)
+        own = objective.prior_of(priors.reshape(K * N, -1), precision)
         chosen = np.arange(K * N)
         if plan.trials is not None and K > 1:
             few = seen.thinned(plan.trials.thin).take(every)
@@ -232,6 +233,7 @@ def turned_back(model: CapsuleModel, x: Array, quarter: int) -> Array:
     """
     if quarter % 4 == 0:
         return x
-    root, turn, back = model.root_motion, rotation(2, np.array(-quarter * np.pi / 2)), x.copy()
+    root, back = model.root_motion, x.copy()
+    turn = rotation(2, np.array(-quarter * np.pi / 2))
     back[:, root.columns] = root.variables(root.place(x) @ turn.T, turn @ root.rotation(x))
     return back

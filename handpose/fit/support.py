@@ -75,22 +75,21 @@ class Samples(NamedTuple):
         along, across = ALONG[:, None], ACROSS[..., None]
         a, b, ra, rb, facets = capsules
         n = len(a)
-        center = [(a[:, :, None] + along * (b - a)[:, :, None]).reshape(n, -1, 3)]
-        radius = [(ra[:, :, None] + ALONG * (rb - ra)[:, :, None]).reshape(n, -1)]
+        centers = a[:, :, None] + along * (b - a)[:, :, None]  # (N, M, A, 3)
+        radii = ra[:, :, None] + ALONG * (rb - ra)[:, :, None]
         length = np.linalg.norm(b - a, axis=2, keepdims=True) / len(ALONG)
-        area = [2 * radius[0] * np.repeat(length, len(ALONG), axis=2).reshape(n, -1)]
+        areas = 2 * radii * length
+        center, radius = [centers.reshape(n, -1, 3)], [radii.reshape(n, -1)]
+        area = [areas.reshape(n, -1)]
         if len(facets):
-            ends, radii = (
-                np.stack([a, b], axis=2).reshape(n, -1, 3),
-                np.stack([ra, rb], axis=2).reshape(n, -1),
-            )
-            corner, r = ends[:, facets], radii[:, facets]  # (N, T, 3, 3), (N, T, 3)
+            ends = np.stack([a, b], axis=2).reshape(n, -1, 3)
+            end_radii = np.stack([ra, rb], axis=2).reshape(n, -1)
+            corner, r = ends[:, facets], end_radii[:, facets]  # (N, T, 3, 3), (N, T, 3)
             center.append((across * corner[:, :, None]).sum(axis=3).reshape(n, -1, 3))
             radius.append((ACROSS * r[:, :, None]).sum(axis=3).reshape(n, -1))
             edges = corner[:, :, 1:] - corner[:, :, :1]
-            flat = (
-                np.linalg.norm(np.cross(edges[:, :, 0], edges[:, :, 1]), axis=2) / 2 / len(ACROSS)
-            )
+            normal = np.cross(edges[:, :, 0], edges[:, :, 1])
+            flat = np.linalg.norm(normal, axis=2) / 2 / len(ACROSS)
             area.append(np.repeat(flat, len(ACROSS), axis=1))
         return cls(*(np.concatenate(parts, axis=1) for parts in (center, radius, area)))
 
@@ -114,11 +113,9 @@ class Samples(NamedTuple):
         """
         x, y, z = (self.center[:, None, :, axis] for axis in range(3))
         ray = points[..., :2] / points[..., 2:]
-        inner = (
-            self.radius[:, None] ** 2
-            - (ray[:, :, None, 0] * z - x) ** 2
-            - (ray[:, :, None, 1] * z - y) ** 2
-        )
+        off_x = ray[:, :, None, 0] * z - x
+        off_y = ray[:, :, None, 1] * z - y
+        inner = self.radius[:, None] ** 2 - off_x**2 - off_y**2
         before = z - np.sqrt(np.maximum(inner, 0)) < front[:, :, None]
         return np.asarray(((inner > 0) & before).any(axis=2))
 
@@ -182,7 +179,8 @@ class ImageSupport:
         read = inside & (reading > 0)
         behind = np.where(read, joints[..., 2] - np.where(read, reading, 0), 0)
         count, most = np.maximum(read.sum(axis=1), 1), self.settings.max_joint_depth_mm
-        return JointDepths(*(np.clip(way * behind, 0, most).sum(axis=1) / count for way in (1, -1)))
+        clipped = (np.clip(distance, 0, most) for distance in (behind, -behind))
+        return JointDepths(*(distance.sum(axis=1) / count for distance in clipped))
 
 
 def _samples_of(some: NDArray[np.bool_], facets: NDArray[np.int_]) -> NDArray[np.bool_]:
@@ -200,9 +198,10 @@ def _readings(
     are in the image.
     """
     before = points[..., 2] > 0
-    column, row, _ = np.moveaxis(
-        np.rint(camera.project(np.where(before[..., None], points, 1.0))), -1, 0
-    )
-    inside = before & (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
+    pixels = np.rint(camera.project(np.where(before[..., None], points, 1.0)))
+    column, row, _ = np.moveaxis(pixels, -1, 0)
+    in_width = (column >= 0) & (column < camera.width)
+    in_height = (row >= 0) & (row < camera.height)
+    inside = before & in_width & in_height
     at = [np.where(inside, index, 0).astype(np.int64) for index in (row, column)]
     return depth[at[0], at[1]], inside

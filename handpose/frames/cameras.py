@@ -76,12 +76,16 @@ class Camera:
     def project(self, xyz: ArrayLike) -> Array:
         """Points (..., 3) x, y, z in mm to (..., 3) u, v in pixels and d in mm."""
         x, y, z = np.moveaxis(np.asarray(xyz, dtype=np.float64), -1, 0)
-        return np.stack([self.u0 + self.fx * x / z, self.v0 - self.fy * y / z, z], axis=-1)
+        u = self.u0 + self.fx * x / z
+        v = self.v0 - self.fy * y / z
+        return np.stack([u, v, z], axis=-1)
 
     def unproject(self, uvd: ArrayLike) -> Array:
         """The inverse of ``project``."""
         u, v, d = np.moveaxis(np.asarray(uvd, dtype=np.float64), -1, 0)
-        return np.stack([(u - self.u0) * d / self.fx, (self.v0 - v) * d / self.fy, d], axis=-1)
+        x = (u - self.u0) * d / self.fx
+        y = (self.v0 - v) * d / self.fy
+        return np.stack([x, y, d], axis=-1)
 
 
 @dataclass(frozen=True)

@@ -110,10 +110,8 @@ def crop_scale(
     """
     spans = _spans(center_uvd, cube_mm, camera, size)
     factor = np.stack([span.length / span.extent for span in spans], axis=1)
-    first = np.stack(
-        [(0.5 - span.start) * span.length / span.extent + span.pad - 0.5 for span in spans], axis=1
-    )
-    return first, factor
+    first = [(0.5 - span.start) * span.length / span.extent + span.pad - 0.5 for span in spans]
+    return np.stack(first, axis=1), factor
 
 
 def _spans(
@@ -121,7 +119,8 @@ def _spans(
 ) -> tuple[_Span, _Span]:
     center = np.atleast_2d(np.asarray(center_uvd, dtype=np.float64))
     cube = np.broadcast_to(np.asarray(cube_mm, dtype=np.float64), len(center))
-    good = np.isfinite(center).all(axis=1) & (center[:, 2] > 0) & np.isfinite(cube) & (cube > 0)
+    is_place = np.isfinite(center).all(axis=1) & (center[:, 2] > 0)
+    good = is_place & np.isfinite(cube) & (cube > 0)
     if not good.all():
         bad = int(np.argmin(good))
         u, v, d = center[bad]
@@ -130,10 +129,10 @@ def _spans(
             "expected finite numbers, depth and cube above 0"
         )
     d, half = center[:, 2], cube / 2
-    edges = [
-        (np.floor((at * d / f - half) / d * f), np.floor((at * d / f + half) / d * f))
-        for at, f in ((center[:, 0], camera.fx), (center[:, 1], camera.fy))
-    ]
+    edges = []
+    for at, f in ((center[:, 0], camera.fx), (center[:, 1], camera.fy)):
+        at_mm = at * d / f
+        edges.append((np.floor((at_mm - half) / d * f), np.floor((at_mm + half) / d * f)))
     longest = np.maximum(*(np.maximum(stop - start, 1) for start, stop in edges))
     spans = []
     for start, stop in edges:
@@ -269,7 +268,8 @@ def without_flying_pixels(crop: Floats, half_mm: float, pixel_mm: float) -> Floa
     farthest = cv2.dilate(np.where(surface, crop, np.float32(-9)), _AROUND)
     out = crop.copy()
     # A pixel between two surfaces belongs to the far one if it is close to it.
-    out[behind & (np.abs(farthest - crop) > step) & (np.abs(nearest - crop) > step)] = BACKGROUND
+    is_between = (np.abs(farthest - crop) > step) & (np.abs(nearest - crop) > step)
+    out[behind & is_between] = BACKGROUND
     return out
 
 

@@ -83,13 +83,14 @@ def inspect(recording: Recording) -> Inspection:
             f"no depth in the first {len(seen)} frames: every depth is 0; is the camera covered, or the "
             "hand too near?"
         )
+    pixels = sum(frame.depth.size for frame in seen)
     return Inspection(
         recording=recording,
         remarks=recording.remarks,
         frames=seen,
         rest=iter(()) if recording.live else iterator,
         depth_mm=depth_mm,
-        zeros=1 - len(shown.readings) / sum(frame.depth.size for frame in seen),
+        zeros=1 - len(shown.readings) / pixels,
         nearest=shown.nearest,
         warnings=tuple(warnings),
         doubt=shown.doubt,
@@ -196,24 +197,20 @@ def _of_unit(nearest: tuple[float, float], unit_mm: float) -> tuple[str, str]:
     others = ""
     for unit in POSSIBLE_UNITS_MM:
         factor = unit / unit_mm
-        plausible = (
-            USUAL_MM[0] <= distance * factor <= USUAL_MM[1]
-            and HAND_MM[0] <= width * factor <= HAND_MM[1]
-        )
+        away, wide = distance * factor, width * factor
+        plausible = USUAL_MM[0] <= away <= USUAL_MM[1] and HAND_MM[0] <= wide <= HAND_MM[1]
         if plausible and unit != unit_mm:
             others += f", with --unit {unit:g}" if others else f"with --unit {unit:g} it would be"
-            others += f" {distance * factor / 1000:.2f} m away and {_length(width * factor)} wide"
+            others += f" {away / 1000:.2f} m away and {_length(wide)} wide"
     seen = f"the nearest object is {_length(distance)} away and {_length(width)} wide"
     near = distance < NEAREST_HAND_MM or not NARROW_MM <= width <= WIDE_MM
     far = distance > FARTHEST_HAND_MM or (distance > BODY_MM[0] and width > BODY_MM[1])
-    warning = (
-        (
+    warning = ""
+    if near or far:
+        warning = (
             f"{seen}, which is not plausible for a hand: {others and f'{others}; '}check the unit, here "
             f"{unit_mm:g} mm"
         )
-        if near or far
-        else ""
-    )
     is_usual = MIN_RANGE_MM <= distance <= BODY_MM[0] and width <= SMALL_MM
     doubt = (
         f"the unit, {unit_mm:g} mm, may be wrong: {seen}, {others}"

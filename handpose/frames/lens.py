@@ -104,12 +104,15 @@ class Lens:
         return float(r[np.argmax(back)]) if farthest and back.any() else np.inf
 
     def _formula(self, x: Array, y: Array) -> tuple[Array, Array]:
-        k1, k2, p1, p2, k3, k4, k5, k6 = (*self.coefficients, *[0.0] * (8 - len(self.coefficients)))
+        missing = max(COUNTS) - len(self.coefficients)
+        k1, k2, p1, p2, k3, k4, k5, k6 = (*self.coefficients, *[0.0] * missing)
         r = x * x + y * y
-        q = (1 + r * (k1 + r * (k2 + r * k3))) / (1 + r * (k4 + r * (k5 + r * k6)))
-        return x * q + 2 * p1 * x * y + p2 * (r + 2 * x * x), y * q + 2 * p2 * x * y + p1 * (
-            r + 2 * y * y
-        )
+        numerator = 1 + r * (k1 + r * (k2 + r * k3))
+        denominator = 1 + r * (k4 + r * (k5 + r * k6))
+        q = numerator / denominator
+        u = x * q + 2 * p1 * x * y + p2 * (r + 2 * x * x)
+        v = y * q + 2 * p2 * x * y + p1 * (r + 2 * y * y)
+        return u, v
 
 
 def lens_of(model: str, coefficients: Sequence[float], where: str) -> Lens:
@@ -147,8 +150,11 @@ class Undistorter:
             x = (np.arange(camera.width) - camera.u0) / camera.fx
             y = (np.arange(camera.height)[:, None] - camera.v0) / camera.fy
             u, v = lens.distorted(*np.broadcast_arrays(x, y))
-            column, row = np.rint(u * camera.fx + camera.u0), np.rint(v * camera.fy + camera.v0)
-            inside = (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
+            column = np.rint(u * camera.fx + camera.u0)
+            row = np.rint(v * camera.fy + camera.v0)
+            in_width = (column >= 0) & (column < camera.width)
+            in_height = (row >= 0) & (row < camera.height)
+            inside = in_width & in_height
             self._source = np.where(inside, row * camera.width + column, 0).astype(np.int32)
         if inside.mean() < MIN_SHOWN:
             raise DataError(

@@ -117,14 +117,18 @@ def predict_all(net: Net, progress: Callable[[int], None] = lambda done: None) -
         progress(done)
     arrays = {name: np.concatenate(parts) for name, parts in found.items()}
     _check_annotated(arrays["joint"], data.files)
+    skeleton = arrays[hand.spec.top[0]].reshape(done, -1, 3) if hand else None
+    half_cube = np.concatenate([labels.read_half_cubes(file) for file in data.files])
+    outputs = {name: float(np.mean(values)) for name, values in sums.items()}
+    origins = {printable(file.made_from) for file in data.files}
     return Predictions(
         joints=arrays["pred"].reshape(done, -1, 3),
         truth=arrays["joint"].reshape(done, -1, 3),
         dof=arrays[hand.spec.bottom[0]] if hand else None,
-        skeleton=arrays[hand.spec.top[0]].reshape(done, -1, 3) if hand else None,
-        half_cube=np.concatenate([labels.read_half_cubes(file) for file in data.files]),
-        outputs={name: float(np.mean(values)) for name, values in sums.items()},
-        made_from=", ".join(sorted({printable(file.made_from) for file in data.files})),
+        skeleton=skeleton,
+        half_cube=half_cube,
+        outputs=outputs,
+        made_from=", ".join(sorted(origins)),
     )
 
 

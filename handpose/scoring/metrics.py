@@ -31,9 +31,8 @@ def joint_errors(predicted: ArrayLike, truth: ArrayLike) -> Array:
 def mean_errors_14(predicted: ArrayLike, truth: ArrayLike) -> Array:
     """Means (N,) of ``joint_errors`` over NYU's 14 joints, of joints (N, 31, 3) in mm."""
     few = list(EVALUATION_JOINTS)
-    return np.asarray(
-        joint_errors(np.asarray(predicted)[:, few], np.asarray(truth)[:, few]).mean(axis=1)
-    )
+    errors = joint_errors(np.asarray(predicted)[:, few], np.asarray(truth)[:, few])
+    return np.asarray(errors.mean(axis=1))
 
 
 def success_rate(errors: Array, thresholds: ArrayLike, worst: bool = True) -> Array:

@@ -207,13 +207,16 @@ class Score:
 def score_on(benchmark: Benchmark, errors: Array) -> Score:
     """The figures of a method on a benchmark from the errors (N, K) in mm of its joints."""
     parts = benchmark.parts if len(errors) == benchmark.frames else {}
+    success_max = metrics.success_rate(errors, THRESHOLDS_MM)
+    success_mean = metrics.success_rate(errors, THRESHOLDS_MM, worst=False)
+    of_joints = errors.mean(axis=0).tolist()
     return Score(
         mean_mm=float(errors.mean()),
         parts_mm={name: float(errors[part].mean()) for name, part in parts.items()},
         median_max_mm=float(np.median(errors.max(axis=1))),
-        joints_mm=dict(zip(benchmark.joints, errors.mean(axis=0).tolist())),
-        success_max=metrics.success_rate(errors, THRESHOLDS_MM).tolist(),
-        success_mean=metrics.success_rate(errors, THRESHOLDS_MM, worst=False).tolist(),
+        joints_mm=dict(zip(benchmark.joints, of_joints)),
+        success_max=success_max.tolist(),
+        success_mean=success_mean.tolist(),
     )
 
 

@@ -26,6 +26,7 @@ SETTLE_S = 0.4  # start of every rest that is not scored, because the track may 
 WINDOW_S = 0.5  # window; slower errors are drift, not jitter
 MOVING_MM_S = 100.0  # minimum mean speed of the joints of a moving hand
 LAGS_S = np.arange(-0.1, 0.3001, 0.005)  # lags tried; the best is refined by a parabola
+ROUNDING_S = 1e-9  # of differences of times
 NAN = float("nan")
 
 
@@ -51,7 +52,9 @@ def _windows(numbers: Array, times: Array, true: Array) -> list[NDArray[np.int_]
     """
     windows = []
     for first, last in rests(numbers, true):
-        begin = first + int(np.searchsorted(times[first:last], times[first] + SETTLE_S - 1e-9))
+        begin = first + int(
+            np.searchsorted(times[first:last], times[first] + SETTLE_S - ROUNDING_S)
+        )
         parts = round((times[last - 1] - times[begin]) / WINDOW_S) if begin < last else 0
         if parts:
             windows += np.array_split(np.arange(begin, last), parts)
@@ -60,12 +63,11 @@ def _windows(numbers: Array, times: Array, true: Array) -> list[NDArray[np.int_]
 
 def rests(numbers: Array, true: Array) -> list[tuple[int, int]]:
     """Runs of frames, from and to (exclusive), in which the hand does not move."""
-    still = (
-        np.linalg.norm(np.diff(true, axis=0), axis=2).max(axis=1) <= REST_MM
-        if len(true) > 1
-        else np.zeros(0, bool)
-    )
-    return [(first, last + 1) for first, last in _runs(still & (np.diff(numbers) == 1))]
+    if len(true) < 2:
+        return []
+    moved_mm = np.linalg.norm(np.diff(true, axis=0), axis=2).max(axis=1)
+    still = (moved_mm <= REST_MM) & (np.diff(numbers) == 1)
+    return [(first, last + 1) for first, last in _runs(still)]
 
 
 def lag_s(numbers: Array, times: Array, tracked: Array, true: Array) -> float:
@@ -84,7 +86,9 @@ def lag_s(numbers: Array, times: Array, tracked: Array, true: Array) -> float:
             continue
         spline = CubicSpline(t, truth)
         fast = np.linalg.norm(spline(t, 1), axis=2).mean(axis=1) >= MOVING_MM_S
-        used = fast & (t - LAGS_S[-1] >= t[0] - 1e-9) & (t - LAGS_S[0] <= t[-1] + 1e-9)
+        is_after = t - LAGS_S[-1] >= t[0] - ROUNDING_S
+        is_before = t - LAGS_S[0] <= t[-1] + ROUNDING_S
+        used = fast & is_after & is_before  # the spline is known at all lags
         if not used.any():
             continue
         for n, lag in enumerate(LAGS_S):
@@ -94,10 +98,9 @@ def lag_s(numbers: Array, times: Array, tracked: Array, true: Array) -> float:
     if not squares.any() or best in (0, len(LAGS_S) - 1):
         return NAN
     before, least, after = squares[best - 1 : best + 2]
-    return float(
-        LAGS_S[best]
-        + (LAGS_S[1] - LAGS_S[0]) * (before - after) / (2 * (before - 2 * least + after))
-    )
+    # the minimum of the parabola through the three
+    step, curvature = LAGS_S[1] - LAGS_S[0], before - 2 * least + after
+    return float(LAGS_S[best] + step * (before - after) / (2 * curvature))
 
 
 def _runs(good: Array) -> list[tuple[int, int]]:
@@ -245,23 +248,20 @@ def score(
 
 def _scores(header: TrackHeader, seen: list[Seen]) -> HandScores:
     """The scores of one true hand in the frames in which it is visible."""
-    side, found = (
-        seen[0].true.the_pose.side,
-        [(one, one.tracked) for one in seen if one.tracked is not None],
-    )
-    numbers, times = (
-        np.array([one.number for one, _ in found]),
-        np.array([one.time for one, _ in found]),
-    )
+    side = seen[0].true.the_pose.side
+    found = [(one, one.tracked) for one in seen if one.tracked is not None]
+    numbers = np.array([one.number for one, _ in found])
+    times = np.array([one.time for one, _ in found])
     shape = (len(found), len(header.skeleton.joint_names), 3)
     xyz = np.array([other.xyz for _, other in found]).reshape(shape)
     true = np.array([one.true.xyz for one, _ in found]).reshape(shape)
     right = [other.hand == side for _, other in found]
+    error_mm = float(np.linalg.norm(xyz - true, axis=2).mean()) if found else NAN
     return HandScores(
         hand=side,
         in_sight=len(seen),
         found=len(found),
-        error_mm=float(np.linalg.norm(xyz - true, axis=2).mean()) if found else NAN,
+        error_mm=error_mm,
         id_switches=_changes([other.id for _, other in found]),
         wrong_side=right.count(False),
         side_switches=_changes(right),

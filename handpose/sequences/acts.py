@@ -39,9 +39,8 @@ class Volume(NamedTuple):
     def roomy(self) -> Volume:
         """The volume, starting far enough from the camera for a hand and its movement."""
         c = self.camera
-        needed = (
-            1.15 * 2 * MARGIN_MM * max(c.fx / ((self.right - self.left) * c.width), c.fy / c.height)
-        )
+        width = (self.right - self.left) * c.width
+        needed = 1.15 * 2 * MARGIN_MM * max(c.fx / width, c.fy / c.height)
         return self._replace(near=max(self.near, needed), far=max(self.far, 1.4 * needed))
 
     def place(self, rng: np.random.Generator) -> Array:
@@ -61,17 +60,16 @@ class Volume(NamedTuple):
         """The first and last column, and row, of the middle of a hand at a depth."""
         c = self.camera
         across, down = MARGIN_MM * c.fx / z, MARGIN_MM * c.fy / z
-        return (self.left * c.width + across, self.right * c.width - across), (
-            down,
-            c.height - down,
-        )
+        columns = self.left * c.width + across, self.right * c.width - across
+        return columns, (down, c.height - down)
 
     def outside(self, place: Array) -> Array:
         """The position (3,) outside the image next to another one, at the closer side."""
         c, z = self.camera, place[2]
         u, v, _ = c.project(place)
         margin = GONE_MM * c.fx / z
-        return c.unproject((-margin if u < (c.width - 1) / 2 else c.width + margin, v, z))
+        is_left = u < (c.width - 1) / 2
+        return c.unproject((-margin if is_left else c.width + margin, v, z))
 
 
 def _first(found: Array, most: float) -> int:
@@ -86,6 +84,7 @@ FINGER_SPEED, PALM_SPEED, HAND_SPEED = 6.0, 4.0, 1000.0  # maximum speeds: rad/s
 STROKE = (0.5, 1.5)  # s: duration of a stroke; longer if it would be too fast
 BOUT, REST = (3.0, 5.0), (1.1, 1.6)  # s: durations of movement and of the rest after it
 WAVE = np.deg2rad(25)  # maximum turn of a palm to either side
+WAVE_S = 0.35  # of a turn
 FACING = 0.35  # factor of the prior's pitch and yaw while gestures are shown
 SWAY_MM = 25.0  # deviation of a hand's place while it shows gestures
 
@@ -183,12 +182,8 @@ class Actor:
         self._show(fingers_of("five", self.person, self.sampler), end)
         middle, side = palm.keys[-1], 1.0
         self.time = began
-        while self._turn(
-            Rotation.from_rotvec([0, 0, side * WAVE]) * middle,
-            self.movement.arm.keys[-1],
-            0.35,
-            end,
-        ):
+        waved = {way: Rotation.from_rotvec([0, 0, way * WAVE]) * middle for way in (1.0, -1.0)}
+        while self._turn(waved[side], self.movement.arm.keys[-1], WAVE_S, end):
             side = -side
 
     def _moving(self, end: float) -> None:
@@ -238,9 +233,8 @@ class Actor:
     def _turn(self, palm: Rotation, arm: Array, lasts: float, end: float) -> bool:
         """Turn the palm and the forearm."""
         turns = self.movement.palm
-        angle = (turns.keys[-1].inv() * palm).magnitude() + float(
-            np.abs(arm - self.movement.arm.keys[-1]).max()
-        )
+        arm_angle = float(np.abs(arm - self.movement.arm.keys[-1]).max())
+        angle = (turns.keys[-1].inv() * palm).magnitude() + arm_angle
         lasts = max(lasts, TOP_SPEED * angle / PALM_SPEED)
         if not self._stroke(turns, palm, lasts, self.time, end):
             return False
@@ -274,7 +268,8 @@ class Actor:
 
     def depth_between(self, before: Array, after: Array) -> Array:
         """The penetration (N,) of fingers in mm on the way from one pose (D,) to others (N, D)."""
-        way = before + np.linspace(0, 1, ON_THE_WAY + 1)[1:, None, None] * (after - before)
+        parts = np.linspace(0, 1, ON_THE_WAY + 1)[1:, None, None]
+        way = before + parts * (after - before)
         whole = np.zeros((way[..., 0].size, len(self.person.surface.whole.initial)))
         whole[:, : way.shape[-1]] = way.reshape(len(whole), -1)
         return np.asarray(self.person.penetration_mm(whole).reshape(len(way), -1).max(axis=0))
@@ -311,9 +306,8 @@ class Actor:
             way = palms * Rotation.from_rotvec(-left * steps)
             none = np.zeros((count, len(self.sampler.skeleton.initial)))
             ends = self.person.ends(posed(self.sampler, self.person, none, way, arms))
-            limb = (ends[:, surface.end[surface.limbs]] - ends[:, surface.start[surface.limbs]])[
-                :, 0
-            ]
+            first, last = surface.start[surface.limbs], surface.end[surface.limbs]
+            limb = (ends[:, last] - ends[:, first])[:, 0]
             limb = limb / np.linalg.norm(limb, axis=1, keepdims=True) * mirror_of(self.side)
             x, y, z = limb.T
             too_far = np.stack([-z - TOWARDS, y - UPWARDS, -x * self.outward - INWARDS])

@@ -93,19 +93,15 @@ class Person:
         """
         ends = self.ends(inputs[None]) * self.unit_mm * mirror_of(side) + origin_mm
         radii = self.radii[None] * self.unit_mm
-        return Capsules(
-            ends[:, self.surface.start],
-            ends[:, self.surface.end],
-            radii[..., 0],
-            radii[..., 1],
-            self.surface.facets,
-        )
+        a, b = ends[:, self.surface.start], ends[:, self.surface.end]
+        return Capsules(a, b, radii[..., 0], radii[..., 1], self.surface.facets)
 
     def worn(self, capsules: Capsules) -> Capsules:
         """The sleeve (1, 1) over the forearm of ``capsules``."""
         a, b, ra, rb, _ = capsules.chosen(self.surface.limbs)
         first, thicker = self.sleeve[0], self.sleeve[1] * self.unit_mm
-        return Capsules(a + first * (b - a), b, ra + first * (rb - ra) + thicker, rb + thicker)
+        start, radius = a + first * (b - a), ra + first * (rb - ra)
+        return Capsules(start, b, radius + thicker, rb + thicker)
 
 
 # -------------------------------------------------------------------------------------- named poses
@@ -153,7 +149,8 @@ def eased(part: Array) -> Array:
     eased in and out.
     """
     s = np.clip(part, 0, 1)
-    return np.asarray(s * s * s * (10 - 15 * s + 6 * s * s))
+    polynomial = 10 - 15 * s + 6 * s * s
+    return np.asarray(s * s * s * polynomial)
 
 
 class Values:
@@ -183,9 +180,8 @@ class Values:
 
     def move(self, begin: float, lasts: float, to: Any) -> None:
         """Add a stroke that begins and ends no earlier than the one before."""
-        assert lasts > 0 and (
-            not self.begins or (begin >= self.begins[-1] and begin + lasts >= self.end)
-        )
+        assert lasts > 0
+        assert not self.begins or (begin >= self.begins[-1] and begin + lasts >= self.end)
         self.begins.append(begin)
         self.lasts.append(lasts)
         self.keys.append(to)
@@ -210,9 +206,8 @@ class Turns(Values):
         whole = int(np.count_nonzero(done == 1))
         turned = self.keys[whole]
         for k in range(whole, int(np.count_nonzero(done > 0))):
-            turned = turned * Rotation.from_rotvec(
-                done[k] * (self.keys[k].inv() * self.keys[k + 1]).as_rotvec()
-            )
+            stroke = (self.keys[k].inv() * self.keys[k + 1]).as_rotvec()
+            turned = turned * Rotation.from_rotvec(done[k] * stroke)
         return turned
 
 

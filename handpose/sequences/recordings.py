@@ -120,9 +120,8 @@ def draw_surroundings(
     if body:
         ends = np.array([(a, b) for a, b, _, _ in HEAD_AND_TRUNK], dtype=np.float64) + middle
         radii = np.array([(ra, rb) for _, _, ra, rb in HEAD_AND_TRUNK], dtype=np.float64)
-        trunk = in_front(
-            Capsules(ends[None, :, 0], ends[None, :, 1], radii[None, :, 0], radii[None, :, 1])
-        )
+        a, b = ends[None, :, 0], ends[None, :, 1]
+        trunk = in_front(Capsules(a, b, radii[None, :, 0], radii[None, :, 1]))
         np.minimum(image, render_image(trunk, camera, np.inf)[0], out=image)
     return image, middle
 
@@ -289,9 +288,8 @@ class SyntheticRecording(Recording):
             if not unseen:
                 every.append(TrackedHand(id, movement.side, 1.0, 0.0, movement.pose_at(time)))
                 continue
-            last = next(
-                (n / self.rate for n in range(number - 1, -1, -1) if not self._unseen(id, n)), None
-            )
+            before = range(number - 1, -1, -1)
+            last = next((n / self.rate for n in before if not self._unseen(id, n)), None)
             if last is not None or unseen == PARTLY:
                 since = time if last is None else last
                 every.append(TrackedHand(id, movement.side, reason=unseen, since=since))
@@ -301,7 +299,9 @@ class SyntheticRecording(Recording):
         """The reason why a hand is not visible in frame ``number``, or empty."""
         u, v, _ = self.camera.project(self.movements[id].pose_at(number / self.rate).xyz).T
         width, height = self.camera.width, self.camera.height
-        inside = ((u > 0) & (u < width - 1) & (v > 0) & (v < height - 1)).mean()
+        in_width = (u > 0) & (u < width - 1)
+        in_height = (v > 0) & (v < height - 1)
+        inside = (in_width & in_height).mean()
         return LEFT if inside <= HARDLY else "" if inside >= MOSTLY else PARTLY
 
     def _numbers(self, *what: int) -> np.random.Generator:

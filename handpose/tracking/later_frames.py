@@ -203,11 +203,8 @@ class LaterFrames(Generic[T]):
         if np.isnan(hand.error_mm):
             return hand
         lasting_s = self._settings.later.lasting_s
-        around = [
-            one
-            for at, one in self._judged
-            if abs(at - time) <= lasting_s and (one.id, one.hand) == (hand.id, hand.hand)
-        ]
+        near = [one for at, one in self._judged if abs(at - time) <= lasting_s]
+        around = [one for one in near if (one.id, one.hand) == (hand.id, hand.hand)]
         confidence = min(hand.confidence, float(np.mean([one.confidence for one in around])))
         error_mm = np.maximum(
             np.mean([one.error_mm for one in around]), least_error(np.array(confidence))

@@ -88,14 +88,18 @@ def _result(id: int, found: Hand, pose: HandPose) -> TrackedHand:
 def _pose_of(found: Hand, skeleton: Skeleton) -> HandPose:
     """The pose of an estimate, without its surface."""
     unknown = np.full(len(skeleton.dof_names), math.nan)
+    if found.in_frame:
+        origin_mm, xyz, center_uvd = found.center_mm, found.xyz, found.center_uvd
+    else:
+        origin_mm, xyz, center_uvd = np.zeros(3), found.joints_mm, np.full(3, math.nan)
     return HandPose(
         skeleton,
         found.hand,
         inputs=unknown if found.fit is None else found.inputs,
         bones=skeleton.bones * found.size,
-        origin_mm=found.center_mm if found.in_frame else np.zeros(3),
-        xyz=found.xyz if found.in_frame else found.joints_mm,
-        center_uvd=found.center_uvd if found.in_frame else np.full(3, math.nan),
+        origin_mm=origin_mm,
+        xyz=xyz,
+        center_uvd=center_uvd,
         cube_mm=found.cube_mm,
     )
 
@@ -104,11 +108,13 @@ def posed(pose: HandPose, model: CapsuleModel, x: Array) -> HandPose:
     """The pose with these variables (1, V) of the model, in the same crop."""
     mirror = mirror_of(pose.side)
     center = pose.origin_mm * mirror
+    size = float(np.exp(x[0, SIZE_INDEX]))
+    joints = model.joints(x)[0] + center
     return replace(
         pose,
         inputs=model.inputs_of(x)[0],
-        bones=model.skeleton.bones * float(np.exp(x[0, SIZE_INDEX])),
-        xyz=(model.joints(x)[0] + center) * mirror,
+        bones=model.skeleton.bones * size,
+        xyz=joints * mirror,
         surface=partial(_surface, model, x, center, mirror),
     )
 

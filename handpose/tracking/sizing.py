@@ -72,7 +72,8 @@ class SizeKeeper:
         seen = self._fitter.observe(hands, self._fitter.settings.search.fast)
         x = np.stack([one.x for one in estimates])
         size = float(np.exp(np.median(x[:, SIZE_INDEX])))
-        middle = np.clip(np.log(size), np.log(MIN_SIZE) - NEAR[0], np.log(MAX_SIZE) - NEAR[-1])
+        least, most = np.log(MIN_SIZE) - NEAR[0], np.log(MAX_SIZE) - NEAR[-1]
+        middle = np.clip(np.log(size), least, most)
         self.size = size_of(
             self._fitter, seen, x, s.stages, sizes=np.exp(middle + NEAR), deviation=POPULATION
         )

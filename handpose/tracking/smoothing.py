@@ -105,12 +105,14 @@ class PoseFilter:
         c = self._each
         known = np.maximum(speed - np.minimum(c.noise * scatter, c.most), 0.0)
         far = np.maximum(gap - c.least_gap, 0.0)
-        return np.asarray(trust * (c.least + c.slope * known) + trust**3 * c.gap * far)
+        by_speed = c.least + c.slope * known
+        return np.asarray(trust * by_speed + trust**3 * c.gap * far)
 
 
 def share(cutoff: Array | float, seconds: float) -> Array:
     """α, the weight of a new value, for a cutoff in Hz and the seconds since the last value."""
-    return np.asarray(1 / (1 + 1 / (2 * np.pi * np.asarray(cutoff) * seconds)))
+    radians = 2 * np.pi * np.asarray(cutoff) * seconds
+    return np.asarray(1 / (1 + 1 / radians))
 
 
 def _sizes(step: Array) -> Array:
@@ -118,5 +120,6 @@ def _sizes(step: Array) -> Array:
     of the vector.
     """
     sizes = np.abs(step)
-    sizes[:3], sizes[3:6] = np.linalg.norm(step[:3]), np.linalg.norm(step[3:6])
+    sizes[:3] = np.linalg.norm(step[:3])
+    sizes[3:6] = np.linalg.norm(step[3:6])
     return np.asarray(sizes)

@@ -358,5 +358,6 @@ def _arm(hand: Hand) -> Array:
     """Positions (A, 3) in mm, camera axes, along the capsules of the surface alone: the forearm."""
     capsules, limbs = hand.capsules(in_space=True), hand.the_model.surface.limbs
     a, b = capsules.a[0, limbs], capsules.b[0, limbs]
-    places = a[:, None] + np.linspace(0, 1, ARM_PLACES)[:, None] * (b - a)[:, None]
+    shares = np.linspace(0, 1, ARM_PLACES)[:, None]
+    places = a[:, None] + shares * (b - a)[:, None]
     return np.asarray(places.reshape(-1, 3))

@@ -117,12 +117,16 @@ def anatomical_angles(skeleton: Skeleton, hand: Side, xyz: Array) -> dict[str, f
         if finger == "thumb":
             a = np.arctan2(d[1], d[0])
             back = M @ rotation(2, a)[:, 1] * -1
-            found += [np.arctan2(u @ r, u @ m), np.arcsin(np.clip(-(u @ dorsal), -1, 1))]
+            radial = np.arctan2(u @ r, u @ m)
+            palmar = np.arcsin(np.clip(-(u @ dorsal), -1, 1))
+            found += [radial, palmar]
         else:
             a, b = _spread_and_bend(d, rest.ahead[finger])
             back = M @ (rotation(2, a) @ rotation(0, b))[:, 2]
             away = -1.0 if finger in ("ring", "little") else 1.0
-            found += [np.arctan2(-(u @ dorsal), u @ m), away * np.arcsin(np.clip(u @ r, -1, 1))]
+            flexion = np.arctan2(-(u @ dorsal), u @ m)
+            radial = np.arcsin(np.clip(u @ r, -1, 1))
+            found += [flexion, away * radial]
         found += _bends(bones, back)
     return dict(zip(ANGLES, np.degrees(found).tolist()))
 
@@ -147,16 +151,11 @@ def _rest(skeleton: Skeleton) -> _Rest:
     root = pose.frames[0, skeleton.joint_names.index("palm")]
     ahead = {}
     for finger, (knuckle, next_joint, *_) in hinges.items():
-        x, y, _ = middle.frames[0, knuckle].T @ (
-            middle.joints[0, next_joint] - middle.joints[0, knuckle]
-        )
+        phalanx = middle.joints[0, next_joint] - middle.joints[0, knuckle]
+        x, y, _ = middle.frames[0, knuckle].T @ phalanx
         ahead[finger] = float(np.arctan2(-x, y))
-    return _Rest(
-        {finger: root.T @ pose.frames[0, own[0]] for finger, own in hinges.items()},
-        ahead,
-        {finger: list(own) for finger, own in hinges.items()},
-        points,
-    )
+    frames = {finger: root.T @ pose.frames[0, own[0]] for finger, own in hinges.items()}
+    return _Rest(frames, ahead, {finger: list(own) for finger, own in hinges.items()}, points)
 
 
 def _spread_and_bend(d: Array, ahead: float) -> tuple[float, float]:
@@ -190,4 +189,5 @@ def turned(vector: Array, before: Array, after: Array) -> Array:
     v, cos = np.cross(before, after), float(before @ after)
     if cos < -0.999999:  # the axis of a half turn is not determined
         return -vector
-    return np.asarray(vector * cos + np.cross(v, vector) + v * (v @ vector) / (1 + cos))
+    along_axis = v * (v @ vector) / (1 + cos)
+    return np.asarray(vector * cos + np.cross(v, vector) + along_axis)

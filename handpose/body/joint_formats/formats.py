@@ -185,9 +185,9 @@ def _landmarks(points: Array, camera: Camera | None, cube_mm: float | None) -> A
             )
         u, v, d = camera.project(points).T
         behind = (d - d[0]) / d[0] * camera.fx
-        return np.stack(
-            [(u + 0.5) / camera.width, (v + 0.5) / camera.height, behind / camera.width], axis=1
-        )
+        across, down = (u + 0.5) / camera.width, (v + 0.5) / camera.height
+        return np.stack([across, down, behind / camera.width], axis=1)
     if cube_mm is None:
         return None
-    return np.stack([0.5 + x / cube_mm, 0.5 - y / cube_mm, (z - z[0]) / cube_mm], axis=1)
+    across, down = 0.5 + x / cube_mm, 0.5 - y / cube_mm
+    return np.stack([across, down, (z - z[0]) / cube_mm], axis=1)

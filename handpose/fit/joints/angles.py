@@ -28,6 +28,8 @@ from numpy.typing import ArrayLike, NDArray
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 
+ROUNDING = 1e-9  # radians, by which an angle at a limit may exceed it
+
 
 @dataclass(frozen=True)
 class Flip:
@@ -68,8 +70,10 @@ def flips(skeleton: Skeleton) -> list[Flip]:
             a, b, c = turns
             if len({a.axis, b.axis, c.axis}) == 3:
                 found.append(Flip((a.dof, c.dof), b.dof, (), whole=True))
-        elif len(turns) == 2 and turns[0].axis != turns[1].axis and motions[-2:] == turns:
+        elif len(turns) == 2 and motions[-2:] == turns:
             a, b = turns
+            if a.axis == b.axis:
+                continue
             negated = _passed_down(skeleton, joint, 3 - a.axis - b.axis)
             if negated is not None and not any(driven.count(dof) > 1 for dof in negated):
                 found.append(Flip((a.dof,), b.dof, tuple(negated), whole=False))
@@ -110,7 +114,8 @@ def canonical(skeleton: Skeleton, inputs: ArrayLike, *, limits: bool = False) ->
     def within(values: Array, dofs: list[int]) -> NDArray[np.bool_]:
         """(N, len(dofs)): is the value, wrapped, within the limits, but for rounding?"""
         x = wrap(values[:, dofs] - skeleton.initial[dofs])
-        return np.asarray((x >= skeleton.lower[dofs] - 1e-9) & (x <= skeleton.upper[dofs] + 1e-9))
+        lower, upper = skeleton.lower[dofs] - ROUNDING, skeleton.upper[dofs] + ROUNDING
+        return np.asarray((x >= lower) & (x <= upper))
 
     for flip in flips(skeleton):
         other = theta.copy()
@@ -121,11 +126,10 @@ def canonical(skeleton: Skeleton, inputs: ArrayLike, *, limits: bool = False) ->
         if flip.whole:
             better = np.abs(wrap(theta[:, flip.mirrored])) > np.pi / 2
         else:
-            away, other_away = (
-                (wrap(t[:, changed] - skeleton.initial[changed]) ** 2).sum(axis=1)
-                for t in (theta, other)
-            )
-            better = other_away < away
+            initial = skeleton.initial[changed]
+            away = wrap(theta[:, changed] - initial)
+            other_away = wrap(other[:, changed] - initial)
+            better = (other_away**2).sum(axis=1) < (away**2).sum(axis=1)
         if limits:
             better &= within(other, changed).all(axis=1)
         theta[better] = other[better]

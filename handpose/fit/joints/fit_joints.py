@@ -97,13 +97,15 @@ class PoseProblem:
         A = J @ J.swapaxes(1, 2)
         A[:, np.arange(len(self.free)), np.arange(len(self.free))] += self.ridge
         b = (J @ r[:, :, None])[:, :, 0] + self.ridge * x
-        return (r * r).sum(axis=1) + (self.ridge * x * x).sum(axis=1), A, b
+        pull = (self.ridge * x * x).sum(axis=1)
+        return (r * r).sum(axis=1) + pull, A, b
 
     def cost(self, inputs: Array, goal: Array) -> Array:
         """Cost (N,) alone."""
         r = np.nan_to_num(self.kinematics.forward(inputs).joints[:, self.joints] - goal)
         x = inputs[:, self.free]
-        return np.asarray((r * r).sum(axis=(1, 2)) + (self.ridge * x * x).sum(axis=1))
+        pull = (self.ridge * x * x).sum(axis=1)
+        return np.asarray((r * r).sum(axis=(1, 2)) + pull)
 
     def result(self, inputs: Array, goal: Array, limits: bool) -> JointFit:
         """Inputs (N, D) in canonical form, within the limits or not, and their distances from the
@@ -193,12 +195,13 @@ def _best(
         todo = np.flatnonzero(cost > EXACT**2 * len(problem.joints))
         if not len(todo):
             break
+        goals = goal[todo]
         trial = (
             _redrawn_limbs(problem.skeleton, inputs[todo], rng)
             if start % 2
-            else grids[start // 2].near(goal[todo])
+            else grids[start // 2].near(goals)
         )
-        found, found_cost = _descend(problem, trial, goal[todo])
+        found, found_cost = _descend(problem, trial, goals)
         better = found_cost < cost[todo]
         inputs[todo[better]], cost[todo[better]] = found[better], found_cost[better]
     return inputs

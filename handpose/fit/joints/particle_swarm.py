@@ -20,6 +20,7 @@ from netlib.engine import for_each
 from netlib.errors import DataError
 
 CONSTRICTION, ATTRACTION = 0.7298, 2.05  # Clerc and Kennedy (2002): the swarm contracts slowly
+ROOT_REACH = 0.5  # of the root from the joints' mean, in the skeleton's unit
 
 
 def fit_joints_by_swarm(
@@ -70,7 +71,8 @@ def _swarm(
         own[better], own_cost[better] = x[better], cost[better]
         best = own[own_cost.argmin()]
         u1, u2 = rng.random((2, *x.shape))
-        v = CONSTRICTION * (v + ATTRACTION * u1 * (own - x) + ATTRACTION * u2 * (best - x))
+        to_own, to_best = own - x, best - x
+        v = CONSTRICTION * (v + ATTRACTION * u1 * to_own + ATTRACTION * u2 * to_best)
         x = np.clip(x + v, low, high)
     inputs[0, free] = own[own_cost.argmin()]
     return inputs[0]
@@ -85,13 +87,13 @@ def _bounds(problem: PoseProblem, goal: Array) -> tuple[Array, Array]:
     low = np.where(turning, np.maximum(problem.lower, -np.pi), problem.lower)
     high = np.where(turning, np.minimum(problem.upper, np.pi), problem.upper)
     for i, dof in enumerate(free):
+        initial = sk.initial[dof]
         if dof in problem.root_turns:
-            low[i], high[i] = -np.pi - sk.initial[dof], np.pi - sk.initial[dof]
+            low[i], high[i] = -np.pi - initial, np.pi - initial
         for motion in problem.root_moves:
             if dof == motion.dof:
-                low[i], high[i] = (
-                    motion.sign * centre[motion.axis] - sk.initial[dof] + np.array([-0.5, 0.5])
-                )
+                middle = motion.sign * centre[motion.axis] - initial
+                low[i], high[i] = middle - ROOT_REACH, middle + ROOT_REACH
     low, high = np.clip((low, high), problem.lower, problem.upper)
     if not np.isfinite([low, high]).all():
         raise DataError(

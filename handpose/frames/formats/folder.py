@@ -132,12 +132,9 @@ class FolderRecording(Recording):
             name, numbers, str(self.folder), given.time_unit, own, camera_json
         )
         ticks = 0 if unit == FRAME_UNIT else NANO
-        steps = (
-            np.rint((numbers - numbers[0]) * (ticks / TICKS[unit] if ticks else 1))
-            .astype(int)
-            .tolist()
-        )
-        times = dict(zip(found, steps))
+        factor = ticks / TICKS[unit] if ticks else 1
+        steps = np.rint((numbers - numbers[0]) * factor).astype(int)
+        times = dict(zip(found, steps.tolist()))
         in_place = [times.get(number, 0) for number in range(len(self._names))]
         return self._reading._replace(
             times=in_place, ticks=ticks, how=f"times from {name!r} of each frame, {how}"
@@ -395,10 +392,8 @@ def _is_one_sequence(found: Reading) -> bool:
     """True if all numbers besides the time are constant or ascend with it."""
     order = sorted(range(len(found.times)), key=lambda i: found.times[i])
     columns = zip(*(map(int, DIGITS.findall(found.rests[i])) for i in order))
-    return all(
-        len(set(column)) == 1 or all(a < b for a, b in itertools.pairwise(column))
-        for column in columns
-    )
+    changing = [column for column in columns if len(set(column)) > 1]
+    return all(a < b for column in changing for a, b in itertools.pairwise(column))
 
 
 def _readings(stems: list[str], unit: str | None) -> list[Reading]:
@@ -411,22 +406,18 @@ def _readings(stems: list[str], unit: str | None) -> list[Reading]:
     counts = [
         _read(stems, matches, [int(match[0]) for match in matches], 0, how)
         for matches in _in_columns(stems, DIGITS)
-    ] or [Reading([0] * len(stems), 0, how, stems)]
+    ]
+    counts = counts or [Reading([0] * len(stems), 0, how, stems)]
     counts.sort(key=lambda one: (len(set(one.times)) == 1, _range(one)))
     if unit == FRAME_UNIT:
         return counts
     if unit is not None:
         how, factor = f"times from the file names, in {unit} as given", NANO // TICKS[unit]
-        given = [
-            _read(
-                stems,
-                matches,
-                [int(Decimal(match[0].replace(",", ".")) * factor) for match in matches],
-                NANO,
-                how,
-            )
-            for matches in _in_columns(stems, DECIMAL)
-        ]
+        given = []
+        for matches in _in_columns(stems, DECIMAL):
+            numbers = [Decimal(match[0].replace(",", ".")) for match in matches]
+            times = [int(number * factor) for number in numbers]
+            given.append(_read(stems, matches, times, NANO, how))
         return sorted(given, key=_range, reverse=True)
     dense = [one for one in counts if _range(one) < SPARSE * len(stems)]
     return [*_with_units(stems), *_since_1970(stems), *dense, *_dated(stems), *counts]
@@ -447,9 +438,10 @@ def _since_1970(stems: list[str]) -> Iterator[Reading]:
         unit = since_1970([int(match[1]) for match in matches])
         if unit is not None:
             digits = len(str(NANO // TICKS[unit])) - 1  # of the fraction, down to a nanosecond
+            fractions = [(match[2] or match[3] or "")[:digits] for match in matches]
             times = [
-                int(match[1] + (match[2] or match[3] or "")[:digits].ljust(digits, "0"))
-                for match in matches
+                int(match[1] + fraction.ljust(digits, "0"))
+                for match, fraction in zip(matches, fractions)
             ]
             yield _read(
                 stems, matches, times, NANO, f"times from the file names, in {unit} since 1970"

@@ -243,8 +243,8 @@ def _checked_shape(
         found = ()
     elif len(shape) == 3 and 4 * shape[2] < min(shape[:2]):
         advice = ": np.moveaxis(array, 2, 0)"
-    is_image = len(found) == 3 and min(found) > 0 and math.prod(found[1:]) <= MAX_PIXELS
-    if advice or not is_image:
+    is_image = len(found) == 3 and min(found) > 0
+    if advice or not is_image or math.prod(found[1:]) > MAX_PIXELS:
         raise NotDepthError(
             f"{where}: an array of shape {shape}; expected {EXPECTED_AXES[is_single]}{advice}"
         )
@@ -310,10 +310,11 @@ def parameters_in(
         text = str(_plain(found[CAMERA_TEXT], f"{where}: camera"))
         info = info.or_else(camera_file.parse(text, f"{where}: camera"))
         fields = {**fields, CAMERA_TEXT: "parameters"}
+    unused = {"lens"} if given.camera else set()
     used = [
         name
         for name, field in fields.items()
-        if getattr(given, field, None) is None and not (field == "lens" and given.camera)
+        if getattr(given, field, None) is None and field not in unused
     ]
     return info, fields, [f"parameters from {', '.join(map(repr, used))}"] if used else []
 
@@ -332,11 +333,11 @@ def name_of_times(found: Mapping[str, NDArray[Any]], count: int) -> str | None:
 
     A single number may be the date of the recording, and a ``t`` of another length a translation.
     """
+    named = {name: value for name, value in found.items() if TIMES.fullmatch(_last(name))}
     possible = [
         name
-        for name, value in found.items()
-        if TIMES.fullmatch(_last(name))
-        and (name == IN_SECONDS or value.size == count or (value.ndim and name != "t"))
+        for name, value in named.items()
+        if name == IN_SECONDS or value.size == count or (value.ndim and name != "t")
     ]
     return min(possible, key=lambda name: (name != IN_SECONDS, _ending(name) is None), default=None)
 

@@ -36,6 +36,7 @@ WHITE: Colour = (255, 255, 255)
 BLACK: Colour = (0, 0, 0)
 _PAPER: Colour = (248, 248, 248)
 GUESS_MM = 30.0  # a finger with a larger expected error is drawn as a guess
+_NEAREST_GREY = 215  # of the front of the cube
 YAW, PITCH = 35.0, 20.0  # degrees: where the view in space is seen from
 PAGE_COLUMNS = 6  # of a page of ``two_views``
 LEGEND = "in colour: predicted; thin white, in space thin black: annotated"
@@ -88,7 +89,8 @@ def picture(crop: NDArray[np.floating], zoom: int = 1) -> Image:
     """A crop (S, S) in [-1, 1] alone, enlarged ``zoom`` times: nearer is lighter, the
     background black.
     """
-    grey = np.rint((1 - np.clip(crop, -1, 1)) * 0.5 * 215).astype(np.uint8)
+    nearness = (1 - np.clip(crop, -1, 1)) * 0.5
+    grey = np.rint(nearness * _NEAREST_GREY).astype(np.uint8)
     large = cv2.resize(grey, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_NEAREST)
     return np.asarray(cv2.cvtColor(large, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
 
@@ -106,16 +108,19 @@ def view_3d(
     Its shadow is on the floor of the cube. ``truth`` joints in thin black; the fingers ``guesses``
     hollow (``draw``).
     """
-    y, p = np.deg2rad((YAW, PITCH))
-    turn = np.array([[np.cos(y), 0, np.sin(y)], [0, 1, 0], [-np.sin(y), 0, np.cos(y)]])
-    tilt = np.array([[1, 0, 0], [0, np.cos(p), np.sin(p)], [0, -np.sin(p), np.cos(p)]])
+    yaw, pitch = np.deg2rad((YAW, PITCH))
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    turn = np.array([[cos, 0, sin], [0, 1, 0], [-sin, 0, cos]])
+    cos, sin = np.cos(pitch), np.sin(pitch)
+    tilt = np.array([[1, 0, 0], [0, cos, sin], [0, -sin, cos]])
     view = tilt @ turn
     distance = 7.0  # distance of the viewer in half-cubes: a weak perspective
+    middle = 0.5 * size, 0.46 * size  # in the image, that of the cube
 
     def place(points: Array) -> Array:
         seen = points @ view.T
         scale = size * 0.33 * distance / (distance + seen[:, 2:])
-        return np.asarray(seen[:, :2] * scale * (1, -1) + (0.5 * size, 0.46 * size))
+        return np.asarray(seen[:, :2] * scale * (1, -1) + middle)
 
     canvas = np.full((size, size, 3), _PAPER, dtype=np.uint8)
     floor = -1.0
@@ -131,25 +136,14 @@ def view_3d(
     ):
         start, stop = place(np.array([(-1, floor, -1), end], dtype=np.float64))
         strokes.line(canvas, start, stop, (110, 110, 110), 2)
-        strokes.text(
-            canvas,
-            label,
-            stop + (stop - start) / np.linalg.norm(stop - start) * 9 + (-4, 4),
-            (110, 110, 110),
-            0.45,
-        )
+        outwards = (stop - start) / np.linalg.norm(stop - start)
+        strokes.text(canvas, label, stop + outwards * 9 + (-4, 4), (110, 110, 110), 0.45)
 
     points = _checked(joints, skeleton)
     shadow = points * (1, 0, 1) + (0, floor, 0)
     draw(canvas, place(shadow), points[:, 1], skeleton, thick=2, colour=(212, 212, 212))
-    draw(
-        canvas,
-        place(points),
-        (points @ view.T)[:, 2],
-        skeleton,
-        thick=max(size // 200, 1),
-        guesses=guesses,
-    )
+    depth, thick = (points @ view.T)[:, 2], max(size // 200, 1)
+    draw(canvas, place(points), depth, skeleton, thick=thick, guesses=guesses)
     if truth is not None:
         points = _checked(truth, skeleton)
         draw(canvas, place(points), (points @ view.T)[:, 2], skeleton, thick=1, colour=(60, 60, 60))

@@ -54,10 +54,9 @@ def text_width(words: str, scale: float) -> int:
 
 def _fixed(point: Array) -> tuple[int, int]:
     """A point for cv2's drawing with ``shift``, clipped to the range of its integers."""
-    x, y = point.tolist()  # plain floats are faster
-    return round(min(max(x, -_MAX_COORDINATE), _MAX_COORDINATE) * 2**_SUBPIXEL), round(
-        min(max(y, -_MAX_COORDINATE), _MAX_COORDINATE) * 2**_SUBPIXEL
-    )
+    # plain floats are faster
+    x, y = (min(max(value, -_MAX_COORDINATE), _MAX_COORDINATE) for value in point.tolist())
+    return round(x * 2**_SUBPIXEL), round(y * 2**_SUBPIXEL)
 
 
 def sheet(
@@ -74,20 +73,18 @@ def sheet(
     head = 22 if titles else 0
     rows = -(-len(images) // columns)
     columns = min(columns, len(images))
-    canvas = np.full(
-        (rows * (height + head + gap) + gap, columns * (width + gap) + gap, 3), 255, dtype=np.uint8
-    )
+    cell_height, cell_width = height + head + gap, width + gap
+    size = rows * cell_height + gap, columns * cell_width + gap
+    canvas = np.full((*size, 3), 255, dtype=np.uint8)
     for n, image in enumerate(images):
         row, column = divmod(n, columns)
-        top, left = gap + row * (height + head + gap), gap + column * (width + gap)
+        top, left = gap + row * cell_height, gap + column * cell_width
         if titles:
             text_within(
                 canvas, titles[n], np.array([left, top + head - 7]), (40, 40, 40), 0.5, width
             )
-        top, left = (
-            top + head + (height - image.shape[0]) // 2,
-            left + (width - image.shape[1]) // 2,
-        )
+        top += head + (height - image.shape[0]) // 2
+        left += (width - image.shape[1]) // 2
         colour = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image
         canvas[top : top + image.shape[0], left : left + image.shape[1]] = colour
     return canvas
@@ -129,9 +126,8 @@ class ContactSheet:
 
     def _chosen(self) -> list[tuple[float, Image]]:
         count = min(len(self._kept), IMAGES_PER_PAGE)
-        return [
-            self._kept[round(n * (len(self._kept) - 1) / max(count - 1, 1))] for n in range(count)
-        ]
+        last, steps = len(self._kept) - 1, max(count - 1, 1)
+        return [self._kept[round(n * last / steps)] for n in range(count)]
 
     def _reduced(self, image: Image) -> Image:
         if image.shape[1] <= MAX_IMAGE_WIDTH:

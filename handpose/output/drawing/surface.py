@@ -72,9 +72,8 @@ def paint(canvas: Image, capsules: Capsules, camera: Camera, opacity: float = 0.
     x = (columns.start + _samples(width, step) - camera.u0) / camera.fx
     y = (rows.start + _samples(height, step) - camera.v0) / camera.fy
     depth = render(near, x[None], y[None], np.array([_NOTHING]))[0]
-    shaded = _shade(depth, depth * np.float32(step / camera.fx))[..., None] * np.array(
-        SKIN_COLOUR, np.float32
-    )
+    light = _shade(depth, depth * np.float32(step / camera.fx))
+    shaded = light[..., None] * np.array(SKIN_COLOUR, np.float32)
     skin = cv2.resize(shaded.astype(np.uint8), (width, height))
     shown = cv2.resize((depth < _NOTHING).astype(np.float32), (width, height))
     cover = cv2.blur(shown, (3, 3)) * np.float32(opacity)  # blurred: smooth outlines
@@ -89,21 +88,19 @@ def _samples(pixels: int, step: float) -> Array:
 
 def _rectangle(capsules: Capsules, camera: Camera, canvas: Image) -> tuple[slice, slice]:
     """Rows and columns of an image that contain the capsules, with a margin."""
-    ends, radii = (
-        np.concatenate([capsules.a[0], capsules.b[0]]),
-        np.append(capsules.radius_a[0], capsules.radius_b[0]),
-    )
+    ends = np.concatenate([capsules.a[0], capsules.b[0]])
+    radii = np.append(capsules.radius_a[0], capsules.radius_b[0])
     seen = ends[:, 2] < _NOTHING
     if not seen.any():
         return slice(0), slice(0)
-    uvd = camera.project(ends[seen])
-    reach = radii[seen] / (ends[seen, 2] - radii[seen]) * max(camera.fx, camera.fy) * _OBLIQUE + 2
-    edges = [
-        np.clip([(at - reach).min(), (at + reach).max()], 0, size).astype(int)
-        for at, size in ((uvd[:, 1], canvas.shape[0]), (uvd[:, 0], canvas.shape[1]))
-    ]
-    rows, columns = (slice(int(first), int(last)) for first, last in edges)
-    return rows, columns
+    ends, radii = ends[seen], radii[seen]
+    at = camera.project(ends)[:, :2]
+    slope = radii / (ends[:, 2] - radii)
+    reach = (slope * max(camera.fx, camera.fy) * _OBLIQUE + 2)[:, None]
+    size = canvas.shape[1], canvas.shape[0]
+    left, top = np.clip((at - reach).min(axis=0), 0, size).astype(int).tolist()
+    right, bottom = np.clip((at + reach).max(axis=0), 0, size).astype(int).tolist()
+    return slice(top, bottom), slice(left, right)
 
 
 def _shade(depth: NDArray[np.float32], pixel: float | NDArray[np.float32]) -> NDArray[np.float32]:
@@ -114,5 +111,6 @@ def _shade(depth: NDArray[np.float32], pixel: float | NDArray[np.float32]) -> ND
     for slope in (across, down):
         slope[np.abs(slope) > _STEEP] = 0
     lx, ly, lz = _LIGHT_DIRECTION / np.linalg.norm(_LIGHT_DIRECTION)
-    light = (across * lx - down * ly - lz) / np.sqrt(across * across + down * down + 1)
+    length = np.sqrt(across * across + down * down + 1)
+    light = (across * lx - down * ly - lz) / length
     return np.asarray(np.clip(0.35 + 0.65 * light, 0, 1), np.float32)

@@ -31,6 +31,7 @@ from netlib.errors import printable
 
 MAX_WIDTH, MAX_HEIGHT = 960, 720  # pixels of the depth image
 HEAD = 32  # pixels of height of the line on top
+_INSET = 10  # pixels beside and below its texts
 PRESENT_MM = 60.0  # radius of the circle that marks a hand without joints
 MAX_LOST, LOST_S = 3, 3.0  # number of lost hands that are listed, and for how many seconds
 _INK: Colour = (40, 40, 40)
@@ -59,14 +60,13 @@ class Painter:
         seen = self.seen(depth, frame)
         head = np.full((HEAD, seen.shape[1], 3), 255, dtype=np.uint8)
         raw = "" if self.header.smoothed else ", not smoothed"
-        middle = seen.shape[1] * 2 // 3
-        for words, left, right in (
-            (f"{self.header.source}{raw}", 10, middle - 10),
-            (f"{frame.time:.2f} s, frame {frame.number}", middle + 10, seen.shape[1] - 10),
-        ):
-            strokes.text_within(
-                head, printable(words), np.array([left, HEAD - 10]), _INK, 0.55, right - left
-            )
+        width, middle = seen.shape[1], seen.shape[1] * 2 // 3
+        source = f"{self.header.source}{raw}"
+        moment = f"{frame.time:.2f} s, frame {frame.number}"
+        for words, left, right in ((source, 0, middle), (moment, middle, width)):
+            at = np.array([left + _INSET, HEAD - _INSET])
+            room = right - left - 2 * _INSET
+            strokes.text_within(head, printable(words), at, _INK, 0.55, room)
         return np.concatenate([head, seen])
 
     def seen(self, depth: NDArray[np.floating], frame: TrackedFrame) -> Image:
@@ -113,15 +113,11 @@ class _Part:
         self._zoom, self._corner = np.array(size) / viewport[2:], np.array(viewport[:2])
         (across, down), (left, top) = self._zoom, 0.5 - self._corner
         self._is_reduced = viewport.width == camera.width and across < 1
-        self.camera = Camera(
-            camera.name,
-            camera.fx * across,
-            camera.fy * down,
-            (camera.u0 + left) * across - 0.5,
-            (camera.v0 + top) * down - 0.5,
-            *size,
-        )
-        self._move = np.array([[across, 0, left * across - 0.5], [0, down, top * down - 0.5]])
+        fx, fy = camera.fx * across, camera.fy * down
+        u0, v0 = (camera.u0 + left) * across - 0.5, (camera.v0 + top) * down - 0.5
+        self.camera = Camera(camera.name, fx, fy, u0, v0, *size)
+        shift_x, shift_y = left * across - 0.5, top * down - 0.5
+        self._move = np.array([[across, 0, shift_x], [0, down, shift_y]])
 
     def of(self, grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """The part of a grey image of the frame."""
@@ -136,9 +132,8 @@ class _Part:
 
     def corners(self, hand: TrackedHand) -> Array:
         """Upper left and lower right corner (2, 2) of a hand's crop."""
-        return np.asarray(
-            (np.reshape(box_of(hand, self._frame), (2, 2)) - self._corner) * self._zoom - 0.5
-        )
+        corners = np.reshape(box_of(hand, self._frame), (2, 2))
+        return np.asarray((corners - self._corner) * self._zoom - 0.5)
 
 
 def _present(canvas: Image, hand: TrackedHand, part: _Part) -> None:
@@ -152,14 +147,8 @@ def _present(canvas: Image, hand: TrackedHand, part: _Part) -> None:
         cv2.drawContours(canvas, outlines, -1, colour, 2, cv2.LINE_AA)
         return
     u, v, d = part.camera.project(hand.place)
-    cv2.circle(
-        canvas,
-        _pixel(np.array([u, v])),
-        round(PRESENT_MM * part.camera.fx / d),
-        colour,
-        2,
-        cv2.LINE_AA,
-    )
+    middle, radius = _pixel(np.array([u, v])), round(PRESENT_MM * part.camera.fx / d)
+    cv2.circle(canvas, middle, radius, colour, 2, cv2.LINE_AA)
 
 
 def _tags(canvas: Image, frame: TrackedFrame, part: _Part) -> None:
@@ -172,13 +161,8 @@ def _tags(canvas: Image, frame: TrackedFrame, part: _Part) -> None:
         tags.add(spoken_loss(lost, frame.time), 0, len(canvas), colour_of(lost.id))
     for present in frame.present:
         u, v, d = part.camera.project(present.place)
-        tags.add(
-            spoken(present),
-            u,
-            v - PRESENT_MM * part.camera.fy / d,
-            colour_of(present.id),
-            sure=False,
-        )
+        top = v - PRESENT_MM * part.camera.fy / d
+        tags.add(spoken(present), u, top, colour_of(present.id), sure=False)
     for hand in frame.hands:
         left, top = part.corners(hand)[0]
         is_decided = hand.known_side is not None

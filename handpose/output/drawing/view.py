@@ -88,8 +88,10 @@ def box_of(hand: TrackedHand, camera: Camera) -> tuple[float, float, float, floa
     """Left, top, right and bottom edge in pixels of the middle plane of a hand's crop."""
     pose = hand.the_pose
     u, v, d = pose.center_uvd
-    across, down = camera.fx * pose.cube_mm / 2 / d, camera.fy * pose.cube_mm / 2 / d
-    return u + 0.5 - across, v + 0.5 - down, u + 0.5 + across, v + 0.5 + down
+    u, v = u + 0.5, v + 0.5  # from the corner of the image
+    across = camera.fx * pose.cube_mm / 2 / d
+    down = camera.fy * pose.cube_mm / 2 / d
+    return u - across, v - down, u + across, v + down
 
 
 # ----------------------------------------------------------------------------------------- contrast
@@ -120,10 +122,8 @@ class Contrast:
         half of the scene.
         """
         if len(hands):
-            middle, spread = (
-                (hands.max() + hands.min()) / 2,
-                SPREAD_MM + (hands.max() - hands.min()) / 4,
-            )
+            nearest, farthest = hands.min(), hands.max()
+            middle, spread = (farthest + nearest) / 2, SPREAD_MM + (farthest - nearest) / 4
         else:
             middle, spread = _nearer_half(depth)
         self.middle, self.spread = self._follower.follow(time, np.array([middle, spread])).tolist()
@@ -131,9 +131,8 @@ class Contrast:
     def grey(self, depth: NDArray[np.floating]) -> NDArray[np.uint8]:
         """The image (height, width) of a depth image in mm."""
         away = (np.arange(_MAX_DEPTH + 1) - self.middle) / self.spread
-        shades = np.rint(_DARK + (_LIGHT - _DARK) * (0.5 - 0.5 * away / np.hypot(1, away))).astype(
-            np.uint8
-        )
+        lightness = 0.5 - 0.5 * away / np.hypot(1, away)
+        shades = np.rint(_DARK + (_LIGHT - _DARK) * lightness).astype(np.uint8)
         shades[0] = 0
         return np.asarray(shades[np.minimum(depth, _MAX_DEPTH).astype(np.uint16)])
 
@@ -161,6 +160,7 @@ ID_COLOURS: tuple[Colour, ...] = (
 TAG_HEIGHT = 22  # pixels
 _WORDS = 0.55  # scale of text
 _BESIDE = 6  # pixels of background left and right of the text
+_BELOW = 5  # pixels of background below it
 
 
 def colour_of(id: int) -> Colour:
@@ -191,7 +191,8 @@ def spoken(hand: TrackedHand) -> str:
 
 def spoken_loss(hand: TrackedHand, time: float) -> str:
     """``left hand lost 0.4 s: it left the image``."""
-    return f"{f'{hand.hand} ' if hand.hand else ''}hand lost {max(time - hand.since, 0):.1f} s: {hand.reason}"
+    which = f"{hand.hand} hand" if hand.hand else "hand"
+    return f"{which} lost {max(time - hand.since, 0):.1f} s: {hand.reason}"
 
 
 class Tags:
@@ -215,28 +216,18 @@ class Tags:
         wide = strokes.text_width(words, scale) + 2 * _BESIDE
         x = int(np.clip(left, 0, max(width - wide, 0)))
         wanted = int(np.clip(bottom - TAG_HEIGHT, 0, height - TAG_HEIGHT))
-        places = sorted(
-            range(wanted % TAG_HEIGHT, height - TAG_HEIGHT + 1, TAG_HEIGHT),
-            key=lambda y: (abs(y - wanted), y),
-        )
-        y = next((y for y in places if not self._hits(x, x + wide, y)), wanted)
+        places = range(wanted % TAG_HEIGHT, height - TAG_HEIGHT + 1, TAG_HEIGHT)
+        nearest_first = sorted(places, key=lambda y: (abs(y - wanted), y))
+        y = next((y for y in nearest_first if not self._hits(x, x + wide, y)), wanted)
         self._taken.append((x, x + wide, y))
         white = (255, 255, 255)
-        cv2.rectangle(self._canvas, (x, y), (x + wide - 1, y + TAG_HEIGHT - 1), colour, -1)
+        right, low = x + wide - 1, y + TAG_HEIGHT - 1
+        cv2.rectangle(self._canvas, (x, y), (right, low), colour, -1)
         if not sure:
-            cv2.rectangle(
-                self._canvas, (x + 2, y + 2), (x + wide - 3, y + TAG_HEIGHT - 3), white, -1
-            )
-        strokes.text(
-            self._canvas,
-            words,
-            np.array([x + _BESIDE, y + TAG_HEIGHT - 6]),
-            white if sure else colour,
-            scale,
-        )
+            cv2.rectangle(self._canvas, (x + 2, y + 2), (right - 2, low - 2), white, -1)
+        at = np.array([x + _BESIDE, low - _BELOW])
+        strokes.text(self._canvas, words, at, white if sure else colour, scale)
 
     def _hits(self, left: int, right: int, top: int) -> bool:
-        return any(
-            left < end and right > start and abs(top - other) < TAG_HEIGHT
-            for start, end, other in self._taken
-        )
+        beside = [own for own in self._taken if abs(top - own[2]) < TAG_HEIGHT]
+        return any(left < end and right > start for start, end, _ in beside)

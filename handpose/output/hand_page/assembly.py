@@ -77,7 +77,8 @@ def assembled(
     contact its server.
     """
     policy = _policy(script, style, connects)
-    return Template(source("frame.html").replace("$main\n", body)).substitute(
+    frame = Template(source("frame.html").replace("$main\n", body))
+    return frame.substitute(
         title=html.escape(title), policy=policy, style=style, script=script, data=escaped(data)
     )
 
@@ -189,12 +190,8 @@ def skeleton_values(skeleton: Skeleton) -> dict[str, Any]:
     if skeleton.param.flesh is None:
         return {"own": own, "whole": own, "capsules": None, "offsets": []}
     surface = Surface(skeleton)
-    capsules = [
-        {"from": start, "to": end, "radii": radii}
-        for start, end, radii in zip(
-            surface.start.tolist(), surface.end.tolist(), surface.radii.tolist()
-        )
-    ]
+    each = zip(surface.start.tolist(), surface.end.tolist(), surface.radii.tolist())
+    capsules = [{"from": start, "to": end, "radii": radii} for start, end, radii in each]
     offsets = [
         {"joint": joint, "axes": axes, "vector": vector}
         for axes, (at, vectors) in surface.offsets.items()
@@ -207,19 +204,17 @@ def _columns(skeleton: Skeleton) -> dict[str, Any]:
     def limits(values: Array) -> list[float | None]:
         return [value if abs(value) <= MAX_LIMIT else None for value in values.tolist()]
 
+    motions = [
+        [{"turns": m.kind == "rotate", "axis": m.axis, "sign": m.sign, "dof": m.dof} for m in own]
+        for own in skeleton.motions
+    ]
     return {
         "name": skeleton.name,
         "joints": skeleton.joint_names,
         "parents": skeleton.parents.tolist(),
         "bones": skeleton.bones.tolist(),
         "bone_axes": skeleton.bone_axes.tolist(),
-        "motions": [
-            [
-                {"turns": m.kind == "rotate", "axis": m.axis, "sign": m.sign, "dof": m.dof}
-                for m in own
-            ]
-            for own in skeleton.motions
-        ],
+        "motions": motions,
         "dofs": skeleton.dof_names,
         "initial": skeleton.initial.tolist(),
         "lower": limits(skeleton.lower),

@@ -113,12 +113,8 @@ class Messages:
         }
         text = to_text(values).encode()
         samples = np.clip(grid.of(depth), 0, _MAX_SAMPLE).astype("<u2")
-        parts = [
-            struct.pack("<I", _padded(len(text))),
-            text.ljust(_padded(len(text))),
-            samples.tobytes(),
-            bytes(2 * (samples.size % 2)),
-        ]
+        size, padding = _padded(len(text)), bytes(2 * (samples.size % 2))
+        parts = [struct.pack("<I", size), text.ljust(size), samples.tobytes(), padding]
         for surface in surfaces:
             if surface is not None:
                 radii = surface.radius_a[0, :, None], surface.radius_b[0, :, None]

@@ -122,9 +122,8 @@ class HandColumns:
         if self._joints:
             return joint_values.numbers(self._joints, pose, camera)
         angles = self._skeleton.theta(pose.inputs)[[*self._angles.values()]]
-        return [known("%.2f", x) for x in pose.xyz.ravel().tolist()] + [
-            known("%.5f", a) for a in angles.tolist()
-        ]
+        positions = [known("%.2f", x) for x in pose.xyz.ravel().tolist()]
+        return positions + [known("%.5f", a) for a in angles.tolist()]
 
 
 def known(form: str, number: float) -> str:

@@ -69,20 +69,21 @@ def header_values(
         name: value if name == "name" else rounded(value, 6)
         for name, value in vars(header.camera).items()
     }
-    return {
+    camera |= {"width": header.camera.width, "height": header.camera.height}
+    values = {
         "format": FORMAT,
         "version": FORMAT_VERSION,
         "source": header.source,
         "smoothed": header.smoothed,
         "units": UNITS,
         "axes": AXES,
-        "camera": camera | {"width": header.camera.width, "height": header.camera.height}
-        if in_frames
-        else None,
+        "camera": camera if in_frames else None,
         "unit_mm": float(header.unit_mm),
         "skeleton": _skeleton_values(header.skeleton),
-        **({"joint_format": joint_values.format_values(joints)} if joints else {}),
     }
+    if joints:
+        values["joint_format"] = joint_values.format_values(joints)
+    return values
 
 
 def _skeleton_values(skeleton: Skeleton) -> dict[str, Any]:
