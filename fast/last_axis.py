@@ -17,7 +17,7 @@ import numpy as np
 
 from fast.geometry import Geometry
 from fast.parallel import scratch
-from netlib.blob import Array
+from netlib.blob import Array, divide_up
 
 Pair = tuple[int, ...]
 
@@ -37,10 +37,12 @@ class Maps:
     def _phases(self, by_place: Array) -> Iterator[tuple[Array, Array]]:
         """For each remainder of the columns, the values of (H, W, M), and their place."""
         step, (top, left) = self.g.stride[1], self.g.pad
+        rows = slice(top, top + len(by_place))
         for v in range(step):
             inside = by_place[:, (v - left) % step :: step]
             first = -(-(left - v) // step)
-            yield inside, self.values[v, top : top + len(by_place), first : first + inside.shape[1]]
+            columns = slice(first, first + inside.shape[1])
+            yield inside, self.values[v, rows, columns]
 
     def read(self, x: Array) -> None:
         """Copy x (M, H, W) to the maps."""
@@ -62,16 +64,15 @@ class Maps:
         """
         start, stop = (rows.start, rows.stop) if rows else (0, self.outputs[0])
         (step, H, _, M), down = self.values.shape, self.g.stride[0]
-        length, last = self.outputs[1] * M, (stop - start - 1) * down + 1
+        length = self.outputs[1] * M
         phases = list(self.values.reshape(step, H, -1))
         for i in range(self.g.kernel[0]):
-            first = start * down + i * self.g.dilation[0]
+            above = i * self.g.dilation[0]
+            under = slice(start * down + above, stop * down + above, down)
             for j in range(self.g.kernel[1]):
                 column, phase = divmod(j * self.g.dilation[1], step)
-                yield (
-                    (i, j),
-                    phases[phase][first : first + last : down, column * M : column * M + length],
-                )
+                first = column * M
+                yield (i, j), phases[phase][under, first : first + length]
 
 
 def map_last(x: Array, out: Array) -> None:
@@ -93,9 +94,7 @@ def shape_of(g: Geometry, sizes: Pair, outputs: Pair) -> tuple[int, int, int]:
     """The shape (sw, H, W) of a map with its padding, and all of the windows that
     extend beyond it.
     """
-    high, wide = (
-        max(n + 2 * p, (o - 1) * s + d * (k - 1) + 1)
-        for n, o, k, s, p, d in zip(sizes, outputs, g.kernel, g.stride, g.pad, g.dilation)
-    )
+    high, wide = map(max, g.padded(sizes), g.extent(outputs))
     step = g.stride[1]
-    return step, high, max(-(-wide // step), outputs[1] + g.dilation[1] * (g.kernel[1] - 1) // step)
+    columns = max(divide_up(wide, step), outputs[1] + g.reach[1] // step)
+    return step, high, columns
