@@ -11,6 +11,7 @@ adjacent values, for any stride.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -37,12 +38,12 @@ class Maps:
     def _phases(self, by_place: Array) -> Iterator[tuple[Array, Array]]:
         """For each remainder of the columns, the values of (H, W, M), and their place."""
         step, (top, left) = self.g.stride[1], self.g.pad
-        rows = slice(top, top + len(by_place))
+        bottom = top + len(by_place)
         for v in range(step):
             inside = by_place[:, (v - left) % step :: step]
             first = -(-(left - v) // step)
-            columns = slice(first, first + inside.shape[1])
-            yield inside, self.values[v, rows, columns]
+            end = first + inside.shape[1]
+            yield inside, self.values[v, top:bottom, first:end]
 
     def read(self, x: Array) -> None:
         """Copy x (M, H, W) to the maps."""
@@ -64,15 +65,15 @@ class Maps:
         """
         start, stop = (rows.start, rows.stop) if rows else (0, self.outputs[0])
         (step, H, _, M), down = self.values.shape, self.g.stride[0]
-        length = self.outputs[1] * M
+        length, height = self.outputs[1] * M, (stop - start) * down
         phases = list(self.values.reshape(step, H, -1))
         for i in range(self.g.kernel[0]):
-            above = i * self.g.dilation[0]
-            under = slice(start * down + above, stop * down + above, down)
+            first = start * down + i * self.g.dilation[0]
+            end = first + height
             for j in range(self.g.kernel[1]):
                 column, phase = divmod(j * self.g.dilation[1], step)
-                first = column * M
-                yield (i, j), phases[phase][under, first : first + length]
+                left = column * M
+                yield (i, j), phases[phase][first:end:down, left : left + length]
 
 
 def map_last(x: Array, out: Array) -> None:
@@ -90,6 +91,7 @@ def map_first(x: Array, out: Array) -> None:
     cv2.transpose(x.reshape(-1, len(out)), rows)
 
 
+@lru_cache(maxsize=256)
 def shape_of(g: Geometry, sizes: Pair, outputs: Pair) -> tuple[int, int, int]:
     """The shape (sw, H, W) of a map with its padding, and all of the windows that
     extend beyond it.

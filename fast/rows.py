@@ -166,10 +166,10 @@ def _blocks(g: Geometry, x: Array, y_shape: tuple[int, ...]) -> Iterator[tuple[s
     fit in the cache.
     """
     (N, C), Ho, row = x.shape[:2], y_shape[2], math.prod(y_shape[3:])
+    row_bytes = math.prod(g.kernel[1:]) * C * row * x.itemsize  # of X, for one image
     each = divide_up(LENGTH, row)  # images
     for images in equal_blocks(N, divide_up(N, each)):
-        values = math.prod(g.kernel[1:]) * C * (images.stop - images.start) * row
-        height = BLOCK_BYTES // (values * x.itemsize)  # of X
+        height = BLOCK_BYTES // (row_bytes * (images.stop - images.start))  # of X
         fitting = (height - g.kernel[0]) // g.stride[0] + 1
         for rows in equal_blocks(Ho, divide_up(Ho, max(fitting, MIN_ROWS))):
             yield images, rows

@@ -133,8 +133,8 @@ def _correlate_few(g: Geometry, x: Array, w: Array, after: After, y: Array) -> N
     V = scratch("shared", (SIDE, SIDE * C * N, R * T), x.dtype)
 
     def lower(rows: slice) -> None:
-        tiles = slice(rows.start * T, rows.stop * T)
-        _inputs(g, x, rows, y.shape[2:], V[..., tiles])
+        first, end = rows.start * T, rows.stop * T
+        _inputs(g, x, rows, y.shape[2:], V[..., first:end])
 
     def job(o: slice) -> None:
         weights = _weights(w[o], scratch("weights", (SIDE * SIDE, o.stop - o.start, C), w.dtype))
@@ -222,8 +222,8 @@ def _place(x: Array, top: int, left: int, out: Array) -> None:
         inner = target[:, :, first:end]
         inner[..., :start] = inner[..., stop:] = 0
         row = TILE * first + phase - top
-        rows = slice(row, row + TILE * (end - first), TILE)
-        inner[..., start:stop] = x[:, :, rows, start - left : stop - left]
+        last = row + TILE * (end - first)
+        inner[..., start:stop] = x[:, :, row:last:TILE, start - left : stop - left]
 
 
 def _correlate(weights: Array, V: Array, x: Array, after: After, y: Array) -> None:
