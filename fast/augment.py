@@ -29,11 +29,9 @@ class FastHandAugment(FastLayer, HandAugment):
         theirs = cv2.getNumThreads()
         cv2.setNumThreads(1)
         try:
+            parts = blocks(len(x), BLOCK)
             parallel.run(
-                [
-                    partial(self._move_block, x[b], y[b], source[b], s[b], d[b])
-                    for b in blocks(len(x), BLOCK)
-                ]
+                [partial(self._move_block, x[b], y[b], source[b], s[b], d[b]) for b in parts]
             )
         finally:
             cv2.setNumThreads(theirs)

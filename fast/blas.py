@@ -103,13 +103,8 @@ def _loaded(name: str) -> Iterator[ctypes.CDLL]:
         maps = Path("/proc/self/maps").read_text(encoding="utf-8", errors="replace")
     except OSError:
         return
-    for path in sorted(
-        {
-            line.split(maxsplit=5)[-1]
-            for line in maps.splitlines()
-            if name in line.rsplit("/", 1)[-1]
-        }
-    ):
+    found = [line for line in maps.splitlines() if name in line.rsplit("/", 1)[-1]]
+    for path in sorted({line.split(maxsplit=5)[-1] for line in found}):
         try:
             yield ctypes.CDLL(path)
         except OSError:

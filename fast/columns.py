@@ -36,7 +36,7 @@ from fast.geometry import (
     run_parts,
 )
 from fast.parallel import scratch
-from netlib.blob import Array
+from netlib.blob import Array, divide_up
 
 # of a block; smaller ones take more calls, larger ones do not stay in the cache
 COLUMN_BYTES = 8 << 20
@@ -61,12 +61,10 @@ class Columns(Algorithm):
         """All sizes, except where flipping the kernel takes less time than adding instead of
         copying columns.
         """
-        if (
-            sum_ != "transpose"
-            or s.turned is None
-            or s.turned.excess > MAX_EXCESS
-            or max(s.geometry.kernel) == 1
-        ):
+        if sum_ != "transpose" or max(s.geometry.kernel) == 1:
+            return True
+        turned = s.turned
+        if turned is None or turned.excess > MAX_EXCESS:
             return True
         windows = s.images * math.prod(s.windows)
         return s.inputs < s.outputs or windows < MIN_WINDOWS * s.outputs * s.geometry.group
@@ -240,7 +238,7 @@ def _plan(
     """``strides`` are those of x (C, n, ...)."""
     last, every = g.stride[-1], (slice(None),) * len(g.kernel)
     begin = start * g.stride[0] - g.pad[0]
-    end = begin + (stop - start - 1) * g.stride[0] + g.dilation[0] * (g.kernel[0] - 1) + 1
+    end = begin + g.extent([stop - start])[0]
     low, high = min(max(begin, 0), sizes[0]), max(min(end, sizes[0]), 0)
     inside = (slice(low - begin, max(high, low) - begin), *g.inside(sizes)[1:])
     shape = (end - begin, *g.padded(sizes)[1:])
@@ -249,27 +247,26 @@ def _plan(
     padded, phase_bytes = None, 0
     copies: list[tuple[Index, Index]] = []
     if step > 1 or any(g.pad):
-        padded = (*shape[:-1], step, -(-shape[-1] // step))
+        padded = (*shape[:-1], step, divide_up(shape[-1], step))
         strides = np.empty((1, n, *padded), dtype).strides
         strides, phase_bytes = (*strides[:-2], strides[-1]), strides[-2]
+        left, right = inside[-1].start, inside[-1].stop
         for phase in range(step):
-            values = slice(
-                (phase - inside[-1].start) % step, inside[-1].stop - inside[-1].start, step
-            )
-            place = (inside[-1].start + values.start) // step
+            values = slice((phase - left) % step, right - left, step)
+            place = (left + values.start) // step
             places = slice(place, place + len(range(values.start, values.stop, step)))
             copies.append(((slice(None), slice(None), *inside[:-1], phase, places), (..., values)))
     # elements of a row that read the same of every ``step`` values
     period = step // math.gcd(step, g.dilation[-1])
-    down = map(mul, (*g.dilation[:-1], g.dilation[-1] * period // step), strides[2:])
+    next_value = g.dilation[-1] * period // step
+    down = map(mul, (*g.dilation[:-1], next_value), strides[2:])
     across = map(mul, (*g.stride[:-1], last // step), strides[2:])
     steps = strides[0], *down, strides[1], *across
     windows: list[tuple[Index, int, tuple[int, ...]]] = []
     for first in range(min(period, g.kernel[-1])):
         place, phase = divmod(first * g.dilation[-1], step)
-        windows.append(
-            ((*every, slice(first, None, period)), phase * phase_bytes + place * strides[-1], steps)
-        )
+        first_byte = phase * phase_bytes + place * strides[-1]
+        windows.append(((*every, slice(first, None, period)), first_byte, steps))
     return _Plan(slice(low, high), padded, copies, windows)
 
 
@@ -277,7 +274,8 @@ def multiply(g: Geometry, w: Array, columns: Array, out: Array, o: slice) -> Non
     """Write the rows ``o`` of w @ columns to out (O, L), group by group."""
     rows, group = _groups(g, len(w), o)
     L = columns.shape[1]
-    weights, right = w[o].reshape(-1, rows, w[0].size), columns.reshape(g.group, -1, L)[group]
+    weights = w[o].reshape(-1, rows, w[0].size)
+    right = columns.reshape(g.group, -1, L)[group]
     np.matmul(weights, right, out=out[o].reshape(-1, rows, L))
 
 

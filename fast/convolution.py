@@ -30,7 +30,7 @@ from fast.winograd import Winograd
 from layers.vision.convolution import Convolution
 from layers.vision.deconvolution import Deconvolution
 from layers.vision.depthwise_convolution import ConvolutionDepthwise, DepthwiseConvolution
-from netlib.blob import Array, Blob, Blobs, blocks
+from netlib.blob import Array, Blob, Blobs, blocks, divide_up
 
 
 class ByGroup(Algorithm):
@@ -56,7 +56,9 @@ class ByGroup(Algorithm):
 
 def _channels(g: Geometry, x: Array, y: Array) -> Iterator[tuple[slice, slice]]:
     """The channels of x and of y of each group."""
-    return zip(blocks(x.shape[1], x.shape[1] // g.group), blocks(y.shape[1], y.shape[1] // g.group))
+    inputs = blocks(x.shape[1], x.shape[1] // g.group)
+    outputs = blocks(y.shape[1], y.shape[1] // g.group)
+    return zip(inputs, outputs)
 
 
 class Turned(Algorithm):
@@ -114,17 +116,16 @@ class Contained(Algorithm):
             Columns().gradient(g, x, dy, dw)
 
 
+_DIRECT: tuple[Algorithm, ...] = (
+    Contained(Filter()),
+    Depthwise(),
+    ByGroup(Contained(RowWinograd())),
+    ByGroup(Contained(Winograd())),
+    ByGroup(Rows()),
+    Columns(),
+)
 ALGORITHMS: tuple[Algorithm, ...] = tuple(
-    each
-    for algorithm in (
-        Contained(Filter()),
-        Depthwise(),
-        ByGroup(Contained(RowWinograd())),
-        ByGroup(Contained(Winograd())),
-        ByGroup(Rows()),
-        Columns(),
-    )
-    for each in (algorithm, Turned(algorithm))
+    each for direct in _DIRECT for each in (direct, Turned(direct))
 )
 
 
@@ -212,7 +213,7 @@ class FastConvolution(ByAlgorithms):
         super().reshape(bottom, top)
         for x, y in zip(bottom, top):
             if isinstance(y, FastBlob) and y.tile is not None:
-                y.pitch = -(-(pitch_of(x) or x.width) // y.tile) * y.tile
+                y.pitch = divide_up(pitch_of(x) or x.width, y.tile) * y.tile
         on_tiles = self.window_tiles, self.row_tiles
         self.tiles = next(
             (one for one in on_tiles if one.fits(self.geometry, bottom, top, self.weight)), None
@@ -337,11 +338,13 @@ def choose_each(g: Geometry, axis: int, xs: Blobs, ys: Blobs) -> list[Choice]:
     """The algorithms for each pair of blobs x and y with channels on this axis; none without
     a spatial axis.
     """
-    shapes = [
-        [(math.prod(blob.shape[:axis]), *blob.shape[axis:]) for blob in pair]
-        for pair in zip(xs, ys)
-    ]
-    return [choose(g, x, y) for x, y in shapes] if g.kernel else []
+
+    def of_images(blob: Blob) -> tuple[int, ...]:
+        return math.prod(blob.shape[:axis]), *blob.shape[axis:]
+
+    if not g.kernel:
+        return []
+    return [choose(g, of_images(x), of_images(y)) for x, y in zip(xs, ys)]
 
 
 def sum_by_channel(dy: Array) -> Array:

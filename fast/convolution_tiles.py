@@ -49,7 +49,7 @@ import scipy
 from fast.fast_layer import FastLayer
 from fast.geometry import Geometry, NotFiniteError, check_finite
 from fast.tiles import FastBlob, SparseTiles, pitch_of, store_plain, tile_of, tiles_of, untile
-from netlib.blob import Array, Blob, Blobs
+from netlib.blob import Array, Blob, Blobs, divide_up
 
 MAX_ROW = 40  # C kw; with more, the products of Rows are as large without tiles
 FLAGS = {2: np.uint16, 4: np.uint32, 8: np.uint64}  # T -> integer type with T bytes, one per flag
@@ -66,13 +66,9 @@ class RowTiles:
         """Whether the convolution has these options, and so few numbers in a row of the kernel
         that tiles help.
         """
-        if (
-            len(g.kernel) != 2
-            or len(bottom[0].shape) != 4
-            or not g.is_dense
-            or any(g.pad)
-            or g.group > 1
-        ):
+        if len(g.kernel) != 2 or len(bottom[0].shape) != 4:
+            return False
+        if not g.is_dense or any(g.pad) or g.group > 1:
             return False
         return max(g.kernel) > 1 and w.shape[1] * w.shape[3] <= MAX_ROW
 
@@ -85,11 +81,14 @@ class RowTiles:
         """
         if top_tile is not None:
             return top_tile
-        return 4 if w[1] * w[3] <= 8 else 2 if w[1] * w[3] <= 40 else 1
+        row = w[1] * w[3]
+        if row <= 8:
+            return 4
+        return 2 if row <= 40 else 1
 
     def pitch(self, x: Blob, y: Blob, T: int) -> int:
         """Number of columns stored per row."""
-        return pitch_of(y) if tile_of(y) else -(-(pitch_of(x) or x.width) // T) * T
+        return pitch_of(y) if tile_of(y) else divide_up(pitch_of(x) or x.width, T) * T
 
     def matrices(self, w: Array, T: int) -> tuple[Array, Array]:
         """M of the kernel and of the flipped kernel.
@@ -114,7 +113,8 @@ class RowTiles:
         storage = (-(-Ho // T) * T, T, O, N, pitch // T)
         out = y.data if tile_of(y) else layer.buffer("Y", storage)
         rows = out[:Ho].reshape(Ho, T * O, -1)
-        multiply(self.matrices(w, T)[0], self.lower(layer, x, w.shape, T, pitch), w.shape[2], rows)
+        X = self.lower(layer, x, w.shape, T, pitch)
+        multiply(self.matrices(w, T)[0], X, w.shape[2], rows)
         if bias is not None:
             rows.reshape(Ho, T, O, -1)[...] += bias[:, None]
         if tile_of(y) is None:
@@ -170,9 +170,8 @@ class RowTiles:
             rows[:, j, :, -back:] = dy[:, phase, :, : L + back]
         direct = tile_of(x) == T and pitch_of(x) == pitch
         dx = x.diff[:H] if direct else layer.buffer("dX", (H, T, C, N, pitch // T))
-        multiply(
-            self.matrices(w, T)[1], D.reshape(H + kh - 1, J * O, L), kh, dx.reshape(H, T * C, L)
-        )
+        flipped = self.matrices(w, T)[1]
+        multiply(flipped, D.reshape(len(D), J * O, L), kh, dx.reshape(H, T * C, L))
         if direct:
             x.diff[H:] = 0  # padding, which may have values of a higher image
             return
@@ -207,7 +206,8 @@ def stacked_rows(X: Array, kh: int) -> Array:
     batch and is not used.
     """
     (H, R, L), item = X.shape, X.itemsize
-    return np.ndarray((H - kh + 1, kh * R, L), X.dtype, X, 0, (R * L * item, L * item, item))
+    strides = R * L * item, L * item, item
+    return np.ndarray((H - kh + 1, kh * R, L), X.dtype, X, 0, strides)
 
 
 def multiply(M: Array, X: Array, kh: int, out: Array) -> None:
@@ -234,27 +234,23 @@ class WindowTiles:
             or y.tile not in FLAGS
         ):
             return False
-        if (
-            not g.is_dense
-            or any(g.pad)
-            or x.shape[1] != 1
-            or tile_of(x) is not None
-            or g.kernel != (y.tile + 1,) * 2
-        ):
+        T = y.tile
+        if not g.is_dense or any(g.pad) or g.kernel != (T + 1, T + 1):
             return False
-        return (
-            x.shape[2] % y.tile == x.shape[3] % y.tile == 0 and y.tile * x.dtype.itemsize % 8 == 0
-        )
+        _, C, H, W = x.shape
+        if C != 1 or tile_of(x) is not None:
+            return False
+        return H % T == 0 and W % T == 0 and T * x.dtype.itemsize % 8 == 0
 
     def matrix(self, w: Array, T: int) -> Array:
         """M of one half; computed again only if the weights have changed."""
         found = self._matrix
         if found is None or found[1] != T or not np.array_equal(found[0], w):
-            O, _, k, _ = w.shape
-            M = np.zeros((T // 2, T, O, T // 2 + k - 1, T + k - 1), w.dtype)
-            for p, q in np.ndindex(T // 2, T):
+            (O, _, k, _), half = w.shape, T // 2
+            M = np.zeros((half, T, O, half + k - 1, T + k - 1), w.dtype)
+            for p, q in np.ndindex(half, T):
                 M[p, q, :, p : p + k, q : q + k] = w[:, 0]
-            found = self._matrix = (w.copy(), T, M.reshape(T // 2 * T * O, -1))
+            found = self._matrix = (w.copy(), T, M.reshape(half * T * O, -1))
         return found[2]
 
     @staticmethod
@@ -263,9 +259,8 @@ class WindowTiles:
         half of the outputs.
         """
         S, item = 2 * T, X.itemsize
-        return np.ndarray(
-            (2, len(X), 3 * T // 2 * S), X.dtype, X, 0, (T // 2 * S * item, S * S * item, item)
-        )
+        strides = T // 2 * S * item, S * S * item, item
+        return np.ndarray((2, len(X), 3 * T // 2 * S), X.dtype, X, 0, strides)
 
     def forward(self, layer: FastLayer, x: Blob, y: Blob, w: Array, bias: Array | None) -> None:
         """Compute y from x.
@@ -281,12 +276,12 @@ class WindowTiles:
         O, places = len(w), T * T
         out = layer.buffer("Y", (y.count,))[: places * O * A].reshape(places * O, A)
         X = self.halves(self.patches(layer, x.data, window, T), T)
-        np.matmul(self.matrix(w, T), X.swapaxes(1, 2), out=out.reshape(2, places * O // 2, A))
+        by_half = out.reshape(2, places * O // 2, A)
+        np.matmul(self.matrix(w, T), X.swapaxes(1, 2), out=by_half)
         if bias is None:
             bias = np.zeros(O, w.dtype)
-        y.sparse = SparseTiles(
-            window, out.reshape(places, O, A), bias, w.sum(axis=(1, 2, 3)) * b + bias
-        )
+        rest = w.sum(axis=(1, 2, 3)) * b + bias
+        y.sparse = SparseTiles(window, out.reshape(places, O, A), bias, rest)
 
     @staticmethod
     def background(x: Blob) -> Array:
@@ -317,10 +312,12 @@ class WindowTiles:
         S, A = 2 * T, len(window)
         unit = np.dtype(np.complex128 if T * x.itemsize % 16 == 0 else np.complex64)
         per = unit.itemsize // x.itemsize  # numbers in a unit
-        inside = (np.arange(S)[:, None] * (W // per) + np.arange(S // per)).reshape(-1)
+        rows = np.arange(S) * (W // per)
+        inside = (rows[:, None] + np.arange(S // per)).reshape(-1)
         first = _first_inputs(N, H, W // per, T, T // per)[window]
         most = N * (H // T) * (W // T)
-        out = layer.buffer("X", (most * S * S,))[: A * S * S].view(unit).reshape(A, S * S // per)
+        memory = layer.buffer("X", (most * S * S,))
+        out = memory[: A * S * S].view(unit).reshape(A, S * S // per)
         np.take(x.reshape(-1).view(unit), first[:, None] + inside, out=out, mode="clip")
         return out.view(x.dtype).reshape(A, S * S)
 
@@ -339,9 +336,8 @@ class WindowTiles:
         # Column a of dY has O numbers, in the rows (winner, o).
         rows = found.winner.T.astype(np.int32) * O + np.arange(O, dtype=np.int32)
         columns = np.arange(0, O * A + 1, O, dtype=np.int32)
-        dY = scipy.sparse.csc_array(
-            (found.diff.T.reshape(-1), rows.reshape(-1), columns), shape=(T * T * O, A)
-        )
+        values = found.diff.T.reshape(-1)
+        dY = scipy.sparse.csc_array((values, rows.reshape(-1), columns), shape=(T * T * O, A))
         dM = (dY @ X).reshape(T, T, O, S, S)
         for p, q in np.ndindex(T, T):
             dw[:, 0] += dM[p, q, :, p : p + k, q : q + k]
@@ -355,5 +351,6 @@ def _first_inputs(N: int, H: int, W: int, rows: int, columns: int) -> Array:
     """Flat index in images (N, H, W) of the first input of each window; windows are ``rows`` and
     ``columns`` apart.
     """
-    image, row, column = np.indices((N, H // rows - 1, W // columns - 1)).reshape(3, -1)
+    windows = N, H // rows - 1, W // columns - 1
+    image, row, column = np.indices(windows).reshape(3, -1)
     return np.asarray((image * H + row * rows) * W + column * columns)

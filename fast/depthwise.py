@@ -50,27 +50,24 @@ class Filter(Algorithm):
         time, and not by a Fourier transform, which mixes all values of a map.
         """
         g = s.geometry
-        if (
-            sum_ != "correlate"
-            or not is_depthwise(s)
-            or set(g.dilation) != {1}
-            or math.prod(g.kernel) >= FOURIER
-        ):
+        if sum_ != "correlate" or not is_depthwise(s):
             return False
-        inside = all(
-            (o - 1) * step < n and p < k
-            for o, n, step, k, p in zip(s.windows, s.sizes, g.stride, g.kernel, g.pad)
-        )
-        return inside and math.prod(s.sizes) >= FILTERED * math.prod(g.stride)
+        if set(g.dilation) != {1} or math.prod(g.kernel) >= FOURIER:
+            return False
+        axes = zip(s.windows, s.sizes, g.stride)
+        are_inside = all((o - 1) * step < n for o, n, step in axes)
+        are_centred = all(p < k for p, k in zip(g.pad, g.kernel))
+        is_large = math.prod(s.sizes) >= FILTERED * math.prod(g.stride)
+        return are_inside and are_centred and is_large
 
     def correlate(self, g: Geometry, x: Array, w: Array, after: After, y: Array) -> None:
         """Write y."""
         C, (w, after) = x.shape[1], after.fold(w)
         if not w.all():
             check_finite(x)  # filter2D omits weights of 0, so that 0 times infinity would be 0
-        _filter(
-            g, x, _by_input(C, w, 0), _biases(w, after).reshape(C, -1), after, _by_input(C, y, 1)
-        )
+        kernels = _by_input(C, w, 0)
+        biases = _biases(w, after).reshape(C, -1)
+        _filter(g, x, kernels, biases, after, _by_input(C, y, 1))
 
 
 class Depthwise(Algorithm):
@@ -83,11 +80,8 @@ class Depthwise(Algorithm):
     def correlate(self, g: Geometry, x: Array, w: Array, after: After, y: Array) -> None:
         """Write y."""
         C, (w, after) = x.shape[1], after.fold(w)
-        kernels, biases, target = (
-            _by_input(C, w, 0),
-            _biases(w, after).reshape(C, -1),
-            _by_input(C, y, 1),
-        )
+        kernels, target = _by_input(C, w, 0), _by_input(C, y, 1)
+        biases = _biases(w, after).reshape(C, -1)
         for c, maps, sums in _blocks(g, x, y):
             for m in range(kernels.shape[1]):
                 weights = sums.repeated(kernels[c, m])
@@ -121,11 +115,8 @@ class Depthwise(Algorithm):
                 for image, own in zip(x[:, c], gradient[:, c, m]):
                     maps.read(image)
                     sums.gradient(own, found)
-                total[c, m] += (
-                    found.reshape(*found.shape[:2], -1, len(total[c]))
-                    .sum(axis=2)
-                    .transpose(2, 0, 1)
-                )
+                by_place = found.reshape(*found.shape[:2], -1, len(total[c]))
+                total[c, m] += by_place.sum(axis=2).transpose(2, 0, 1)
 
 
 def _biases(w: Array, after: After) -> Array:
@@ -143,7 +134,7 @@ def _filter(g: Geometry, x: Array, kernels: Array, biases: Array, after: After, 
     whole = set(g.stride) == {1} and y.shape[3:] == x.shape[2:]
     full = scratch("filtered", x.shape[2:], x.dtype)
     (down, right), (Ho, Wo) = g.stride, y.shape[3:]
-    chosen = full[: (Ho - 1) * down + 1 : down, : (Wo - 1) * right + 1 : right]
+    chosen = full[: Ho * down : down, : Wo * right : right]
     each = max(1, ACTIVATED // (y.shape[2] * Ho * Wo))
     for image, outputs in zip(x, y):
         for part in blocks(len(image), each):

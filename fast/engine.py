@@ -22,7 +22,7 @@ from fast.plan import plan
 from fast.slices import SlicedStep
 from fast.whole_steps import FastStep, WholeStep, whole_steps
 from layers.common.split import Split
-from netlib.blob import Array, Blob, blocks
+from netlib.blob import Array, Blob, equal_blocks
 from netlib.engine import Connection, Engine, Step
 from netlib.proto.options import class_at, place_of
 
@@ -116,12 +116,8 @@ class FastEngine(Engine):
         def job(rows: slice) -> None:
             target[rows] = source[rows]
 
-        parallel.run(
-            [
-                functools.partial(job, rows)
-                for rows in blocks(len(target), -(-len(target) // COPIES))
-            ]
-        )
+        parts = equal_blocks(len(target), COPIES)
+        parallel.run([functools.partial(job, rows) for rows in parts])
 
     def threads(self) -> int:
         """Number of threads in use, all from the pool in parallel.py."""

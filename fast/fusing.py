@@ -72,10 +72,8 @@ class After:
                 target[...] = values
             return
         each = count if operations == 1 else max(1, BLOCK * count // max(target.size, 1))
-        gain, bias = (
-            self._wide(self.gain, o, target.ndim - axis),
-            self._wide(self.bias, o, target.ndim - axis),
-        )
+        axes = target.ndim - axis
+        gain, bias = self._wide(self.gain, o, axes), self._wide(self.bias, o, axes)
         for part in blocks(count, each):
             at = (slice(None),) * axis + (part,)
             own, out = values[at], target[at]
@@ -89,7 +87,8 @@ class After:
         """Weights (O, ...) with the gain in them, and the rest."""
         if self.gain is None:
             return w, self
-        return w * self.gain.reshape(-1, *(1,) * (w.ndim - 1)), replace(self, gain=None)
+        gain = self.gain.reshape(-1, *(1,) * (w.ndim - 1))
+        return w * gain, replace(self, gain=None)
 
     def part(self, o: slice) -> After:
         """The same for some of the outputs."""

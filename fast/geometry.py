@@ -23,7 +23,7 @@ import numpy as np
 
 from fast import parallel
 from fast.fusing import After
-from netlib.blob import Array, blocks
+from netlib.blob import Array, blocks, divide_up, equal_blocks
 
 # rows of a part; a multiple of the rows that BLAS computes together, so that all parts round alike
 MIN_PART = 32
@@ -66,22 +66,33 @@ class Geometry:
         return Geometry(self.kernel, self.stride, self.pad, self.dilation, 1)
 
     @cached_property
+    def reach(self) -> tuple[int, ...]:
+        """The distance between the first and the last value of a window, on each axis."""
+        return tuple(d * (k - 1) for k, d in zip(self.kernel, self.dilation))
+
+    @cached_property
     def turned(self) -> Geometry:
         """The geometry of the transpose of a convolution with stride 1: a convolution with the
         flipped kernel.
         """
-        pad = tuple(d * (k - 1) - p for k, p, d in zip(self.kernel, self.pad, self.dilation))
+        pad = tuple(reach - p for reach, p in zip(self.reach, self.pad))
         return Geometry(self.kernel, self.stride, pad, self.dilation, self.group)
 
     def flipped(self, w: Array) -> Array:
         """The kernel of the transpose of a convolution with stride 1, (C, O / group, ...)."""
         by_group = w.reshape(self.group, len(w) // self.group, *w.shape[1:]).swapaxes(1, 2)
         by_channel = by_group.reshape(-1, *by_group.shape[2:]) if self.group > 1 else by_group[0]
-        return by_channel[(slice(None), slice(None)) + (slice(None, None, -1),) * len(self.kernel)]
+        backwards = (slice(None, None, -1),) * len(self.kernel)
+        return by_channel[(...,) + backwards]
 
     def padded(self, sizes: Sequence[int]) -> tuple[int, ...]:
         """The spatial axes with their padding."""
         return tuple(n + 2 * p for n, p in zip(sizes, self.pad))
+
+    def extent(self, windows: Sequence[int]) -> tuple[int, ...]:
+        """How many values these numbers of neighbouring windows span on each axis."""
+        axes = zip(windows, self.stride, self.reach)
+        return tuple((n - 1) * s + reach + 1 for n, s, reach in axes)
 
     def inside(self, sizes: Sequence[int]) -> tuple[slice, ...]:
         """The part of padded axes that is not padding."""
@@ -93,20 +104,13 @@ class Geometry:
         """For each kernel element, the part of the padded axes under it in all windows of these
         rows of outputs.
         """
-        starts, counts = (
-            (rows.start, *(0,) * (len(outputs) - 1)),
-            (rows.stop - rows.start, *outputs[1:]),
-        )
+        counts = rows.stop - rows.start, *outputs[1:]
+        lengths = [n * s for n, s in zip(counts, self.stride)]
         for element in np.ndindex(self.kernel):
-            firsts = [
-                i * d + r * s for i, d, r, s in zip(element, self.dilation, starts, self.stride)
-            ]
-            yield (
-                element,
-                tuple(
-                    slice(f, f + (n - 1) * s + 1, s) for f, n, s in zip(firsts, counts, self.stride)
-                ),
-            )
+            firsts = [i * d for i, d in zip(element, self.dilation)]
+            firsts[0] += rows.start * self.stride[0]
+            axes = zip(firsts, lengths, self.stride)
+            yield element, tuple(slice(f, f + length, s) for f, length, s in axes)
 
 
 @dataclass(frozen=True)
@@ -129,7 +133,9 @@ class Sizes:
     @classmethod
     def of(cls, g: Geometry, x: tuple[int, ...], y: tuple[int, ...]) -> Sizes:
         """The sizes for arrays x (N, C, ...) and y (N, O, ...)."""
-        return cls(g, x[0], x[1] // g.group, x[2:], y[1] // g.group, y[2:])
+        inputs = x[1] // g.group
+        outputs = y[1] // g.group
+        return cls(g, x[0], inputs, x[2:], outputs, y[2:])
 
     @property
     def one_group(self) -> Sizes:
@@ -157,7 +163,8 @@ def inside(start: int, step: int, size: int, count: int) -> tuple[int, slice]:
     """Of ``count`` places from ``start`` in steps, the first inside an axis, and the numbers of
     those that are.
     """
-    first, end = (min(max(-(-(edge - start) // step), 0), count) for edge in (0, size))
+    before = divide_up(-start, step), divide_up(size - start, step)  # the first value, and the end
+    first, end = (min(max(places, 0), count) for places in before)
     return max(start + first * step, 0), slice(first, max(end, first))
 
 
@@ -218,9 +225,10 @@ def check_spread(sums: Array, x: Array, outputs: int) -> None:
     if not math.isfinite(squares):
         raise NotFiniteError
     usual = _usual(sums)
-    is_suspicious = (
-        usual and (squares / usual / usual - sums.size) * x.shape[1] > MAX_OUTLIER**2 * outputs
-    )
+    if not usual:
+        return
+    added = squares / usual / usual - sums.size  # usual squares
+    is_suspicious = added * x.shape[1] > MAX_OUTLIER**2 * outputs
     if is_suspicious and max(x.max(), -x.min()) > MAX_OUTLIER * _usual(x):
         raise NotFiniteError
 
@@ -232,11 +240,10 @@ def _usual(values: Array) -> float:
     """
     sample = np.abs(values.reshape(-1)[:: max(values.size // SAMPLE, 1) | 1])
     sample = sample[sample > 0]
-    return (
-        float(np.partition(sample, sample.size // 4)[sample.size // 4]) / QUARTILE
-        if sample.size
-        else 0.0
-    )
+    if not sample.size:
+        return 0.0
+    quarter = sample.size // 4
+    return float(np.partition(sample, quarter)[quarter]) / QUARTILE
 
 
 def run_parts(job: Callable[[slice], None], channels: int, group: int, cost: float) -> None:
@@ -250,13 +257,9 @@ def run_parts(job: Callable[[slice], None], channels: int, group: int, cost: flo
     if cost < MIN_PARTS_COST or channels <= unit or parallel.is_inside():
         job(slice(0, channels))
     else:
-        units = -(-channels // unit)
-        parallel.run(
-            [
-                partial(job, part)
-                for part in blocks(channels, -(-units // parallel.threads()) * unit)
-            ]
-        )
+        units = divide_up(channels, unit)
+        each = divide_up(units, parallel.threads()) * unit
+        parallel.run([partial(job, part) for part in blocks(channels, each)])
 
 
 def run_blocks(
@@ -281,11 +284,10 @@ def image_blocks(
     rows, row = outputs[0], math.prod(outputs[1:])
     each = columns // max(row * rows, 1)
     if each:
-        each = -(-max(images, 1) // -(-max(images, 1) // each))  # nearly equal blocks
-        for block in blocks(images, each):
+        for block in equal_blocks(images, divide_up(images, each)):
             yield block, slice(0, rows)
         return
-    count = -(-rows * row // columns)  # of nearly equal bands
+    bands = equal_blocks(rows, divide_up(rows * row, columns))
     for n in range(images):
-        for band in blocks(rows, -(-rows // count)):
+        for band in bands:
             yield slice(n, n + 1), band

@@ -19,7 +19,7 @@ from fast import parallel
 from fast.fast_layer import FastLayer
 from fast.parallel import scratch
 from layers.common.inner_product import InnerProduct
-from netlib.blob import Array, Blobs, blocks
+from netlib.blob import Array, Blobs, blocks, divide_up
 
 MAX_BLOCK = 640  # features; 1,024 features are two blocks, one per thread on two cores
 # up to this number, items are faster one at a time (measured by experiments/parts.py)
@@ -37,12 +37,8 @@ class FastInnerProduct(FastLayer, InnerProduct):
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         """Compute y = x wᵀ + b in blocks of outputs, for a few items one at a time."""
-        x, y, w = (
-            self.rows(bottom[0].data),
-            self.rows(top[0].data),
-            self.output_first(self.weight.data),
-        )
-
+        x, y = self.rows(bottom[0].data), self.rows(top[0].data)
+        w = self.output_first(self.weight.data)
         few = len(x) <= FEW_ITEMS
 
         def job(o: slice) -> None:
@@ -51,21 +47,16 @@ class FastInnerProduct(FastLayer, InnerProduct):
             if self.param.bias_term:
                 y[:, o] += self.bias.data[o]
 
-        jobs = (
-            [partial(job, o) for o in blocks(len(w), _few_outputs(len(x), w))]
-            if few
-            else _by_blocks(job, len(w))
-        )
-        parallel.run(jobs)
+        if few:
+            parts = blocks(len(w), _few_outputs(len(x), w))
+            parallel.run([partial(job, o) for o in parts])
+        else:
+            parallel.run(_by_blocks(job, len(w)))
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         """Compute dw = dyᵀ x and db in blocks of outputs, and dx = dy w in blocks of inputs."""
-        x, dy, w = (
-            self.rows(bottom[0].data),
-            self.rows(top[0].diff),
-            self.output_first(self.weight.data),
-        )
-        dw = self.output_first(self.weight.diff)
+        x, dy = self.rows(bottom[0].data), self.rows(top[0].diff)
+        w, dw = self.output_first(self.weight.data), self.output_first(self.weight.diff)
         # matmul computes the product of two vectors without BLAS
         multiply = np.dot if len(x) == 1 else np.matmul
 
@@ -93,11 +84,9 @@ def _few_outputs(items: int, w: Array) -> int:
     """
     if items > 1:
         return max(CACHED_BYTES // max(w[:1].nbytes, 1) // ALIGNED, 1) * ALIGNED
-    return (
-        -(-len(w) // (parallel.threads() * ALIGNED)) * ALIGNED
-        if w.nbytes >= LARGE_BYTES
-        else len(w)
-    )
+    if w.nbytes < LARGE_BYTES:
+        return len(w)
+    return divide_up(len(w), parallel.threads() * ALIGNED) * ALIGNED
 
 
 def _by_blocks(job: Callable[[slice], None], count: int) -> list[Callable[[], None]]:

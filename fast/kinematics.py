@@ -159,11 +159,8 @@ class FastKinematics(Kinematics):
             pose.work = (*(np.empty_like(pose.pivot) for _ in range(3)), np.empty_like(pose.X))
         force, torque, offset, turning = pose.work
         np.matmul(self._moves, f.reshape(K, 3 * N), out=force.reshape(len(force), 3 * N))
-        np.matmul(
-            self._moves,
-            _cross(pose.local, f, turning).reshape(K, 3 * N),
-            out=torque.reshape(len(torque), 3 * N),
-        )
+        moments = _cross(pose.local, f, turning).reshape(K, 3 * N)
+        np.matmul(self._moves, moments, out=torque.reshape(len(torque), 3 * N))
         torque -= _cross(pose.pivot, force, offset)
         torque[self._slides] = force[self._slides]
         torque *= pose.axis
@@ -194,7 +191,9 @@ class FastKinematics(Kinematics):
             moved *= sk.moves[:, chosen, None]
             return moved.reshape(*moved.shape[:2], 3 * len(chosen))
         Q, N = len(self.free), pose.X.shape[-1]
-        X, a, P = pose.local[chosen], pose.axis[self.free][:, None], pose.pivot[self.free][:, None]
+        X = pose.local[chosen]
+        a = pose.axis[self.free][:, None]
+        P = pose.pivot[self.free][:, None]
         arm = np.where(sk.turns[:, None, None, None], X - P, 0.0)
         J = np.empty((Q, len(chosen), 3, N))
         for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
@@ -238,9 +237,8 @@ def _turn_constant(frame: list[Array], matrices: Array) -> list[Array]:
     """
     if len(frame[0]) == 1:  # one parent: one product for all columns of all joints
         N = frame[0].shape[-1]
-        columns = matrices.transpose(0, 2, 1).reshape(-1, 3) @ np.concatenate(frame).reshape(
-            3, 3 * N
-        )
+        rows = matrices.transpose(0, 2, 1).reshape(-1, 3)
+        columns = rows @ np.concatenate(frame).reshape(3, 3 * N)
         return list(columns.reshape(len(matrices), 3, 3, N).transpose(1, 0, 2, 3))
     return [_combine(matrices[:, :, c], frame) for c in range(3)]
 
@@ -356,34 +354,26 @@ def groups_of(
     for same in alike.values():  # in the order of depth
         by_parent: dict[int, list[int]] = {}
         for j in same:
-            by_parent.setdefault(places[int(parents[j])][0] if parents[j] >= 0 else -1, []).append(
-                j
-            )
+            group = places[int(parents[j])][0] if parents[j] >= 0 else -1
+            by_parent.setdefault(group, []).append(j)
         for parent, joints in by_parent.items():
             slots = [places[int(parents[j])][1] if parent >= 0 else 0 for j in joints]
-            together = [
-                _together(same_step, dtype) for same_step in zip(*(steps[j] for j in joints))
-            ]
+            same_steps = zip(*(steps[j] for j in joints))
+            together = [_together(same_step, dtype) for same_step in same_steps]
             places.update({j: (len(groups), slot) for slot, j in enumerate(joints)})
-            bodies = [
-                _as_slice(np.flatnonzero(skeleton.descendants[j]).tolist())
-                for j in joints
-                if parent < 0
-            ]
+            roots = joints if parent < 0 else []
+            bodies = [_as_slice(np.flatnonzero(skeleton.descendants[j]).tolist()) for j in roots]
             axis = int(max(skeleton.bone_axes[joints[0]], 0))
             groups.append(Group(joints, parent, _as_slice(slots), together, axis, bodies))
     return groups, places
 
 
 def _together(steps: Sequence[Part], dtype: DTypeLike) -> Operation:
-    matrices = [step.matrix for step in steps if step.matrix is not None]
-    return Operation(
-        kind=steps[0].kind,
-        axis=steps[0].axis,
-        rows=_as_slice([step.number for step in steps]),
-        sign=np.array([step.sign for step in steps], dtype)[:, None, None],
-        matrices=np.array(matrices, dtype).reshape(-1, 3, 3),
-    )
+    rows = _as_slice([step.number for step in steps])
+    signs = np.array([step.sign for step in steps], dtype)
+    matrices = np.array([step.matrix for step in steps if step.matrix is not None], dtype)
+    kind, axis = steps[0].kind, steps[0].axis
+    return Operation(kind, axis, rows, signs[:, None, None], matrices.reshape(-1, 3, 3))
 
 
 def _as_slice(indices: list[int]) -> slice | list[int]:
@@ -453,7 +443,8 @@ class FewPoses:
         pose = Pose(0, 0, 0)
         pose.joints = world[:, :-1, :3, 3].astype(dtype)
         pose.frames = world[:, :-1, :3, :3].astype(dtype)
-        both = parent[..., :3, :3] @ np.stack([own, start[:, joint]], axis=-1)
+        in_parent = np.stack([own, start[:, joint]], axis=-1)
+        both = parent[..., :3, :3] @ in_parent
         pose.axis = both[..., 0].astype(dtype)
         pose.pivot = (parent[..., :3, 3] + both[..., 1]).astype(dtype)
         return pose
@@ -484,7 +475,8 @@ class FewPoses:
         world = np.zeros((N, K + 1, 4, 4))
         world[:, :-1, :3, :3] = turns[-1]
         offsets = self.bones if bones is None else self.bone_axes * bones[..., None, None]
-        world[:, :-1, :3, 3] = (turns[-1] @ offsets)[..., 0] + start
+        turned = turns[-1] @ offsets
+        world[:, :-1, :3, 3] = turned[..., 0] + start
         world[:, -1, [0, 1, 2], [0, 1, 2]] = 1
         world[..., 3, 3] = 1
         for before in self.before:
@@ -494,8 +486,7 @@ class FewPoses:
 
 def _rodrigues(step: Part) -> tuple[Array, Array, Array]:
     """P, C, S (3, 3) of a rotation R(t) = P + cos t C + sin t S."""
-    start, quarter, half = (
-        rotation(step.axis, step.sign * angle) for angle in (0.0, np.pi / 2, np.pi)
-    )
+    angles = 0.0, np.pi / 2, np.pi
+    start, quarter, half = (rotation(step.axis, step.sign * angle) for angle in angles)
     P = (start + half) / 2
     return P, start - P, quarter - P

@@ -11,13 +11,14 @@ adjacent values, for any stride.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import lru_cache
 
 import cv2
 import numpy as np
 
 from fast.geometry import Geometry
 from fast.parallel import scratch
-from netlib.blob import Array
+from netlib.blob import Array, divide_up
 
 Pair = tuple[int, ...]
 
@@ -37,10 +38,12 @@ class Maps:
     def _phases(self, by_place: Array) -> Iterator[tuple[Array, Array]]:
         """For each remainder of the columns, the values of (H, W, M), and their place."""
         step, (top, left) = self.g.stride[1], self.g.pad
+        bottom = top + len(by_place)
         for v in range(step):
             inside = by_place[:, (v - left) % step :: step]
             first = -(-(left - v) // step)
-            yield inside, self.values[v, top : top + len(by_place), first : first + inside.shape[1]]
+            end = first + inside.shape[1]
+            yield inside, self.values[v, top:bottom, first:end]
 
     def read(self, x: Array) -> None:
         """Copy x (M, H, W) to the maps."""
@@ -62,16 +65,15 @@ class Maps:
         """
         start, stop = (rows.start, rows.stop) if rows else (0, self.outputs[0])
         (step, H, _, M), down = self.values.shape, self.g.stride[0]
-        length, last = self.outputs[1] * M, (stop - start - 1) * down + 1
+        length, height = self.outputs[1] * M, (stop - start) * down
         phases = list(self.values.reshape(step, H, -1))
         for i in range(self.g.kernel[0]):
             first = start * down + i * self.g.dilation[0]
+            end = first + height
             for j in range(self.g.kernel[1]):
                 column, phase = divmod(j * self.g.dilation[1], step)
-                yield (
-                    (i, j),
-                    phases[phase][first : first + last : down, column * M : column * M + length],
-                )
+                left = column * M
+                yield (i, j), phases[phase][first:end:down, left : left + length]
 
 
 def map_last(x: Array, out: Array) -> None:
@@ -89,13 +91,12 @@ def map_first(x: Array, out: Array) -> None:
     cv2.transpose(x.reshape(-1, len(out)), rows)
 
 
+@lru_cache(maxsize=256)
 def shape_of(g: Geometry, sizes: Pair, outputs: Pair) -> tuple[int, int, int]:
     """The shape (sw, H, W) of a map with its padding, and all of the windows that
     extend beyond it.
     """
-    high, wide = (
-        max(n + 2 * p, (o - 1) * s + d * (k - 1) + 1)
-        for n, o, k, s, p, d in zip(sizes, outputs, g.kernel, g.stride, g.pad, g.dilation)
-    )
+    high, wide = map(max, g.padded(sizes), g.extent(outputs))
     step = g.stride[1]
-    return step, high, max(-(-wide // step), outputs[1] + g.dilation[1] * (g.kernel[1] - 1) // step)
+    columns = max(divide_up(wide, step), outputs[1] + g.reach[1] // step)
+    return step, high, columns

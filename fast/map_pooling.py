@@ -47,25 +47,19 @@ class Windows:
     """
 
     def __init__(self, g: Geometry, sizes: tuple[int, int], outputs: tuple[int, int]) -> None:
-        self.g, self.sizes, self.outputs, self.kernel, self.stride = (
-            g,
-            sizes,
-            outputs,
-            g.kernel,
-            g.stride,
-        )
-        axes = zip(sizes, outputs, g.kernel, g.stride, g.pad)
-        self.padded = tuple(max((o - 1) * s + k, p + n) for n, o, k, s, p in axes)
+        self.g, self.sizes, self.outputs = g, sizes, outputs
+        self.kernel, self.stride = g.kernel, g.stride
         self.inside = g.inside(sizes)
-        starts = [
-            (inside(i - g.pad[0], g.stride[0], sizes[0], outputs[0])) for i in range(g.kernel[0])
-        ]
-        self.rows = [
-            (own, slice(first, first + (own.stop - own.start - 1) * g.stride[0] + 1, g.stride[0]))
-            for first, own in starts
-            if own.stop > own.start
-        ]
-        self.columns = slice(0, (outputs[1] - 1) * g.stride[1] + 1, g.stride[1])
+        ends = [part.stop for part in self.inside]
+        self.padded = tuple(map(max, g.extent(outputs), ends))
+        down, right = g.stride
+        self.rows: list[tuple[slice, slice]] = []
+        for i in range(g.kernel[0]):
+            first, own = inside(i - g.pad[0], down, sizes[0], outputs[0])
+            count = own.stop - own.start
+            if count:
+                self.rows.append((own, slice(first, first + count * down, down)))
+        self.columns = slice(0, outputs[1] * right, right)
         self.overlap = any(k > s for k, s in zip(g.kernel, g.stride))
         self.is_whole = g.kernel == sizes and outputs == (1, 1) and not any(g.pad)
         self.runs_everywhere = self.overlap and max(g.kernel) <= MAX_EVERYWHERE
@@ -78,9 +72,8 @@ class Windows:
         """Call ``job`` for all blocks of maps, on several threads if there are enough values."""
         values = max(self.padded[0] * self.padded[1], 1)
         size = max(1, BLOCK_BYTES // (4 * values))
-        parallel.run(
-            [partial(job, rows) for rows in blocks(maps, size)], here=maps * values < 2 * PART
-        )
+        jobs = [partial(job, rows) for rows in blocks(maps, size)]
+        parallel.run(jobs, here=maps * values < 2 * PART)
 
 
 def running(op: np.ufunc, values: Array, k: int, out: Array) -> None:
@@ -152,7 +145,7 @@ def _everywhere(w: Windows, x: Array) -> Array:
     out = scratch("pooled", padded.shape, x.dtype)
     running(np.maximum, source.reshape(-1), w.kernel[1], out.reshape(-1))
     running(np.maximum, out.reshape(-1, wide), w.kernel[0], padded.reshape(-1, wide))
-    return padded[:, : (Ho - 1) * down + 1 : down, : (Wo - 1) * right + 1 : right]
+    return padded[:, : Ho * down : down, : Wo * right : right]
 
 
 def maximum(w: Windows, x: Array, y: Array, winners: Array | None) -> None:
@@ -207,7 +200,8 @@ def maximum_backward(w: Windows, dy: Array, winners: Array, dx: Array) -> None:
     (high, wide), (Ho, Wo) = w.padded, w.outputs
     i, j = np.divmod(np.arange(w.kernel[0] * w.kernel[1]), w.kernel[1])
     in_window = i * wide + j
-    first = np.arange(Ho)[:, None] * (w.stride[0] * wide) + np.arange(Wo) * w.stride[1]
+    rows = np.arange(Ho) * (w.stride[0] * wide)
+    first = rows[:, None] + np.arange(Wo) * w.stride[1]
 
     def job(maps: slice) -> None:
         n = maps.stop - maps.start
@@ -215,12 +209,14 @@ def maximum_backward(w: Windows, dy: Array, winners: Array, dx: Array) -> None:
         np.take(in_window, winners[maps], out=index, mode="clip")
         index += first
         index += (np.arange(n) * (high * wide))[:, None, None]
+        places, gradient = index.reshape(-1), dy[maps].reshape(-1)
+        size = n * high * wide
         if w.overlap:
-            total = np.bincount(index.reshape(-1), dy[maps].reshape(-1), n * high * wide)
+            total = np.bincount(places, gradient, size)
         else:
-            total = scratch("pooled", (n * high * wide,), dx.dtype)
+            total = scratch("pooled", (size,), dx.dtype)
             total.fill(0)
-            total[index.reshape(-1)] = dy[maps].reshape(-1)
+            total[places] = gradient
         dx[maps] = total.reshape(n, high, wide)[:, w.inside[0], w.inside[1]]
 
     w.run(len(dx), job)

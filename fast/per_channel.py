@@ -213,9 +213,8 @@ class FastBatchNorm(FastLayer, BatchNorm):
             affine(dy, factor, None, dx)
             return
         y, scale = view(self.y, 1, C), self._scale()
-        mean, along = (
-            np.asarray(total) * (C / dy.size) for total in (scale.totals if scale else sums(dy, y))
-        )
+        totals = scale.totals if scale else sums(dy, y)
+        mean, along = (np.asarray(total) * (C / dy.size) for total in totals)
         gain = scale.gain.data.reshape(-1, 1) if scale else None
         if gain is not None:
             mean, along = mean * gain[:, 0], along * gain[:, 0]

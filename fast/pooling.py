@@ -25,7 +25,7 @@ from fast.tiles import (
     untile,
 )
 from layers.vision.pooling import NOTHING, Pooling
-from netlib.blob import Array, Blob, Blobs
+from netlib.blob import Array, Blob, Blobs, divide_up
 
 MAX_TILE = 15  # the index of a winner must fit in a byte
 
@@ -92,9 +92,8 @@ class FastPooling(FastLayer, Pooling):
         x, y = bottom[0].data, top[0].data
         if not self.is_max:
             if self.over.is_whole:
-                np.matmul(
-                    _flat(x), np.ones(self.kernel[0] * self.kernel[1], x.dtype), out=y.reshape(-1)
-                )
+                ones = np.ones(self.kernel[0] * self.kernel[1], x.dtype)
+                np.matmul(_flat(x), ones, out=y.reshape(-1))
                 y /= self.areas
             else:
                 map_pooling.mean(self.over, _maps(x), _maps(y), self.areas)
@@ -110,7 +109,8 @@ class FastPooling(FastLayer, Pooling):
                 self.over, _maps(x), _maps(y), _maps(self.winners) if wanted else None
             )
         for n in range(len(x) if masks else 0):
-            top[1].data[n] = np.where(y[n] == NOTHING, -1, self._index(n, x.shape[3]))
+            winners = self._index(n, x.shape[3])
+            top[1].data[n] = np.where(y[n] == NOTHING, -1, winners)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         """Write the gradient of each top value to its winner, or to all of its window."""
@@ -167,13 +167,8 @@ class MaxTiles:
         mask; else None.
         """
         T = layer.kernel[0]
-        if (
-            not layer.is_max
-            or tops > 1
-            or layer.kernel != (T, T)
-            or layer.stride != (T, T)
-            or any(layer.pad)
-        ):
+        are_adjacent = layer.kernel == layer.stride == (T, T) and not any(layer.pad)
+        if not layer.is_max or tops > 1 or not are_adjacent:
             return None
         return T if layer.param.round_mode == "CEIL" and 1 < T <= MAX_TILE else None
 
@@ -181,10 +176,10 @@ class MaxTiles:
         self.layer, self.T = layer, T
         N, C, H, W = bottom.shape
         # windows stored per row
-        self.columns = (pitch_of(bottom) if tile_of(bottom) == T else -(-W // T) * T) // T
+        self.columns = pitch_of(bottom) // T if tile_of(bottom) == T else divide_up(W, T)
         if isinstance(top, FastBlob) and top.tile is not None:
-            top.pitch = -(-self.columns // top.tile) * top.tile
-        self.R, self.L = -(-H // T), C * N * self.columns
+            top.pitch = divide_up(self.columns, top.tile) * top.tile
+        self.R, self.L = divide_up(H, T), C * N * self.columns
         # the first element has the highest rank
         self.rank = np.arange(T * T, 0, -1, dtype=np.uint8)[:, None]
         self.winners = np.empty((self.R, self.L), np.uint8)
@@ -227,7 +222,8 @@ class MaxTiles:
         dx.fill(0)
         index = self.winners.astype(np.intp)  # position of each winner in dx
         index *= self.L
-        index += (np.arange(self.R)[:, None] * (T * T * self.L)) + np.arange(self.L)
+        rows = np.arange(self.R) * (T * T * self.L)
+        index += rows[:, None] + np.arange(self.L)
         dx.reshape(-1)[index.reshape(-1)] = dy.reshape(-1)
         if not direct:
             bottom.diff[...] = untile(dx, H, W)
@@ -307,4 +303,5 @@ def _places(N: int, rows: int, columns: int, T: int, C: int, P: int) -> Array:
     """Flat index of the first channel of each window in tiles (rows, T, C, N, P)."""
     image, row, column = np.indices((N, rows, columns)).reshape(3, -1)
     t, phase = np.divmod(column, T)
-    return np.asarray(((row * T + phase) * (C * N) + image) * P + t)
+    slab = row * T + phase
+    return np.asarray((slab * (C * N) + image) * P + t)

@@ -27,9 +27,8 @@ class FastReLU(FastLayer, ReLU):
         x, y = bottom[0].data.reshape(-1), top[0].data.reshape(-1)
         for part in blocks(x.size, BLOCK):
             if self.slope:
-                (np.maximum if self.slope <= 1 else np.minimum)(
-                    x[part], self.slope * x[part], out=y[part]
-                )
+                choose = np.maximum if self.slope <= 1 else np.minimum
+                choose(x[part], self.slope * x[part], out=y[part])
             else:
                 x[part].clip(0, np.inf, out=y[part])
 
@@ -39,11 +38,8 @@ class FastReLU(FastLayer, ReLU):
         The sign of y is not used, because a layer in place may have overwritten y.
         """
         if propagate_down[0]:
-            x, dy, dx = (
-                bottom[0].data.reshape(-1),
-                top[0].diff.reshape(-1),
-                bottom[0].diff.reshape(-1),
-            )
+            x = bottom[0].data.reshape(-1)
+            dy, dx = top[0].diff.reshape(-1), bottom[0].diff.reshape(-1)
             for part in blocks(x.size, BLOCK):
                 above = x[part] > 0
                 np.multiply(

@@ -39,7 +39,7 @@ from fast.fusing import After
 from fast.geometry import Algorithm, Geometry, Sizes, Sum, check_finite, check_spread
 from fast.last_axis import map_first, map_last
 from fast.parallel import scratch
-from netlib.blob import Array, blocks
+from netlib.blob import Array, divide_up, equal_blocks
 
 TILE = 4  # outputs
 # with a small largest error, below 5e-6 of the largest output
@@ -68,11 +68,8 @@ class RowWinograd(Algorithm):
             return False
         if s.geometry.group > 1 or s.excess > MAX_ROW_EXCESS:
             return False
-        area, channels, total = (
-            s.inputs * math.prod(s.sizes),
-            s.inputs * s.outputs,
-            s.inputs + s.outputs,
-        )
+        area = s.inputs * math.prod(s.sizes)
+        channels, total = s.inputs * s.outputs, s.inputs + s.outputs
         if s.geometry.kernel == (5, 5):
             return channels >= (2 if sum_ == "gradient" else 6) * total and s.images * area >= 4096
         return channels >= 16 * total and total <= 192 and s.images >= 8 and area <= 1 << 16
@@ -116,8 +113,12 @@ def _points(k: int) -> list[float]:
 def kernel_matrix(k: int) -> Array:
     """The matrix G (k + 3, k)."""
     points = _points(k)
-    rows = [[p**j / math.prod(p - q for q in points if q != p) for j in range(k)] for p in points]
-    return np.array([*rows, [0.0] * (k - 1) + [1.0]])
+    matrix = np.zeros((k + 3, k))
+    for p, row in zip(points, matrix):
+        scale = math.prod(p - q for q in points if q != p)
+        row[:] = [p**j / scale for j in range(k)]
+    matrix[-1, -1] = 1
+    return matrix
 
 
 def _factors(k: int, without: float = 0.0) -> Array:
@@ -142,16 +143,19 @@ def input_matrix(k: int) -> Array:
 @lru_cache
 def output_matrix(k: int) -> Array:
     """The matrix Aᵀ (TILE, k + 3)."""
-    return np.array([[*(p**i for p in _points(k)), float(i == TILE - 1)] for i in range(TILE)])
+    matrix = np.zeros((TILE, k + 3))
+    for i, row in enumerate(matrix):
+        row[:-1] = [p**i for p in _points(k)]
+    matrix[-1, -1] = 1
+    return matrix
 
 
 def transform(matrix: Array, vectors: Array, out: Array) -> None:
     """Write matrix @ vectors, arrays (vectors, ...), in one call: threads wait for each other
     between calls.
     """
-    np.matmul(
-        matrix.astype(out.dtype), vectors.reshape(len(vectors), -1), out=out.reshape(len(out), -1)
-    )
+    right = vectors.reshape(len(vectors), -1)
+    np.matmul(matrix.astype(out.dtype), right, out=out.reshape(len(out), -1))
 
 
 def items(values: Array) -> Array:
@@ -177,12 +181,13 @@ def _by_column(columns: Array, left: int, out: Array) -> None:
 def _inputs(g: Geometry, x: Array, outputs: tuple[int, ...]) -> Array:
     """V (P, H, C, T, n) of x (n, C, H, W)."""
     (n, C, H, W), k, (top, left) = x.shape, g.kernel[0], g.pad
-    T = -(-outputs[1] // TILE)
+    T = divide_up(outputs[1], TILE)
     flat = scratch("by place", (C, H, W, n), x.dtype)
     map_last(x.reshape(n, C * H, W), flat.reshape(C * H, W, n))
     split = scratch("split", (k + 3, outputs[0] + k - 1, C, T, n), x.dtype)
     split[:, :top] = split[:, top + H :] = 0
-    _by_column(items(flat).transpose(1, 2, 0), left, items(split)[:, top : top + H].swapaxes(2, 3))
+    inside = items(split)[:, top : top + H]
+    _by_column(items(flat).transpose(1, 2, 0), left, inside.swapaxes(2, 3))
     V = scratch("inputs", split.shape, x.dtype)
     transform(input_matrix(k), split, V)
     return V
@@ -192,9 +197,8 @@ def _windows(k: int, V: Array) -> Array:
     """View V as the factors (P, Ho, k C, T n)."""
     P, H, C, T, n = V.shape
     point, row, channel, _, item = V.strides
-    return np.lib.stride_tricks.as_strided(
-        V, (P, H - k + 1, k * C, T * n), (point, row, channel, item)
-    )
+    shape = P, H - k + 1, k * C, T * n
+    return np.lib.stride_tricks.as_strided(V, shape, (point, row, channel, item))
 
 
 def _correlate(weights: Array, V: Array, x: Array, after: After, y: Array) -> None:
@@ -217,11 +221,11 @@ def _correlate(weights: Array, V: Array, x: Array, after: After, y: Array) -> No
 def _outputs(k: int, dy: Array) -> Array:
     """Z (P, Ho, T n, O) of dy (n, O, Ho, Wo)."""
     n, O, Ho, Wo = dy.shape
-    T = -(-Wo // TILE)
-    flat = scratch("by place", (Ho, Wo, n, O), dy.dtype)
-    map_last(dy.reshape(n * O, Ho, Wo), flat.reshape(Ho, Wo, n * O))
-    split = scratch("split", (TILE, Ho, T, n, O), dy.dtype)
-    _by_column(items(flat.reshape(Ho, Wo, n * O)), 0, items(split.reshape(TILE, Ho, T, n * O)))
+    T = divide_up(Wo, TILE)
+    flat = scratch("by place", (Ho, Wo, n * O), dy.dtype)
+    map_last(dy.reshape(n * O, Ho, Wo), flat)
+    split = scratch("split", (TILE, Ho, T, n * O), dy.dtype)
+    _by_column(items(flat), 0, items(split))
     Z = scratch("products", (k + 3, Ho, T * n, O), dy.dtype)
     transform(output_matrix(k).T, split, Z)
     return Z
@@ -230,9 +234,9 @@ def _outputs(k: int, dy: Array) -> Array:
 def _blocks(k: int, x: Array, y: Array) -> list[slice]:
     """The images of each block; at least one block for each thread outside of slices."""
     N, C, (O, Ho, Wo) = len(x), x.shape[1], y.shape[1:]
-    bytes_each = (k + 3) * -(-Wo // TILE) * max((Ho + k - 1) * C, Ho * O) * x.itemsize
+    T = divide_up(Wo, TILE)
+    bytes_each = (k + 3) * T * max((Ho + k - 1) * C, Ho * O) * x.itemsize
     each = max(BLOCK_BYTES // bytes_each, MIN_IMAGES)
     if not parallel.is_inside():
-        each = min(each, -(-N // parallel.threads()))
-    count = -(-N // max(each, 1))
-    return blocks(N, -(-N // max(count, 1)) or 1)
+        each = min(each, divide_up(N, parallel.threads()))
+    return equal_blocks(N, divide_up(N, max(each, 1)))

@@ -24,7 +24,7 @@ import numpy as np
 from fast.fusing import After
 from fast.geometry import MAX_EXCESS, Algorithm, Geometry, Sizes, Sum, inside, run_blocks, run_parts
 from fast.parallel import scratch
-from netlib.blob import Array, blocks
+from netlib.blob import Array, divide_up, equal_blocks
 
 LENGTH = 128  # columns of a product, of several images if their rows are shorter
 BLOCK_BYTES = 1 << 20  # of X
@@ -49,15 +49,12 @@ class Rows(Algorithm):
         times as fast.
         """
         g = s.geometry
-        if (
-            sum_ == "transpose"
-            or len(s.sizes) < 2
-            or g.dilation[0] > 1
-            or g.group > 1
-            or s.excess > MAX_EXCESS
-        ):
+        if sum_ == "transpose" or s.excess > MAX_EXCESS:
             return False
-        if not 8 <= s.outputs <= 96 or not all(k > step for k, step in zip(g.kernel, g.stride)):
+        if len(s.sizes) < 2 or g.dilation[0] > 1 or g.group > 1:
+            return False
+        overlap = all(k > step for k, step in zip(g.kernel, g.stride))
+        if not overlap or not 8 <= s.outputs <= 96:
             return False
         has_few_weights = s.inputs * math.prod(g.kernel) * s.outputs <= FEW_WEIGHTS
         is_long = s.images * math.prod(s.windows[1:]) >= (16 if has_few_weights else 64)
@@ -104,9 +101,10 @@ def _gradient(X: Array, dy: Array, total: Array) -> None:
     gradient = scratch("dy", (R, O, n, Wo), dy.dtype)
     gradient[...] = dy.transpose(2, 1, 0, 3)
     products = scratch("result", (R, *total.shape), dy.dtype)
+    right = gradient.reshape(R, O, -1).swapaxes(1, 2)
 
     def job(o: slice) -> None:
-        np.matmul(X, gradient.reshape(R, O, -1)[:, o].swapaxes(1, 2), out=products[:, :, o])
+        np.matmul(X, right[:, :, o], out=products[:, :, o])
         total[:, o] += products[:, :, o].sum(axis=0)
 
     run_parts(job, O, 1, total.size * n * R * Wo)
@@ -118,7 +116,8 @@ def stacked(g: Geometry, x: Array, rows: slice, outputs: tuple[int, ...]) -> Arr
     """
     (n, C, H), across, R = x.shape[:3], g.kernel[1:], rows.stop - rows.start
     down, elements = g.stride[0], math.prod(across)
-    X = scratch("columns", ((R - 1) * down + g.kernel[0], elements, C, n, *outputs), x.dtype)
+    height = (R - 1) * down + g.kernel[0]
+    X = scratch("columns", (height, elements, C, n, *outputs), x.dtype)
     start = rows.start * down - g.pad[0]
     low, high = max(start, 0), max(min(start + len(X), H), 0)
     above, below = min(low - start, len(X)), max(high - start, 0)
@@ -150,17 +149,14 @@ def _plan(
         own: Index = (slice(None), element, ...)
         taken: Index = (...,)
         edges: list[Index] = []
-        for i, d, p, step, size, count in zip(
-            place, g.dilation[1:], g.pad[1:], g.stride[1:], sizes, outputs
-        ):
+        axes = zip(place, g.dilation[1:], g.pad[1:], g.stride[1:], sizes, outputs)
+        for i, d, p, step, size, count in axes:
             first, within = inside(i * d - p, step, size, count)
             others = [slice(0, within.start), slice(within.stop, count)]
             rest = (slice(None),) * (len(outputs) - len(taken))
             edges += [(*own, edge, *rest) for edge in others if edge.stop > edge.start]
             own += (within,)
-            taken += (
-                slice(first, first + max((within.stop - within.start - 1) * step + 1, 0), step),
-            )
+            taken += (slice(first, first + (within.stop - within.start) * step, step),)
         plan.append((own, taken, edges))
     return plan
 
@@ -170,14 +166,10 @@ def _blocks(g: Geometry, x: Array, y_shape: tuple[int, ...]) -> Iterator[tuple[s
     fit in the cache.
     """
     (N, C), Ho, row = x.shape[:2], y_shape[2], math.prod(y_shape[3:])
-    count = -(-N // min(-(-LENGTH // row), N)) if N else 0
-    for images in blocks(N, -(-N // max(count, 1)) or 1):
-        values = math.prod(g.kernel[1:]) * C * (images.stop - images.start) * row
-        bands = -(
-            -Ho
-            // max(
-                (BLOCK_BYTES // (values * x.itemsize) - g.kernel[0]) // g.stride[0] + 1, MIN_ROWS
-            )
-        )
-        for rows in blocks(Ho, -(-Ho // bands)):
+    row_bytes = math.prod(g.kernel[1:]) * C * row * x.itemsize  # of X, for one image
+    each = divide_up(LENGTH, row)  # images
+    for images in equal_blocks(N, divide_up(N, each)):
+        height = BLOCK_BYTES // (row_bytes * (images.stop - images.start))  # of X
+        fitting = (height - g.kernel[0]) // g.stride[0] + 1
+        for rows in equal_blocks(Ho, divide_up(Ho, max(fitting, MIN_ROWS))):
             yield images, rows

@@ -40,7 +40,7 @@ from fast.parallel import buffer_of
 from fast.plan import Run, Use, uses_of
 from fast.tiles import FastBlob
 from fast.whole_steps import FastStep, whole_steps
-from netlib.blob import Array, Blob, Blobs
+from netlib.blob import Array, Blob, Blobs, divide_up
 from netlib.engine import Connection, Missing
 from netlib.errors import NetlibError
 
@@ -354,9 +354,8 @@ class SlicedStep(FastStep):
         for at in self.run.order:
             if at.layer.type == "Split" and self._users[at.bottom[0]][-1].at is at:
                 uses = [use for top in at.top for use in self._users[top]]
-                if all(top in self.unstored for top in at.top) and sum(
-                    use.writes for use in uses
-                ) == len(at.top):
+                writes = sum(use.writes for use in uses)
+                if all(top in self.unstored for top in at.top) and writes == len(at.top):
                     sources |= dict.fromkeys(at.top, at.bottom[0])
         return sources
 
@@ -390,17 +389,16 @@ def _can_be_sparse(use: Use) -> bool:
 
 def _slice_count(items: int, item_bytes: int, item_cost: int) -> int:
     """Number of slices, even if there are several. Those of the hand network have 32 images."""
-    count = -(-items // max(1, min(MAX_SLICE, SLICE_BYTES // max(item_bytes, 1))))
-    size = -(-items // _even(count))
+    fitting = SLICE_BYTES // max(item_bytes, 1)
+    count = divide_up(items, max(1, min(MAX_SLICE, fitting)))
+    size = divide_up(items, _even(count))
     for wanted, cost, images in SPLITS:
-        while (
-            size > 1
-            and size * wanted > items
-            and size // 2 >= images
-            and size // 2 * item_cost >= cost
-        ):
-            size //= 2
-    return _even(-(-items // size)) if size else 0
+        while size * wanted > items:
+            half = size // 2
+            if half < images or half * item_cost < cost:
+                break
+            size = half
+    return _even(divide_up(items, size)) if size else 0
 
 
 def _even(count: int) -> int:
@@ -411,13 +409,13 @@ def _nearly_equal(items: int, count: int) -> list[slice]:
     """Divide the items into slices, the larger ones first, so that two threads end at
     the same time.
     """
-    ends = np.cumsum(
-        [items // count + (i < items % count) for i in range(min(count, items))]
-    ).tolist()
+    sizes = [items // count + (i < items % count) for i in range(min(count, items))]
+    ends = np.cumsum(sizes).tolist()
     return [slice(start, end) for start, end in zip([0, *ends], ends)]
 
 
 def _cost(at: Connection) -> int:
     """Multiplications of a layer, approximately: one per value, or per weight of an output."""
     values = max(b.count for b in [*at.bottom, *at.top])
-    return values * max([1, *(p.count // max(p.shape[0], 1) for p in at.layer.blobs if p.shape)])
+    params = [p for p in at.layer.blobs if p.shape]
+    return values * max([1, *(p.count // max(p.shape[0], 1) for p in params)])

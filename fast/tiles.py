@@ -127,4 +127,5 @@ def tile_into(plain: Array, tile: int, out: Array) -> Array:
 def untile(array: Array, H: int, W: int) -> Array:
     """Convert tiles (R, T, C, N, P) to (N, C, H, W); a view if T is 1, else a copy."""
     _, T, C, N, P = array.shape
-    return array[:H].transpose(3, 2, 0, 4, 1).reshape(N, C, H, P * T)[..., :W]
+    plain = array[:H].transpose(3, 2, 0, 4, 1).reshape(N, C, H, P * T)
+    return plain[..., :W]

@@ -39,7 +39,7 @@ from fast.geometry import (
 )
 from fast.parallel import scratch
 from fast.row_winograd import TILE, input_matrix, items, kernel_matrix, output_matrix, transform
-from netlib.blob import Array, blocks
+from netlib.blob import Array, blocks, divide_up, equal_blocks
 
 BLOCK_BYTES = 4 << 20  # of both factors of the products of a block; smaller ones take more calls
 MIN_TILES = 192  # of a block, because BLAS copies the weights for every product
@@ -70,10 +70,8 @@ class Winograd(Algorithm):
             return False
         if s.geometry.group > 1 or s.excess > MAX_EXCESS:
             return False
-        tiles, channels = (
-            [-(-n // TILE) for n in s.windows],
-            s.inputs * s.outputs / (s.inputs + s.outputs),
-        )
+        tiles = [divide_up(n, TILE) for n in s.windows]
+        channels = s.inputs * s.outputs / (s.inputs + s.outputs)
         if sum_ == "gradient":
             return s.images * math.prod(tiles) >= 96 and channels >= 12
         waste = math.prod(count * TILE / n for count, n in zip(tiles, s.windows))
@@ -88,10 +86,10 @@ class Winograd(Algorithm):
 
         def job(part: Part) -> None:
             images, rows = part
-            V = _inputs(g, x[images], rows, y.shape[2:]).reshape(SIDE * SIDE, x.shape[1], -1)
-            _correlate(
-                weights, V, x[images], after, y[images, :, TILE * rows.start : TILE * rows.stop]
-            )
+            V = _inputs(g, x[images], rows, y.shape[2:])
+            V = V.reshape(SIDE * SIDE, x.shape[1], -1)
+            target = y[images, :, TILE * rows.start : TILE * rows.stop]
+            _correlate(weights, V, x[images], after, target)
 
         parallel.run([partial(job, part) for part in _blocks(x, y)])
 
@@ -100,7 +98,7 @@ class Winograd(Algorithm):
         O, C = dw.shape[:2]
         parts = list(_blocks(x, dy))
         count = 1 if parallel.is_inside() else parallel.threads()
-        lanes = list(blocks(len(parts), -(-len(parts) // count) or 1))
+        lanes = equal_blocks(len(parts), count)
         totals = scratch("totals", (len(lanes), SIDE * SIDE, O, C), dw.dtype)
 
         def job(number: int, lane: slice) -> None:
@@ -135,24 +133,24 @@ def _correlate_few(g: Geometry, x: Array, w: Array, after: After, y: Array) -> N
     V = scratch("shared", (SIDE, SIDE * C * N, R * T), x.dtype)
 
     def lower(rows: slice) -> None:
-        _inputs(g, x, rows, y.shape[2:], V[..., rows.start * T : rows.stop * T])
+        first, end = rows.start * T, rows.stop * T
+        _inputs(g, x, rows, y.shape[2:], V[..., first:end])
 
     def job(o: slice) -> None:
         weights = _weights(w[o], scratch("weights", (SIDE * SIDE, o.stop - o.start, C), w.dtype))
         _correlate(weights, V.reshape(SIDE * SIDE, C, -1), x, after.part(o), y[:, o])
 
-    threads = parallel.threads() if SIDE * SIDE * O * C * N * R * T >= MIN_COST else 1
-    bands = min(threads, R)
-    each = min(max(WEIGHT_BYTES // (SIDE * SIDE * C * w.itemsize), MIN_OUTPUTS), -(-O // threads))
-    parallel.run([partial(lower, rows) for rows in blocks(R, -(-R // bands))], here=threads == 1)
+    cost = SIDE * SIDE * O * C * N * R * T
+    threads = parallel.threads() if cost >= MIN_COST else 1
+    cached = WEIGHT_BYTES // (SIDE * SIDE * C * w.itemsize)
+    each = min(max(cached, MIN_OUTPUTS), divide_up(O, threads))
+    parallel.run([partial(lower, rows) for rows in equal_blocks(R, threads)], here=threads == 1)
     parallel.run([partial(job, o) for o in blocks(O, each)], here=threads == 1)
 
 
 def _weights(w: Array, out: Array) -> Array:
     """Write G w Gᵀ of w (O, C, 3, 3) to out (36, O, C)."""
-    np.matmul(
-        _gg().astype(w.dtype), w.reshape(-1, KERNEL * KERNEL).T, out=out.reshape(SIDE * SIDE, -1)
-    )
+    transform(_gg(), w.reshape(-1, KERNEL * KERNEL).T, out)
     return out
 
 
@@ -165,20 +163,24 @@ def _inputs(
     the one to the right of it.
     """
     n, C = x.shape[:2]
-    R, T, L = rows.stop - rows.start, -(-outputs[1] // TILE), C * n
+    R, T, L = rows.stop - rows.start, divide_up(outputs[1], TILE), C * n
     padded = scratch("padded", (TILE, C, n, R + 1, TILE * (T + 1)), x.dtype)
     _place(x.swapaxes(0, 1), g.pad[0] - TILE * rows.start, g.pad[1], padded)
     tiles = items(padded.reshape(TILE, L, R + 1, T + 1, TILE))
     pairs = scratch("split", (TILE, L, R + 1, T, 2 * TILE), x.dtype)
     halves = items(pairs.reshape(*pairs.shape[:-1], 2, TILE))
-    halves[..., 0], halves[..., 1] = tiles[..., :-1], tiles[..., 1:]
+    halves[..., 0] = tiles[..., :-1]
+    halves[..., 1] = tiles[..., 1:]
     mixed = scratch("mixed", (TILE, SIDE, L * (R + 1) * T), x.dtype)
     windows = pairs.reshape(TILE, -1, 2 * TILE)[..., :SIDE]
     np.matmul(input_matrix(KERNEL).astype(x.dtype), windows.swapaxes(1, 2), out=mixed)
     whole = mixed.reshape(TILE, SIDE * L, (R + 1) * T)
     if V is None:
         V = scratch("inputs", (SIDE, SIDE * L, R * T), x.dtype)
-    elements = [whole[i % TILE, :, i // TILE * T : (i // TILE + R) * T] for i in range(SIDE)]
+    elements = []
+    for i in range(SIDE):
+        row, phase = divmod(i, TILE)
+        elements.append(whole[phase, :, row * T : (row + R) * T])
     _combine(elements, V)
     return V
 
@@ -220,9 +222,8 @@ def _place(x: Array, top: int, left: int, out: Array) -> None:
         inner = target[:, :, first:end]
         inner[..., :start] = inner[..., stop:] = 0
         row = TILE * first + phase - top
-        inner[..., start:stop] = x[
-            :, :, row : row + TILE * (end - first) : TILE, start - left : stop - left
-        ]
+        last = row + TILE * (end - first)
+        inner[..., start:stop] = x[:, :, row:last:TILE, start - left : stop - left]
 
 
 def _correlate(weights: Array, V: Array, x: Array, after: After, y: Array) -> None:
@@ -256,7 +257,7 @@ def _outputs(dy: Array) -> Array:
 
 def _tiles(y: Array) -> tuple[int, int]:
     """The rows of tiles of an image, and the tiles of a row."""
-    return -(-y.shape[2] // TILE), -(-y.shape[3] // TILE)
+    return divide_up(y.shape[2], TILE), divide_up(y.shape[3], TILE)
 
 
 def _blocks(x: Array, y: Array) -> Iterator[Part]:
@@ -264,7 +265,9 @@ def _blocks(x: Array, y: Array) -> Iterator[Part]:
     outside of slices.
     """
     tiles = _tiles(y)
-    each = max(BLOCK_BYTES // (SIDE * SIDE * (x.shape[1] + y.shape[1]) * x.itemsize), MIN_TILES)
+    bytes_each = SIDE * SIDE * (x.shape[1] + y.shape[1]) * x.itemsize
+    each = max(BLOCK_BYTES // bytes_each, MIN_TILES)
     if not parallel.is_inside():
-        each = min(each, max(-(-len(x) * tiles[0] * tiles[1] // parallel.threads()), MIN_PART))
+        part = divide_up(len(x) * math.prod(tiles), parallel.threads())
+        each = min(each, max(part, MIN_PART))
     return image_blocks(len(x), tiles, each)

@@ -314,3 +314,13 @@ def blocks(count: int, size: int) -> list[slice]:
     in parts.
     """
     return [slice(start, min(start + size, count)) for start in range(0, count, size)]
+
+
+def equal_blocks(count: int, number: int) -> list[slice]:
+    """Split ``range(count)`` into at most ``number`` slices of equal size, the last one shorter."""
+    return blocks(count, -(-count // max(number, 1)) or 1)
+
+
+def divide_up(count: int, size: int) -> int:
+    """Divide and round up: the number of blocks of ``size`` in ``count``."""
+    return -(-count // size)

@@ -87,19 +87,19 @@ def targets_of(scenes: Scenes) -> tuple[Array, Array, Array, Array, Array]:
     heat = np.zeros(depth.shape)
     for k in range(2):
         u, v = (np.round(scenes.middle_px[:, k, axis, None, None] / 4) for axis in (0, 1))
-        wide = np.clip(
-            FOCAL_PX * HEAT_STD_MM / np.maximum(scenes.middle[:, k, 2], 100) / 4, 0.7, 4
-        )[:, None, None]
-        near = np.exp(-((column - u) ** 2 + (row - v) ** 2) / (2 * wide**2))
+        z = np.maximum(scenes.middle[:, k, 2], 100)
+        wide = np.clip(FOCAL_PX * HEAT_STD_MM / z / 4, 0.7, 4)[:, None, None]
+        squares = (column - u) ** 2 + (row - v) ** 2
+        near = np.exp(-squares / (2 * wide**2))
         heat = np.where(scenes.present[:, k, None, None], np.maximum(heat, near), heat)
         heat = np.where(scenes.doubtful[:, k, None, None] & (near > 0.05), IGNORE_LABEL, heat)
-    points = (
-        np.concatenate([scenes.slopes[:, ::4, ::4], np.ones((*depth.shape, 1))], axis=-1)
-        * depth[..., None]
-    )
+    forward = np.ones((*depth.shape, 1))
+    rays = np.concatenate([scenes.slopes[:, ::4, ::4], forward], axis=-1)
+    points = rays * depth[..., None]
     frame, hand = np.arange(len(depth))[:, None, None], np.maximum(which - 1, 0)
     vote = (scenes.middle[frame, hand] - points) / VOTE_MM
-    own = (which > 0) & (depth > 0) & (np.linalg.norm(vote, axis=-1) < LONGEST_VOTE)
+    is_close = np.linalg.norm(vote, axis=-1) < LONGEST_VOTE
+    own = (which > 0) & (depth > 0) & is_close
     right = np.where(own, scenes.side[frame, hand] > 0, IGNORE_LABEL)
     every = np.repeat(own[:, None], 3, axis=1)
     return classes, heat[:, None], np.moveaxis(vote, -1, 1) * every, every, right[:, None]

@@ -172,9 +172,8 @@ class Generator:
 
     def made_from(self, *rows: int) -> dict[str, object]:
         """Everything that the frames depend on, as JSON values; the same for all ``rows``."""
-        recipe = asdict(self.recipe) | {
-            "views": [[asdict(part) if part else None for part in v] for v in self.recipe.views]
-        }
+        views = [[asdict(part) if part else None for part in v] for v in self.recipe.views]
+        recipe = asdict(self.recipe) | {"views": views}
         skeleton = self.sampler.skeleton
         body = hashlib.sha256(text_of(skeleton.param, skeleton.name, "").encode()).hexdigest()[:16]
         return {"version": VERSION, "seed": self.seed, "split": self.split, "body": body, **recipe}

@@ -75,11 +75,8 @@ class BodySampler:
         )
         scale = p.scale_mean + p.scale_std * cut_normal(rng, (count,), p.scale_clip)
         own = surface.whole.bones
-        bones = (
-            own
-            * scale[:, None]
-            * (1 + p.bone_std * cut_normal(rng, (count, len(own)), p.scale_clip))
-        )
+        differ = 1 + p.bone_std * cut_normal(rng, (count, len(own)), p.scale_clip)
+        bones = own * scale[:, None] * differ
         for group, own_bones in zip(p.proportion, self._proportions):
             bones[:, own_bones] *= 1 + group.std * cut_normal(rng, (count, 1), p.scale_clip)
         inputs = np.zeros((count, len(surface.whole.initial)))
@@ -132,9 +129,8 @@ class BodySampler:
             values = spread.noise * rng.standard_normal((N, len(d))) * (upper - lower)[d]
             inputs[:, d] = np.clip(values, lower[d], upper[d])
         for between, d in zip(self.prior.between, self._between):
-            inputs[:, d] = (
-                lower[d] + rng.beta(between.a, between.b, (N, len(d))) * (upper - lower)[d]
-            )
+            part = rng.beta(between.a, between.b, (N, len(d)))
+            inputs[:, d] = lower[d] + part * (upper - lower)[d]
         if self.prior.blend:
             self._blend(rng, inputs)
 
@@ -151,9 +147,8 @@ class BodySampler:
         shared = rng.beta(bend.shared.a, bend.shared.b, (N, 1))
         part = np.where(rng.random((N, 1)) < bend.independent, own, shared)
         each = np.repeat(part, [len(d) for d in chains], axis=1)
-        inputs[:, dofs] = self._bent_by(
-            bend, dofs, np.clip(each + bend.noise * rng.standard_normal(each.shape), 0, 1)
-        )
+        noisy = each + bend.noise * rng.standard_normal(each.shape)
+        inputs[:, dofs] = self._bent_by(bend, dofs, np.clip(noisy, 0, 1))
 
     def _blend(self, rng: np.random.Generator, inputs: Array) -> None:
         """Set the limbs of some bodies between two named poses."""
@@ -181,10 +176,8 @@ class BodySampler:
             self.surface.kinematics.forward(inputs, bones), joint
         )
         own = (p.center.x, p.center.y, p.center.z)
-        center = (
-            np.einsum("nij,j->ni", frame, own) * (scale[:, None] * (self.cube_mm / p.cube_mm))
-            + jitter
-        )
+        size = scale[:, None] * (self.cube_mm / p.cube_mm)
+        center = np.einsum("nij,j->ni", frame, own) * size + jitter
         inputs[:, self.translation] = -center / half - self.skeleton.initial[self.translation]
 
     def _inputs_of(self, pose: PoseParameter) -> Array:

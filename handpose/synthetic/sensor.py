@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from handpose.frames.cameras import Camera, Floats
+from netlib.blob import divide_up
 
 _CHUNK = 4  # frames per batch, so that their arrays stay in the cache
 _BYTE_STD = 256 / 12**0.5  # deviation of a uniformly random byte
@@ -145,9 +146,8 @@ def _draw(rng: np.random.Generator, bounds: tuple[float, float], count: int) -> 
 def _noise(rng: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np.int8]:
     """Random bytes, the cheapest random numbers."""
     count = int(np.prod(shape))
-    return (
-        rng.integers(0, 2**64, -(-count // 8), dtype=np.uint64).view(np.int8)[:count].reshape(shape)
-    )
+    words = rng.integers(0, 2**64, divide_up(count, 8), dtype=np.uint64)
+    return words.view(np.int8)[:count].reshape(shape)
 
 
 def _spread(
@@ -158,8 +158,8 @@ def _spread(
     for n, radius in enumerate(rng.uniform(*sensor.spread, len(depth)) * pixel):
         if radius >= 1:  # otherwise no other pixel is close enough
             steps = np.arange(-int(radius), int(radius) + 1)
-            disc = (steps**2 + steps[:, None] ** 2 <= radius**2).astype(np.uint8)
-            nearest = cv2.erode(depth[n], disc)
+            disc = steps**2 + steps[:, None] ** 2 <= radius**2
+            nearest = cv2.erode(depth[n], disc.astype(np.uint8))
             covered = depth[n] - nearest > sensor.edge
             out[n][covered] = nearest[covered]
     return out
@@ -170,11 +170,13 @@ def _shift(rng: np.random.Generator, depth: Floats, sensor: Sensor) -> Floats:
     N, H, W = depth.shape
     by_pixel = _draw(rng, sensor.pixel_shift, N) / np.float32(_BYTE_STD)
     by_block = _draw(rng, sensor.block_shift, N)
+    coarse = N, divide_up(H, 4), divide_up(W, 4)
     position = []
     for axis, length in ((0, W), (1, H)):
-        blocks = rng.standard_normal((N, -(-H // 4), -(-W // 4)), dtype=np.float32) * by_block
+        blocks = rng.standard_normal(coarse, dtype=np.float32) * by_block
         x = _noise(rng, (N, H, W)) * by_pixel
-        x += np.repeat(np.repeat(blocks, 4, axis=2)[:, :, :W], 4, axis=1)[:, :H]
+        rows = np.repeat(blocks, 4, axis=2)[:, :, :W]
+        x += np.repeat(rows, 4, axis=1)[:, :H]
         x += np.arange(length, dtype=np.float32).reshape((-1, 1) if axis else (1, -1))
         np.rint(x, out=x)
         position.append(np.clip(x, 0, length - 1, out=x))
@@ -194,7 +196,8 @@ def _measure(
     noise = _noise(rng, (2, len(seen)))
     # the sum of two uniform numbers approximates a normal one
     both = np.add(noise[0], noise[1], dtype=np.int16)
-    disparity += both * (deviation.reshape(-1)[seen] * np.float32(1 / (_BYTE_STD * 2**0.5)))
+    unit = np.float32(1 / (_BYTE_STD * 2**0.5))
+    disparity += both * (deviation.reshape(-1)[seen] * unit)
     disparity *= np.float32(1 / sensor.disparity_step)
     np.rint(disparity, out=disparity)
     depth.reshape(-1)[seen] = np.float32(focal_baseline / sensor.disparity_step) / disparity
@@ -207,7 +210,8 @@ def _time(rng: np.random.Generator, depth: Floats, far: Floats, sensor: Sensor) 
     true = depth.reshape(-1)[seen]
     noise = rng.standard_normal(len(seen), dtype=np.float32) * deviation.reshape(-1)[seen]
     step = np.float32(sensor.depth_step)
-    depth.reshape(-1)[seen] = np.rint((true + noise * (true / 1000) ** 2) / step) * step
+    noisy = true + noise * (true / 1000) ** 2
+    depth.reshape(-1)[seen] = np.rint(noisy / step) * step
 
 
 def _fly(rng: np.random.Generator, depth: Floats, far: Floats, sensor: Sensor) -> None:
@@ -220,22 +224,24 @@ def _fly(rng: np.random.Generator, depth: Floats, far: Floats, sensor: Sensor) -
     flies = rng.random(len(where)) < _draw(rng, sensor.flying, len(depth))[frame, 0, 0]
     where, frame, pixel = where[flies], frame[flies], pixel[flies]
     step = rng.integers(0, 4, len(where))
-    row = np.clip(pixel // W + np.array([-1, 1, 0, 0])[step], 0, H - 1)
-    column = np.clip(pixel % W + np.array([0, 0, -1, 1])[step], 0, W - 1)
+    down = np.array([-1, 1, 0, 0])[step]
+    right = np.array([0, 0, -1, 1])[step]
+    row = np.clip(pixel // W + down, 0, H - 1)
+    column = np.clip(pixel % W + right, 0, W - 1)
     own, other = depth.reshape(-1)[where], depth[frame, row, column]
     # the rest of the mixture is the neighbour's
     part = rng.random(len(where), dtype=np.float32) / 2
     mixed = own + part * (other - own)
-    depth.reshape(-1)[where] = np.where(
-        (own < far[frame, 0, 0]) & (other < far[frame, 0, 0]), mixed, own
-    )
+    limit = far[frame, 0, 0]
+    are_surfaces = (own < limit) & (other < limit)
+    depth.reshape(-1)[where] = np.where(are_surfaces, mixed, own)
 
 
 def _at_edges(depth: Floats, sensor: Sensor) -> NDArray[np.int64]:
     """Flat indices of the pixels with a neighbour at another depth."""
     edge = np.zeros(depth.shape, dtype=bool)
-    across = np.abs(depth[:, :, 1:] - depth[:, :, :-1]) > sensor.edge
-    down = np.abs(depth[:, 1:] - depth[:, :-1]) > sensor.edge
+    across = np.abs(np.diff(depth, axis=2)) > sensor.edge
+    down = np.abs(np.diff(depth, axis=1)) > sensor.edge
     edge[:, :, 1:] |= across
     edge[:, :, :-1] |= across
     edge[:, 1:] |= down
@@ -251,10 +257,10 @@ def _drop(rng: np.random.Generator, depth: Floats, far: Floats, sensor: Sensor) 
     dropped = where[rng.random(len(where)) < _draw(rng, sensor.dropout, len(depth))[frame, 0, 0]]
     holes = where[rng.random(len(where)) < _draw(rng, sensor.holes, len(depth))[frame, 0, 0]]
     n, row, column = (index[:, None] for index in np.unravel_index(holes, depth.shape))
-    around = np.arange(9) // 3 - 1, np.arange(9) % 3 - 1
-    depth[n, np.clip(row + around[0], 0, H - 1), np.clip(column + around[1], 0, W - 1)] = far[
-        n, 0, 0
-    ]
+    down, right = np.arange(9) // 3 - 1, np.arange(9) % 3 - 1
+    rows = np.clip(row + down, 0, H - 1)
+    columns = np.clip(column + right, 0, W - 1)
+    depth[n, rows, columns] = far[n, 0, 0]
     depth.reshape(-1)[dropped] = far[dropped // (H * W), 0, 0]
 
 
@@ -323,10 +329,12 @@ def measure_frame(
         lost |= hole if rng.random() < 0.35 else hole & ~hand
     far = _behind(rng, clean, hand)
     if rng.random() < DIM:
-        lost |= ~hand & (clean > far * np.sqrt(reflects) * np.exp(UNEVEN * _patches(rng, clean)))
+        farthest = far * np.sqrt(reflects) * np.exp(UNEVEN * _patches(rng, clean))
+        lost |= ~hand & (clean > farthest)
     if rng.random() < ISLANDS:
         grain = int(rng.integers(*GRAINS))
-        lost |= ~hand & (clean > far) & (_patches(rng, clean, grain) < rng.uniform(*SEA))
+        sea = _patches(rng, clean, grain) < rng.uniform(*SEA)
+        lost |= ~hand & (clean > far) & sea
     if rng.random() < 0.3:
         lost[:, : int(rng.integers(25))] = True  # the strip that one of the cameras does not see
     out = np.where(lost, np.float32(0), np.round(out))
@@ -357,7 +365,8 @@ def _merged(depth: Floats, sigma: float) -> Floats:
         for j in range(2 * reach + 1):
             other = around[i : i + height, j : j + width]
             near = np.abs(other - filled) < CLOSE_MM
-            own = near * np.exp(-((i - reach) ** 2 + (j - reach) ** 2) / (2 * sigma * sigma))
+            squares = (i - reach) ** 2 + (j - reach) ** 2
+            own = near * np.exp(-squares / (2 * sigma * sigma))
             total += own * other
             weight += own
     return np.asarray(total / weight, np.float32)
@@ -372,7 +381,8 @@ def _shadow(rng: np.random.Generator, depth: Floats, baseline_px: float) -> NDAr
         disparity = disparity[:, ::-1]
     hidden = np.zeros(depth.shape, bool)
     for k in range(1, 20):
-        hidden[:, :-k] |= disparity[:, k:] - disparity[:, :-k] > k - 0.3
+        further = disparity[:, k:] - disparity[:, :-k]
+        hidden[:, :-k] |= further > k - 0.3
     return hidden[:, ::-1] if mirrored else hidden
 
 

@@ -79,7 +79,8 @@ def draw_capsules(
     if prior.radius_std:
         radii = radii * (1 + prior.radius_std * cut_normal(rng, (N, M, 2), prior.clip))
     radii[:, surface.limbs] *= rng.uniform(*prior.limb, (N, 1, 1))
-    a, b = (origin[:, None] + ends[:, joints] * unit_mm for joints in (surface.start, surface.end))
+    a = origin[:, None] + ends[:, surface.start] * unit_mm
+    b = origin[:, None] + ends[:, surface.end] * unit_mm
     radii *= unit_mm
     cut = np.where(rng.random(N) < prior.cut, rng.uniform(*prior.cut_at, N), 1.0)
     worn = rng.random(N) < prior.sleeve
@@ -87,18 +88,14 @@ def draw_capsules(
     thicker = np.where(worn, rng.uniform(*prior.sleeve_mm, N), 0.0)
     further = []
     for m in np.flatnonzero(surface.limbs):
-        a[:, m], b[:, m], radii[:, m] = _piece(a[:, m], b[:, m], radii[:, m], np.zeros(N), cut)
+        start, end, r = a[:, m], b[:, m], radii[:, m]  # views
+        start[:], end[:], r[:] = _piece(start, end, r, np.zeros(N), cut)
         if prior.sleeve:
-            further.append(
-                _piece(
-                    a[:, m], b[:, m], radii[:, m] + thicker[:, None], sleeve_from * worn, np.ones(N)
-                )
-            )
+            sleeve = r + thicker[:, None]
+            further.append(_piece(start, end, sleeve, sleeve_from * worn, np.ones(N)))
     for start, end, r in further:  # bodies without a sleeve have a second arm in the same place
-        a, b = (
-            np.concatenate([a, start[:, None]], axis=1),
-            np.concatenate([b, end[:, None]], axis=1),
-        )
+        a = np.concatenate([a, start[:, None]], axis=1)
+        b = np.concatenate([b, end[:, None]], axis=1)
         radii = np.concatenate([radii, r[:, None]], axis=1)
     return in_front(Capsules(a, b, radii[:, :, 0], radii[:, :, 1], surface.facets))
 
@@ -130,7 +127,8 @@ def _least_towards_camera(
             surface.kinematics.forward(trial, bones[todo]), scale[todo], offset[todo]
         )
         limb = ends[:, surface.end[surface.limbs]] - ends[:, surface.start[surface.limbs]]
-        towards = (-limb[..., 2] / np.linalg.norm(limb, axis=-1)).max(axis=1, initial=-1.0)
+        cosines = -limb[..., 2] / np.linalg.norm(limb, axis=-1)
+        towards = cosines.max(axis=1, initial=-1.0)
         better = towards < least[todo]
         best[todo[better]], least[todo[better]] = ends[better], towards[better]
         todo = np.flatnonzero(least > prior.towards_camera)
@@ -146,8 +144,8 @@ def _piece(
     part ``last``.
     """
     along, wider = b - a, radii[:, 1] - radii[:, 0]
-    return (
-        a + first[:, None] * along,
-        a + last[:, None] * along,
-        np.stack([radii[:, 0] + first * wider, radii[:, 0] + last * wider], axis=1),
-    )
+    start = a + first[:, None] * along
+    end = a + last[:, None] * along
+    at_start = radii[:, 0] + first * wider
+    at_end = radii[:, 0] + last * wider
+    return start, end, np.stack([at_start, at_end], axis=1)

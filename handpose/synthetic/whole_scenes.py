@@ -142,14 +142,17 @@ def draw_scenes(
     depth = np.where(depth < far, depth, NOTHING)
     number = np.where(is_hand, GROUPS.index("hand"), behind.number)
     number[np.isinf(depth)] = 0
-    what = np.array([*range(THINGS - 1), THINGS - 2, *(THINGS - 1 + of)])[number]
+    what_of_number = np.array([*range(THINGS - 1), THINGS - 2, *(THINGS - 1 + of)])
+    what = what_of_number[number]
     classes = np.select([is_hand, what == GROUPS.index("person")], [HAND, PERSON], OTHER)
     middles = np.stack([hand.middle for hand in people.hands], axis=1)
     seen = [_mostly_seen(own, is_hand & (own == hand)) for own in hands]
+    nearer = np.where(hands[1] < hands[0], 2, 1)
+    which = np.where(is_hand, nearer, 0)
     scenes = Scenes(
         depth=depth,
         classes=classes.astype(np.int8),
-        which=np.where(is_hand, np.where(hands[1] < hands[0], 2, 1), 0).astype(np.int8),
+        which=which.astype(np.int8),
         what=what.astype(np.int16),
         middle=middles,
         middle_px=cameras.pixels(middles),
@@ -181,7 +184,8 @@ def _surroundings(
     is given; and to which of the prior's things the solids of things belong.
     """
     person, palms, count = people.person, people.palms, len(people.palms)
-    near = np.where((rng.random(count) < NEARER)[:, None], palms[:, 0], palms[:, 1])
+    is_first = rng.random((count, 1)) < NEARER
+    near = np.where(is_first, palms[:, 0], palms[:, 1])
     body = capsule_depth(draw_body(rng, prior.body, person), rays)
     table = draw_table(rng, prior.table, people, near, prior.hands.rests_mm)
     things, of = draw_things(rng, prior.things, person, near, table)
@@ -230,6 +234,11 @@ def _mostly_seen(whole: Floats, seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return seen.sum((1, 2)) > SEEN * np.maximum(np.isfinite(whole).sum((1, 2)), 1)
 
 
+def _pixels_of_hands(which: Array) -> Array:
+    """The number of pixels (N, 2) of both hands, from which hand each pixel (N, H, W) is of."""
+    return np.stack([(which == hand).sum((1, 2)) for hand in (1, 2)], axis=1)
+
+
 def _judged(scenes: Scenes) -> Scenes:
     """The scenes with those hands present that are read well enough too, and the
     others doubtful.
@@ -237,9 +246,8 @@ def _judged(scenes: Scenes) -> Scenes:
     u, v = np.moveaxis(scenes.middle_px, -1, 0)
     z = scenes.middle[..., 2]
     inside = (u > 1) & (u < WIDTH - 2) & (v > 1) & (v < HEIGHT - 2)
-    seen, read = (
-        np.stack([(part == hand).sum((1, 2)) for hand in (1, 2)], axis=1)
-        for part in (scenes.which, np.where(scenes.depth > 0, scenes.which, 0))
-    )
-    present = scenes.present & inside & (z < FARTHEST_MM) & (read > SEEN_PX) & (read > READ * seen)
+    seen = _pixels_of_hands(scenes.which)
+    read = _pixels_of_hands(np.where(scenes.depth > 0, scenes.which, 0))
+    is_read = (read > SEEN_PX) & (read > READ * seen)
+    present = scenes.present & inside & (z < FARTHEST_MM) & is_read
     return scenes._replace(present=present, doubtful=scenes.doubtful & ~present & (seen > 0))

@@ -39,11 +39,14 @@ class Cameras(NamedTuple):
         z = np.maximum(xyz[..., 2], 50)
         each = (-1, *[1] * (xyz.ndim - 2))
         f, u0, v0 = (value.reshape(each) for value in (self.focal, self.u0, self.v0))
-        return np.stack([u0 + f * xyz[..., 0] / z, v0 - f * xyz[..., 1] / z], axis=-1)
+        u = u0 + f * xyz[..., 0] / z
+        v = v0 - f * xyz[..., 1] / z
+        return np.stack([u, v], axis=-1)
 
     def at(self, u: Array, v: Array, z: Array) -> Array:
         """The points (N, 3) at pixels and depths (N,)."""
-        x, y = (u - self.u0) / self.focal * z, (self.v0 - v) / self.focal * z
+        x = (u - self.u0) / self.focal * z
+        y = (self.v0 - v) / self.focal * z
         return np.stack([x, y, z], axis=-1)
 
     def anywhere(self, rng: np.random.Generator, margin: float, z: Array) -> Array:
@@ -65,7 +68,8 @@ def draw_cameras(rng: np.random.Generator, prior: ViewParameter, count: int) -> 
     roll = np.where(any_roll, rng.uniform(-180, 180, count), prior.roll * rng.normal(size=count))
     down, turned = np.deg2rad(pitch), np.deg2rad(roll)
     level = np.cos(down)
-    up = np.stack([level * np.sin(turned), level * np.cos(turned), -np.sin(down)], axis=1)
+    x, y = level * np.sin(turned), level * np.cos(turned)
+    up = np.stack([x, y, -np.sin(down)], axis=1)
     return Cameras(focal, u0, v0, on_head, facing, up)
 
 

@@ -76,16 +76,19 @@ def draw_hands(rng: np.random.Generator, sampler: BodySampler, side: Array) -> H
         joints[:, row[name]] for name in ("wrist_middle", "index_mcp", "little_mcp", "middle_mcp")
     )
     limb = int(np.flatnonzero(surface.limbs)[0])
+    normal = unit(np.cross(index - wrist, little - wrist))
+    tips = [row[f"{finger}_tip"] for finger in FINGERS]
+    without_wrist = [not name.startswith("wrist") for name in row]
     return Hands(
         own=whole.chosen(~surface.limbs),
         wrist=whole.a[:, limb],
         elbow=whole.b[:, limb],
         arm_radii=np.stack([whole.radius_a[:, limb], whole.radius_b[:, limb]], axis=1),
-        palmar=-side[:, None] * unit(np.cross(index - wrist, little - wrist)),
+        palmar=-side[:, None] * normal,
         across=unit(index - little),
         distal=unit(middle - wrist),
-        tips=joints[:, [row[f"{finger}_tip"] for finger in FINGERS]],
-        middle=joints[:, [not name.startswith("wrist") for name in row]].mean(1),
+        tips=joints[:, tips],
+        middle=joints[:, without_wrist].mean(1),
         scale=bodies.scale,
         side=side,
     )
@@ -106,7 +109,8 @@ def draw_held(
     count = len(palm)
     axis = unit(hand.across + 0.15 * rng.normal(size=(count, 3)))
     away = prior.away.draw(rng, count)
-    center = palm + hand.distal * prior.along.draw(rng, count, 1) + hand.palmar * away[:, None]
+    along = hand.distal * prior.along.draw(rng, count, 1)
+    center = palm + along + hand.palmar * away[:, None]
     beside = across(hand.tips - center[:, None], axis[:, None])
     up_to_tips = np.linalg.norm(beside, axis=-1).min(1) - FINGER_MM
     up_to_palm = away - SKIN_MM
@@ -123,10 +127,12 @@ def draw_held(
     wider = radius * prior.top_width.draw(rng, count)
     top = np.stack([wider, prior.top_length.draw(rng, count), wider], axis=-1)
     with_top = is_held & (kind == CYLINDER) & (rng.random(count) < prior.top)
+    half = np.stack([radius, length, deep], axis=-1)
+    at_top = center + axis * length[:, None]
     return Solids(
         np.stack([kind, np.full(count, CYLINDER)], axis=1),
-        np.stack([center, center + axis * length[:, None]], axis=1),
+        np.stack([center, at_top], axis=1),
         np.stack([axes, axes], axis=1),
-        np.stack([np.stack([radius, length, deep], axis=-1), top], axis=1),
+        np.stack([half, top], axis=1),
         np.stack([is_held, with_top], axis=1),
     )

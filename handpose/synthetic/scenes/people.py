@@ -82,10 +82,12 @@ def draw_people(
 def _wearer(rng: np.random.Generator, cameras: Cameras, size: Array) -> Torsos:
     """The people on whose heads the cameras would be."""
     count, up = len(size), cameras.up
-    face = unit(across(AHEAD + 0.25 * rng.normal(size=(count, 3)) - 0.3 * up, up))
+    ahead = AHEAD + 0.25 * rng.normal(size=(count, 3))
+    face = unit(across(ahead - 0.3 * up, up))
     right = np.cross(up, face)
     below, behind = rng.uniform(60, 320, (count, 1)), rng.uniform(-60, 150, (count, 1))
-    middle = -up * below - face * behind + right * rng.uniform(-100, 100, (count, 1))
+    aside = right * rng.uniform(-100, 100, (count, 1))
+    middle = -up * below - face * behind + aside
     return Torsos(up, face, right, middle, size)
 
 
@@ -126,12 +128,11 @@ def _owner(rng: np.random.Generator, cameras: Cameras, wearer: Torsos, hand: Han
     on_head = cameras.on_head[:, None]
     face = np.where(on_head, wearer.face, unit(across(forward, up)))
     right = np.cross(up, face)
-    upper = unit(
-        -face * rng.uniform(-0.2, 1, (count, 1))
-        + up * rng.uniform(-0.3, 1.1, (count, 1))
-        - outwards * right * rng.uniform(-0.3, 0.6, (count, 1))
-        + 0.3 * rng.normal(size=(count, 3))
-    )
+    backwards = -face * rng.uniform(-0.2, 1, (count, 1))
+    upwards = up * rng.uniform(-0.3, 1.1, (count, 1))
+    aside = outwards * right * rng.uniform(-0.3, 0.6, (count, 1))
+    anyhow = 0.3 * rng.normal(size=(count, 3))
+    upper = unit(backwards + upwards - aside + anyhow)
     size = wearer.size
     shoulder = np.where(on_head, wearer.shoulder(hand.side), hand.elbow + ARM_MM * size * upper)
     return Torsos(up, face, right, shoulder - outwards * right * SHOULDER_MM * size, size)
@@ -175,13 +176,13 @@ def _other_elbows(rng: np.random.Generator, person: Torsos, side: Array) -> Arra
     count = len(side)
     many = (count, TRIALS, 1)
     outwards = side[:, None] * person.right
-    upper = unit(
-        person.face[:, None] * rng.uniform(0, 1.2, many)
-        - person.up[:, None] * rng.uniform(-0.3, 1, many)
-        + outwards[:, None] * rng.uniform(-0.4, 0.6, many)
-        + 0.3 * rng.normal(size=(count, TRIALS, 3))
-    )
-    return np.asarray(person.shoulder(side)[:, None] + ARM_MM * person.size[:, None] * upper)
+    ahead = person.face[:, None] * rng.uniform(0, 1.2, many)
+    upwards = person.up[:, None] * rng.uniform(-0.3, 1, many)
+    aside = outwards[:, None] * rng.uniform(-0.4, 0.6, many)
+    anyhow = 0.3 * rng.normal(size=(count, TRIALS, 3))
+    upper = unit(ahead - upwards + aside + anyhow)
+    arm = ARM_MM * person.size[:, None] * upper
+    return np.asarray(person.shoulder(side)[:, None] + arm)
 
 
 def draw_arm(
@@ -203,8 +204,10 @@ def draw_arm(
     size = person.size[:, 0]
     upper = prior.upper.draw(rng, count) * size + thicker
     longest = 420 * size  # of upper arms; a shoulder farther away belongs to another person
-    joined = (ends[:, 0] == 1) & (np.linalg.norm(hand.elbow - shoulder, axis=1) < longest)
-    begin = radii[:, 0] + sleeve * (radii[:, 1] - radii[:, 0]) + thicker
+    is_own = np.linalg.norm(hand.elbow - shoulder, axis=1) < longest
+    joined = (ends[:, 0] == 1) & is_own
+    wider = radii[:, 1] - radii[:, 0]
+    begin = radii[:, 0] + sleeve * wider + thicker
     end = radii[:, 1] + thicker
     at_elbow = np.minimum(upper, end)
     middle = hand.wrist + sleeve[:, None] * (elbow - hand.wrist)
@@ -221,13 +224,15 @@ def draw_body(rng: np.random.Generator, prior: BodyParameter, person: Torsos) ->
     axes = np.stack([person.right, person.up, person.face], axis=1)
     hip = np.array(HIP)
     apart, lower = rng.uniform(-60, 120, (count, 1)), rng.uniform(-120, 60, (count, 2))
-    across_, down = hip[:, 0] + np.array([-1, 1]) * apart, hip[:, 1] + lower
+    across_ = hip[:, 0] + np.array([-1, 1]) * apart
+    down = hip[:, 1] + lower
     knee = np.stack([across_, down, np.full((count, 2), 440.0)], axis=-1)
     points = np.array([ends[:2] for ends in BODY], dtype=np.float64)
     begin, end = (np.broadcast_to(points[:, n], (count, len(BODY), 3)) for n in (0, 1))
     a = np.concatenate([begin, np.broadcast_to(hip, (count, 2, 3))], axis=1)
     b = np.concatenate([end, knee], axis=1)
-    a, b = (person.middle[:, None] + person.size[:, None] * (part @ axes) for part in (a, b))
+    middle, size = person.middle[:, None], person.size[:, None]
+    a, b = (middle + size * (part @ axes) for part in (a, b))
     wide = person.size * prior.width.draw(rng, count, 1)
     ra = np.array([*(ra for _, _, ra, _ in BODY), THIGH[0], THIGH[0]]) * wide
     rb = np.array([*(rb for _, _, _, rb in BODY), THIGH[1], THIGH[1]]) * wide

@@ -112,9 +112,9 @@ def solid_layer(solids: Solids, first: int, rays: Rays) -> Layer:
         if corners[:, 2].min() < NEAR_MM:
             continue
         slopes = corners[:, :2] / corners[:, 2:] * (1, -1)
-        columns, rows = (
-            slice(*np.searchsorted(line[n], (s.min(), s.max()))) for line, s in zip(rays, slopes.T)
-        )
+        (left, top), (right, bottom) = slopes.min(axis=0), slopes.max(axis=0)
+        columns = slice(*np.searchsorted(x[n], (left, right)))
+        rows = slice(*np.searchsorted(y[n], (top, bottom)))
         part = depth[n, rows, columns]
         if part.size:
             entry = _entry(int(solids.kind[n, m]), center, axes, half, x[n, columns], y[n, rows])
@@ -135,7 +135,8 @@ def _entry(kind: int, center: Array, axes: Array, half: Array, x: Floats, y: Flo
     enter, leave = np.full(d[0].shape, -NOTHING), np.full(d[0].shape, NOTHING)
     with np.errstate(divide="ignore", invalid="ignore"):
         for k in flat:
-            one, two = (-1 - o[k]) / d[k], (1 - o[k]) / d[k]
+            one = (-1 - o[k]) / d[k]
+            two = (1 - o[k]) / d[k]
             enter, leave = np.fmax(enter, np.fmin(one, two)), np.fmin(leave, np.fmax(one, two))
         if round_:
             dd = sum(d[k] * d[k] for k in round_)

@@ -67,14 +67,11 @@ def draw_table(
     center = top - prior.thickness * normal
     ahead, aside = prior.ahead.draw(rng, count, 1), prior.aside.draw(rng, count, 1)
     center = center + across(person.face * ahead + person.right * aside, normal)
-    half = np.stack(
-        [prior.half.draw(rng, count), np.full(count, prior.thickness), prior.half.draw(rng, count)],
-        axis=-1,
-    )
+    half_x, half_z = prior.half.draw(rng, count), prior.half.draw(rng, count)
+    half = np.stack([half_x, np.full(count, prior.thickness), half_z], axis=-1)
     there = (rng.random(count) < prior.share) | rests
-    board = Solids(
-        np.full((count, 1), BOX), center[:, None], axes[:, None], half[:, None], there[:, None]
-    )
+    kind = np.full((count, 1), BOX)
+    board = Solids(kind, center[:, None], axes[:, None], half[:, None], there[:, None])
     return Table(board, top, axes, there)
 
 
@@ -165,7 +162,8 @@ def _placed(
     front = np.cos(turn) * x + np.sin(turn) * z
     upright = np.stack([front, normal, np.cross(front, normal)], axis=-1)
     lies = rng.random(count) < thing.lies
-    upright = np.where(lies[:, None, None], upright[..., [1, 0, 2]] * (1, 1, -1), upright)
+    lying = upright[..., [1, 0, 2]] * (1, 1, -1)
+    upright = np.where(lies[:, None, None], lying, upright)
     return np.where(on, on_table, origin), np.where(on[..., None], upright, axes)
 
 
@@ -189,8 +187,10 @@ def _tilted(tilt: Array, lean: Array) -> Array:
     """Rotations (K, 3, 3) about x by ``tilt`` after those about z by ``lean``, degrees (K,)."""
     a, b = np.deg2rad(tilt), np.deg2rad(lean)
     zero, one = np.zeros_like(a), np.ones_like(a)
-    about_x = [[one, zero, zero], [zero, np.cos(a), -np.sin(a)], [zero, np.sin(a), np.cos(a)]]
-    about_z = [[np.cos(b), -np.sin(b), zero], [np.sin(b), np.cos(b), zero], [zero, zero, one]]
+    cos, sin = np.cos(a), np.sin(a)
+    about_x = [[one, zero, zero], [zero, cos, -sin], [zero, sin, cos]]
+    cos, sin = np.cos(b), np.sin(b)
+    about_z = [[cos, -sin, zero], [sin, cos, zero], [zero, zero, one]]
     return np.einsum("ijn,jkn->nik", about_x, about_z)
 
 
