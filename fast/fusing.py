@@ -24,7 +24,7 @@ from layers.activation.relu6 import ReLU6
 from layers.activation.scale import Scale
 from layers.normalization.batch_norm import BatchNorm
 from netlib.blob import Array, Blob, blocks
-from netlib.engine import Connection
+from netlib.engine import Connection, writes_only_tops
 from netlib.layer import Layer
 
 BLOCK = 1 << 17  # values
@@ -134,7 +134,8 @@ def fuse(connections: Sequence[Connection], stored: Set[Blob]) -> None:
     """Let layers compute those behind them, where they can; blobs of ``stored`` stay stored."""
     release(connections)
     users = Counter(blob for at in connections for blob in set(at.blobs))
-    last_writer = {blob: i for i, at in enumerate(connections) for blob in at.top}
+    last_writer = {blob.root: i for i, at in enumerate(connections) for blob in at.top}
+    can_move = all(writes_only_tops(at.layer) for at in connections)
     for i, at in enumerate(connections):
         layer = at.layer
         if (
@@ -144,9 +145,10 @@ def fuse(connections: Sequence[Connection], stored: Set[Blob]) -> None:
             and len(at.top) == 1
         ):
             # an unstored blob is computed later from what the first layer has read
-            may_move = not at.needs_backward and all(
-                last_writer.get(blob, -1) < i for blob in at.bottom
-            )
+            may_move = can_move and not at.needs_backward
+            may_move &= all(last_writer.get(blob.root, -1) < i for blob in at.bottom)
+            # other nets write what they share, at any time
+            may_move &= all(param.owns_memory for param in layer.blobs)
             chain: list[FastLayer] = []
             blob, own = at.top[0], 1  # the blob to be written, and its users among these layers
             for follower in connections[i + 1 :]:

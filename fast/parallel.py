@@ -13,7 +13,7 @@ import math
 import os
 import threading
 from collections.abc import Callable, Sequence
-from contextlib import suppress
+from functools import partial
 from queue import SimpleQueue
 from typing import Any
 
@@ -28,13 +28,13 @@ class Workers:
     """Threads that wait for jobs. They are started at the first job, in a forked process anew."""
 
     def __init__(self) -> None:
-        self._process, self._started = -1, 0
+        self._process, self._started = os.getpid(), 0
+        self._jobs: SimpleQueue[Callable[[], None]] = SimpleQueue()
 
     def submit(self, job: Callable[[], None], count: int) -> None:
         """Call ``job`` on one of at least ``count`` threads."""
         if self._process != os.getpid():
-            self._process, self._started = os.getpid(), 0
-            self._jobs: SimpleQueue[Callable[[], None]] = SimpleQueue()
+            Workers.__init__(self)
         while self._started < count:
             self._started += 1
             # a daemon, because an idle thread must not keep the process running
@@ -118,31 +118,24 @@ def _work_together(helpers: int, work: Callable[[], None], failed: list[BaseExce
 
     A thread that has not begun when ``work`` has returned here is not needed any more.
     """
-    offered = [None] * helpers  # pop() is atomic: each is taken by one thread, or back
-    finished: list[None] = []
-    done: SimpleQueue[None] = SimpleQueue()
+    places = [threading.RLock() for _ in range(helpers)]
 
-    def help_() -> None:
-        try:
-            offered.pop()
-        except IndexError:
-            return
+    def help_(place: threading.RLock) -> None:
+        if place.acquire(blocking=False):
+            work()
+            place.release()
+
+    try:
+        for place in places:
+            _workers.submit(partial(help_, place), helpers)
         work()
-        finished.append(None)
-        done.put(None)
-
-    for _ in range(helpers):
-        _workers.submit(help_, helpers)
-    work()
-    running = helpers
-    while offered:
-        with suppress(IndexError):
-            offered.pop()
-            running -= 1
-    while len(finished) < running:
+    except BaseException as error:  # an interrupt: what jobs write must not change any more
+        failed.insert(0, error)
+    while places:  # who has begun ends, and nobody else can begin
         try:
-            done.get()
-        except BaseException as error:  # an interrupt: what jobs write must not change any more
+            places[-1].acquire()
+            places.pop()
+        except BaseException as error:
             failed.insert(0, error)
 
 

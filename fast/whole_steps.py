@@ -91,6 +91,12 @@ class FusedStep(FastStep):
         """The layers, and the memory of what they read."""
         return FusedStep, *self.connections, *self.unstored, *self.sources
 
+    def begin(self) -> None:
+        """Forget the last pass, because other steps write what it has read."""
+        self._copies = None
+        if self._is_done is not None:
+            self._is_done = False
+
     def forward(self) -> None:
         """Reshape the tops of all layers if necessary, and compute those of the last."""
         self._is_done, self._copies = False, None

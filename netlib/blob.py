@@ -45,8 +45,8 @@ class Blob:
     version        another number after each change of the shape, and after ``data`` became those of
                    another blob
     on_access      while a net does not store the blob, or computes such a blob from it: called with
-                   the blob and "data" or "diff" before each access, and "memory" before a reshape
-                   or sharing replaces the memory of the data
+                   the blob and "data" or "diff" before each access, and "memory" before the memory
+                   of the data is replaced, or shared
     is_held        whether a caller may have an array of the data, by which it can be written
 
     Engines have no subclass for the blobs of a net: scripts of pycaffe compare ``type(blob)`` with
@@ -103,7 +103,10 @@ class Blob:
         """
         if not self.owns_memory or not COUNTS_REFERENCES:
             return True
-        return "data" in self._memory.arrays and self._references() not in UNHELD
+        if "data" not in self._memory.arrays:
+            return False
+        # counted at the same moment, because a debugger adds references
+        return self._references() not in [blob._references() for blob in UNHELD]
 
     def _references(self) -> tuple[int, int]:
         """The number of references to the array of the data, and to the one that it views."""
@@ -206,8 +209,9 @@ class Blob:
             owner = owner._owners[half]
         if owner is not self and owner is not self._owners.get(half):
             if half == "data":
-                if self.on_access is not None:
-                    self.on_access(self, "memory")
+                for blob in (self, owner):
+                    if blob.on_access is not None:
+                        blob.on_access(blob, "memory")
                 self.version += 1
             self._owners[half] = owner
             self._memory.arrays.pop(half, None)
@@ -258,15 +262,10 @@ class Blob:
         return f"<Blob {'x'.join(map(str, self.shape)) or 'scalar'} {self.dtype}>"
 
 
-def _unheld(zeros: Zeros) -> tuple[int, int]:
-    """The references to the array of a blob that nothing else uses."""
-    blob = Blob((1,), zeros=zeros)
-    blob._array("data")
-    return blob._references()
-
-
-# for memory that the array owns, and for an array within other memory
-UNHELD = _unheld(np.zeros), _unheld(lambda _, dtype: np.zeros(2, dtype)[1:])
+# blobs whose arrays nothing uses: one that owns its memory, and one within other memory
+UNHELD = Blob((1,), zeros=np.zeros), Blob((1,), zeros=lambda _, dtype: np.zeros(2, dtype)[1:])
+for _blob in UNHELD:
+    _blob.data  # noqa: B018 - allocates
 # not without the interpreter lock, where counts may be late
 COUNTS_REFERENCES = hasattr(sys, "getrefcount") and getattr(sys, "_is_gil_enabled", lambda: True)()
 

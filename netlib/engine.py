@@ -69,6 +69,15 @@ def versions_of(blobs: Iterable[Blob]) -> tuple[int, ...]:
     return tuple(map(VERSION, blobs))
 
 
+def writes_only_tops(layer: Layer) -> bool:
+    """Whether forward writes nothing that other layers read, except its tops.
+
+    A layer of the user can write anything, and moving averages may be shared by their names.
+    """
+    shares = any(param.name for param in layer.spec.param)
+    return layer.type != "Python" and not (layer.moving and shares)
+
+
 class Missing(NamedTuple):
     """What a step could not store of its last pass.
 
@@ -131,6 +140,9 @@ class Step:
     def has_state(self) -> bool:
         """Whether what runs backwards has what forward keeps for it, if its layers have run."""
         return True
+
+    def begin(self) -> None:
+        """Prepare, at the begin of a forward pass, for one that does not come to this step."""
 
     def finish(self) -> None:
         """Prepare, at the end of a pass, for callers that write sources without an access to the

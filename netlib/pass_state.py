@@ -16,10 +16,9 @@ from functools import partial
 import numpy as np
 
 from netlib.blob import Array, Blob
-from netlib.engine import Connection, Missing, Step, check_memory, versions_of
+from netlib.engine import Connection, Missing, Step, check_memory, versions_of, writes_only_tops
 from netlib.errors import NetlibError
 from netlib.graph import Graph
-from netlib.layer import Layer
 from netlib.snapshots import snapshot
 
 WHY_UNKNOWN = {
@@ -54,7 +53,7 @@ class PassState:
         # "data", "diff" or both of blobs of which neither memory nor a step has the values
         self._unknown: dict[Blob, set[str]] = {}
         self._writing: list[tuple[Blob, str]] = []  # what the running step makes known
-        self._writes_only_tops = all(_writes_only_tops(at.layer) for at in graph.connections)
+        self._writes_only_tops = all(writes_only_tops(at.layer) for at in graph.connections)
         self._follows = False  # whether the next backward runs directly after forward
         self._is_at_once = False  # whether the running one does
         self._is_running = False  # whether a pass has begun and not ended
@@ -109,6 +108,8 @@ class PassState:
         if not self._fits:
             check_memory(self.steps)
             self._fits = True
+        for step in self.steps:
+            step.begin()
 
     def forward(self, step: Step) -> None:
         """Run a step forwards, and note what has run."""
@@ -241,7 +242,7 @@ class PassState:
 
         At any time the blobs that the old or the new ones do not store are watched.
         """
-        access = partial(_look, weakref.ref(self))
+        state = weakref.ref(self)
         unstored = {blob for step in steps for blob in step.unstored}
         sources: dict[Blob, list[Step]] = {}
         for step in steps:
@@ -249,7 +250,8 @@ class PassState:
                 sources.setdefault(blob, []).append(step)
         before, self._watched = self._watched, unstored | sources.keys() | self._unknown.keys()
         for blob in self._watched:
-            blob.on_access = access
+            is_source = blob not in unstored and blob not in self._unknown
+            blob.on_access = partial(_look, state, is_source)
         self.steps, self._unstored, self._sources = steps, unstored, sources
         for blob in before - self._watched:
             blob.on_access = None
@@ -262,6 +264,8 @@ class PassState:
         if half != "diff" and not self._is_running:
             for step in self._sources.get(blob, ()):
                 step.keep(blob)
+                if half == "memory":  # steps depend on who has it
+                    self.is_reshaped = False
         if half == "memory":
             return
         if blob in self._unstored:
@@ -320,18 +324,11 @@ class OneThread:
         self._lock.release()
 
 
-def _writes_only_tops(layer: Layer) -> bool:
-    """Whether forward writes nothing that other layers read, except its tops.
-
-    A layer of the user can write anything, and moving averages may be shared by their names.
-    """
-    shares = any(param.name for param in layer.spec.param)
-    return layer.type != "Python" and not (layer.moving and shares)
-
-
-def _look(state: weakref.ref[PassState], blob: Blob, half: str) -> None:
+def _look(state: weakref.ref[PassState], is_source: bool, blob: Blob, half: str) -> None:
     """An access to a blob that its net watches. Raises NetlibError."""
     known = state()
     if known is None:
+        if is_source:
+            return
         raise NetlibError("this blob is unstored and its net is gone; read it, or copy it, before")
     known.look(blob, half)

@@ -4,6 +4,7 @@ of the last pass at any moment, whatever a caller has written since.
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable
 from random import Random
 
@@ -183,6 +184,41 @@ def test_a_step_has_the_layers_that_it_computes() -> None:
     steps = whole_steps(net.connections, set())
     kinds = [[at.layer.name for at in step.connections] for step in steps]
     assert ["conv1", "bn1", "scale1", "relu1"] in kinds and ["norm", "relu3"] in kinds
+
+
+def test_a_pass_that_ends_early_leaves_no_mixed_values() -> None:
+    """The second pass has new values of ``relu1``, of which ``conv2`` is not computed any more."""
+    net = make("fast", 1)
+    run(net)
+    layer = net.layer_dict["conv2"]
+    forward, layer.forward = layer.forward, None  # type: ignore[method-assign, assignment]
+    with pytest.raises(NetlibError, match="forward failed"):
+        run(net, 8)
+    layer.forward = forward  # type: ignore[method-assign]
+    with pytest.raises(NetlibError, match="'norm' is unknown"):
+        net.blobs["norm"].data  # noqa: B018
+
+
+def test_blobs_that_share_memory_with_a_source_do_not_change_others() -> None:
+    found = []
+    for engine in ("plain", "fast"):
+        net = make(engine, 1)
+        run(net)
+        net.blobs["y"].share(net.blobs["relu1"])
+        run(net, 8)
+        found.append({name: net.blobs[name].data.copy() for name in ("conv1", "conv2")})
+    for name, expected in found[0].items():
+        np.testing.assert_allclose(found[1][name], expected, rtol=0, atol=1e-5 * expected.max())
+
+
+def test_a_net_that_shares_parameters_of_another_runs_without_it() -> None:
+    one, other = make("fast", 1), make("fast", 1)
+    run(one)
+    other.share_params(one)
+    del one
+    gc.collect()
+    run(other)
+    assert "conv1" not in unstored(other)  # other nets may write what is shared
 
 
 # ---------------------------------------------------------------------------------- random programs
