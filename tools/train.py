@@ -4,7 +4,8 @@
     python tools/train.py prototxt/nyu_solver.prototxt --max-iter 2000
 
 Ctrl-C (or SIGTERM) writes a snapshot and stops; SIGHUP only writes a snapshot. To resume exactly
-where the training stopped, add --snapshot snapshots/nyu_iter_2000.solverstate.h5
+where the training stopped, add --snapshot snapshots/nyu_iter_2000.solverstate.h5. With --ranks,
+SIGHUP ends the training; SIGUSR1 writes a snapshot.
 
     python tools/train.py prototxt/nyu_solver.prototxt --ranks 2
 

@@ -160,6 +160,7 @@ def train(
             "--threads": threads,
             "--engine": engine,
             "--log": log_file,
+            "--ranks": ranks.count if ranks.shard.divide else None,
         }
         say_how_to_continue(solver, options)
     return DONE if ranks.rank else status
