@@ -163,7 +163,7 @@ def inside(start: int, step: int, size: int, count: int) -> tuple[int, slice]:
     """Of ``count`` places from ``start`` in steps, the first inside an axis, and the numbers of
     those that are.
     """
-    before = divide_up(-start, step), divide_up(size - start, step)  # the first value, and the end
+    before = divide_up(-start, step), divide_up(size - start, step)  # the start and the end
     first, end = (min(max(places, 0), count) for places in before)
     return max(start + first * step, 0), slice(first, max(end, first))
 
