@@ -35,18 +35,18 @@ class Size(NamedTuple):
 
 
 ROOMS = {
-    "docs": Size(12_789, 928, 63, 8_608),
-    "exercises": Size(8_692, 636, 41, 32_860),
-    "experiments": Size(14_543, 1_165, 50, 10_323),
-    "export": Size(8_282, 630, 22, 3_938),
-    "fast": Size(28_464, 2_291, 114, 2_396),
-    "handpose": Size(94_419, 7_752, 351, 33_654),
-    "handpose/synthetic": Size(15_785, 1_261, 78, 2_066),
-    "layers": Size(36_718, 3_025, 123, 18_344),
-    "netlib": Size(44_390, 4_306, 63, 65_768),
+    "docs": Size(12_984, 1_002, 18, 8_579),
+    "exercises": Size(8_860, 723, 31, 32_822),
+    "experiments": Size(14_899, 1_236, 30, 9_333),
+    "export": Size(8_327, 665, 5, 3_957),
+    "fast": Size(29_389, 2_543, 9, 2_395),
+    "handpose": Size(95_984, 8_234, 122, 33_586),
+    "handpose/synthetic": Size(15_961, 1_335, 24, 2_066),
+    "layers": Size(36_945, 3_153, 31, 18_334),
+    "netlib": Size(43_691, 4_324, 55, 65_752),
     "setup.py": Size(180, 10, 1, 284),
-    "tests": Size(266_582, 17_444, 749, 369_028),
-    "tools": Size(30_492, 2_762, 54, 31_434),
+    "tests": Size(261_432, 18_025, 523, 340_715),
+    "tools": Size(30_785, 2_787, 54, 31_670),
 }
 LINES = {  # of files that are not Python, by their patterns
     "prototxt/*.prototxt models/*.prototxt": 4_082,
@@ -54,14 +54,14 @@ LINES = {  # of files that are not Python, by their patterns
     "*.js *.css *.html": 2_832,
 }
 WORDS = {  # of documents, by their pattern
-    ":(glob)docs/*.md": 25_978,
+    ":(glob)docs/*.md": 25_998,
     "README.md": 898,
     "*.md": 65_000,
 }
 OTHERS = LINES | WORDS
 LIMITS = {  # that no recorded total may exceed: syntax nodes of rooms, lines, words
-    "docs": 12_800,
-    "exercises": 8_700,
+    "docs": 13_050,  # these two grew by 2% when each step of their examples got a name
+    "exercises": 8_870,
     "experiments": 13_100,
     "export": 8_400,
     "fast": 29_400,
