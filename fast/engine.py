@@ -75,10 +75,8 @@ class FastEngine(Engine):
         """
         for at in connections:
             if isinstance(at.layer, FastLayer):
-                at.layer.needs_backward, at.layer.needs_bottom_diff = (
-                    at.needs_backward,
-                    any(at.propagate_down),
-                )
+                at.layer.needs_backward = at.needs_backward
+                at.layer.needs_bottom_diff = any(at.propagate_down)
         stored = set(outside)
         fuse(connections, stored)
         runs = plan(connections, stored)

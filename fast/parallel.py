@@ -131,7 +131,7 @@ def _work_together(helpers: int, work: Callable[[], None], failed: list[BaseExce
         work()
     except BaseException as error:  # an interrupt: what jobs write must not change any more
         failed.insert(0, error)
-    while places:  # who has begun ends, and nobody else can begin
+    while places:  # a thread that has begun ends, and another one can no longer begin
         try:
             places[-1].acquire()
             places.pop()

@@ -39,14 +39,14 @@ ROOMS = {
     "exercises": Size(8_860, 723, 31, 32_822),
     "experiments": Size(14_899, 1_236, 30, 9_333),
     "export": Size(8_327, 665, 5, 3_957),
-    "fast": Size(29_389, 2_543, 9, 2_395),
+    "fast": Size(29_388, 2_544, 9, 2_395),
     "handpose": Size(95_984, 8_234, 122, 33_586),
     "handpose/synthetic": Size(15_961, 1_335, 24, 2_066),
-    "layers": Size(36_945, 3_153, 31, 18_334),
-    "netlib": Size(43_691, 4_324, 55, 65_752),
+    "layers": Size(36_945, 3_155, 31, 18_334),
+    "netlib": Size(43_697, 4_326, 55, 65_752),
     "setup.py": Size(180, 10, 1, 284),
     "tests": Size(261_432, 18_025, 523, 340_715),
-    "tools": Size(30_785, 2_787, 54, 31_670),
+    "tools": Size(30_799, 2_789, 54, 31_670),
 }
 LINES = {  # of files that are not Python, by their patterns
     "prototxt/*.prototxt models/*.prototxt": 4_082,

@@ -33,7 +33,7 @@ class Trials(NamedTuple):
 
     turns  number of quarter turns of the crop for the network, from 0, the unchanged crop
     draws  number of further starts, drawn about the first prediction from the network's errors
-    thin   every so many-th point is used
+    thin   the points are subsampled by this factor
     stage  of all starts
     keep   number of starts that continue
     """

@@ -20,7 +20,7 @@ MAX_INSPECTED_FRAMES = 10  # number of inspected frames
 NEAREST_SHARE = 0.5  # percentile of the depths that counts as nearest; fewer pixels are noise
 # depth range of the nearest object, relative to its distance, which is independent of the unit
 BEHIND = 1.25
-MIN_NEAR_SHARE = 1e-3  # share of the readings that may be nearer than the camera measures
+MAX_NEAR_SHARE = 1e-3  # share of the readings that may be nearer than the camera measures
 FARTHEST_HAND_MM = 1600.0  # hands beyond it are not found
 NEAREST_HAND_MM = 120.0  # a hand is farther away in all depth cameras
 NARROW_MM, WIDE_MM = 25.0, 1500.0  # range of widths: a hand, or a hand with arm and shoulder
@@ -128,7 +128,7 @@ def checked(
         return Checked(readings, None, tuple(_of_camera(camera)), (), "")
     warning, doubt = _of_unit(nearest, unit_mm or UNIT_MM.get(camera.name, 1.0))
     share = float(np.mean(readings < camera.min_range_mm))
-    if not warning and share > MIN_NEAR_SHARE:
+    if not warning and share > MAX_NEAR_SHARE:
         warning = (
             f"{share:.1%} of the readings are nearer than {camera.min_range_mm:g} mm, the minimum range of the "
             "camera, and count as missing; if it measures them, give min_range_mm in camera.json"

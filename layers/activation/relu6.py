@@ -45,7 +45,10 @@ class ReLU6(Elementwise):
         self.reads_top = bottom[0] is top[0]
 
     def _write(self, x: Array, y: Array) -> None:
-        (self._unlimited(x) if self.leak else x).clip(-np.inf if self.leak else 0, 6, out=y)
+        if self.leak:
+            np.minimum(self._unlimited(x), 6, out=y)
+        else:
+            x.clip(0, 6, out=y)
 
     def _slope(self, x: Array) -> Array:
         if not self.leak:

@@ -34,8 +34,8 @@ from netlib.system import memory
 
 # bytes: data sets with smaller rows, up to this size, are kept in memory
 SMALL_ROW, IN_MEMORY = 4096, 1 << 26
-# data sets of at least this many bytes must be stored, up to gzip's ratio of about 1000
-LARGE = 1 << 26
+# data sets of at least this many bytes must be stored, up to twice gzip's largest ratio
+LARGE, MAX_RATIO = 1 << 26, 2000
 SEAL = re.compile(rb"\nnetlib:crc32=([0-9a-f]{8})\n")
 SEAL_BYTES = len(b"\nnetlib:crc32=01234567\n")
 
@@ -144,12 +144,11 @@ def _check_dataset(dataset: h5py.Dataset, refused: Callable[[str], NetlibError])
             f"{where} is kept in another file, {dataset.external[0][0]!r}, which is not read; "
             "expected all in one file"
         )
-    stored, claimed = (
-        dataset.id.get_storage_size(),
-        math.prod(dataset.shape or ()) * dataset.id.get_type().get_size(),
-    )
+    stored = dataset.id.get_storage_size()
+    claimed = math.prod(dataset.shape or ()) * dataset.id.get_type().get_size()
     is_contiguous = dataset.id.get_offset() is not None
-    if claimed > stored and (is_contiguous or (claimed >= LARGE and claimed > 2000 * stored)):
+    is_too_large = claimed >= LARGE and claimed > MAX_RATIO * stored
+    if claimed > stored and (is_contiguous or is_too_large):
         raise refused(
             f"{where} claims {claimed} bytes, but only {stored} are stored; expected data"
         )

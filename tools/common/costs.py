@@ -25,6 +25,17 @@ def time_layers(net: Net, iterations: int) -> tuple[dict[str, float], dict[str, 
     backward: dict[str, float] = defaultdict(float)
     threads = net.engine.threads()
     net.engine.set_threads(1)
+    try:
+        _add_times(net, iterations, forward, backward)
+    finally:
+        net.engine.set_threads(threads)
+    return forward, backward
+
+
+def _add_times(
+    net: Net, iterations: int, forward: dict[str, float], backward: dict[str, float]
+) -> None:
+    """Add the mean seconds of each layer in this number of iterations."""
     for _ in range(iterations):
         for step in net.steps:
             for piece in step.pieces():
@@ -41,8 +52,6 @@ def time_layers(net: Net, iterations: int) -> tuple[dict[str, float], dict[str, 
             for piece in step.pieces():
                 if len(piece) == 1:
                     _time_backward(net, piece, backward, iterations)
-    net.engine.set_threads(threads)
-    return forward, backward
 
 
 def _time_backward(
