@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from handpose.body.gestures import GestureReader
 from handpose.output.drawing.hands import FINGER_COLOURS
 from handpose.output.drawing.view import Contrast, ViewportFollower
 from handpose.output.live.messages import VIEWS_PATH, Messages
@@ -28,11 +29,13 @@ class Shown:
     """A server, and a browser tab that shows its page."""
 
     def __init__(self, server: LiveServer, visit: Visit) -> None:
-        self.server, self.messages = server, Messages(HEADER, gestures=True)
+        self.server, self.messages = server, Messages(HEADER)
+        self.gestures = GestureReader(HEADER.skeleton)
         self.tab = visit(server.page_url, viewport={"width": 1200, "height": 900})
         assert server.wait_for_client(60)
 
     def put(self, frame: TrackedFrame) -> None:
+        frame = frame.with_gestures(self.gestures)
         self.server.put(VIEWS_PATH, self.messages.view(self.messages.record(frame), DEPTH, frame))
 
     def show(self, frame: TrackedFrame) -> None:
