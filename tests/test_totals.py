@@ -45,7 +45,7 @@ ROOMS = {
     "layers": Size(36_945, 3_155, 31, 18_334),
     "netlib": Size(43_697, 4_326, 55, 65_752),
     "setup.py": Size(180, 10, 1, 284),
-    "tests": Size(261_446, 18_027, 523, 340_715),
+    "tests": Size(261_468, 18_019, 524, 340_793),
     "tools": Size(30_799, 2_789, 54, 31_670),
 }
 LINES = {  # of files that are not Python, by their patterns
