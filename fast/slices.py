@@ -256,6 +256,11 @@ class SlicedStep(FastStep):
         halves = {blob: half for part in missing for blob, half in part.halves.items()}
         return Missing(halves, [at for part in missing for at in part.layers])
 
+    def begin(self) -> None:
+        """Forget the last pass of layers that run on the whole batch."""
+        for step in self._whole:
+            step.begin()
+
     def finish(self) -> None:
         """Copy the sources of which a caller has an array, if the layers run on the whole batch."""
         for step in self._whole:

@@ -4,9 +4,9 @@
 
 If only these layers use b, the convolution writes c, and b is *unstored*. It can be computed from
 ``a`` and the parameters of the convolution, the *sources*, as long as these have the values of the
-pass. They are not copied in each pass, because this would take longer than fusing saves, but in
-time: a source of which a caller has an array is copied when the pass ends, and another one
-before a caller gets its array (``keep``).
+pass. Copying them in each pass would take longer than fusing saves. A source is copied only if a
+caller can write it: when the pass ends if a caller has an array of it, otherwise before a caller
+gets one (``keep``).
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ class FusedStep(FastStep):
 
     def forward(self) -> None:
         """Reshape the tops of all layers if necessary, and compute those of the last."""
-        self._is_done, self._copies = False, None
+        self._is_done = False
         for step in self._by_layer:
             with step.at.errors:
                 step.reshape()

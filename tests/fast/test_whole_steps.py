@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import netlib
+from fast.slices import SlicedStep
 from fast.whole_steps import FusedStep, whole_steps
 from netlib.blob import Blob
 from netlib.errors import NetlibError
@@ -197,6 +198,18 @@ def test_a_pass_that_ends_early_leaves_no_mixed_values() -> None:
     layer.forward = forward  # type: ignore[method-assign]
     with pytest.raises(NetlibError, match="'norm' is unknown"):
         net.blobs["norm"].data  # noqa: B018
+
+
+def test_the_same_of_layers_that_no_longer_run_in_slices() -> None:
+    net = make("fast", 3)
+    (sliced,) = [step for step in net.steps if isinstance(step, SlicedStep)]
+    sliced._run_whole()
+    run(net)
+    fused = [step for step in sliced._whole if isinstance(step, FusedStep)]
+    assert fused and all(step._is_done for step in fused)
+    sliced.begin()
+    missing = sliced.store().halves
+    assert set(missing) == {blob for step in fused for blob in step.unstored}
 
 
 def test_blobs_that_share_memory_with_a_source_do_not_change_others() -> None:
