@@ -8,7 +8,6 @@ from __future__ import annotations
 import contextlib
 import importlib.util
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -18,13 +17,12 @@ from pathlib import Path
 import pytest
 
 from tests.support.running import ROOT
+from tools.common.ranks import launcher
 
 PROGRAMS = Path(__file__).with_name("rank_programs.py")
 TRAIN, CAFFE = ROOT / "tools" / "train.py", ROOT / "tools" / "caffe.py"
 TIMEOUT_S = 300  # reached by a hang only
-MPIEXEC = shutil.which(
-    "mpiexec", path=os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
-)
+MPIEXEC = launcher()
 
 needs_mpi = pytest.mark.skipif(
     MPIEXEC is None or importlib.util.find_spec("mpi4py") is None,

@@ -26,23 +26,27 @@ LAUNCHERS = (  # environment variables with the number of processes and the numb
 )
 
 
+def launcher() -> str | None:
+    """The path of mpiexec: that of the package mpich for this Python, or one in PATH."""
+    folders = [str(Path(sys.executable).parent), os.environ.get("PATH", "")]
+    return shutil.which("mpiexec", path=os.pathsep.join(folders))
+
+
 def start(count: int) -> NoReturn:
     """Replace this process by ``mpiexec``, which starts the command as ``count`` processes.
 
     Raises NetlibError.
     """
-    name = f"mpiexec{'.exe' if os.name == 'nt' else ''}"
-    beside = Path(sys.executable).with_name(name)  # of the package mpich, for this Python
-    launcher = str(beside) if beside.exists() else shutil.which(name)
-    if launcher is None or find_spec("mpi4py") is None:
+    mpiexec = launcher()
+    if mpiexec is None or find_spec("mpi4py") is None:
         raise NetlibError(
             f"{count} processes that train together need mpi4py and mpiexec, and one is missing; "
             "pip install mpi4py mpich"
         )
     program = ["-m", *sys.argv[0].split()] if is_subcommand() else sys.argv[:1]
-    words = [launcher, "-n", str(count), sys.executable, "-m", "mpi4py", *program, *sys.argv[1:]]
+    words = [mpiexec, "-n", str(count), sys.executable, "-m", "mpi4py", *program, *sys.argv[1:]]
     sys.stdout.flush()
-    os.execv(launcher, words)
+    os.execv(mpiexec, words)
 
 
 def is_started() -> bool:
