@@ -6,10 +6,9 @@ nets and weights.
 
 The forward pass of nine well-known nets, of six kinds of small ones, and of the paper's network,
 which is called "hand", for 1, 64 and 512 images; a training step of four small nets and of the
-paper's network. Outputs and
-gradients are compared first, and a peer that differs is not timed. Each net is timed alternately
-with its peers; the table has the medians, and the ratio: the peer's time divided by ours
-(above 1: this project is faster). A package that is not installed is left out.
+paper's network. Outputs and gradients are compared first, and a peer that differs is not timed.
+Each net is timed alternately with its peers; the table has the medians, and the ratio: the peer's
+time divided by ours (above 1: this project is faster). A package that is not installed is left out.
 """
 
 from __future__ import annotations

@@ -317,7 +317,7 @@ def blocks(count: int, size: int) -> list[slice]:
 
 def equal_blocks(count: int, number: int) -> list[slice]:
     """Split ``range(count)`` into at most ``number`` slices of equal size, the last one shorter."""
-    return blocks(count, -(-count // max(number, 1)) or 1)
+    return blocks(count, divide_up(count, max(number, 1)) or 1)
 
 
 def divide_up(count: int, size: int) -> int:

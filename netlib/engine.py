@@ -142,7 +142,7 @@ class Step:
         return True
 
     def begin(self) -> None:
-        """Prepare, at the begin of a forward pass, for one that does not come to this step."""
+        """Prepare, when a forward pass begins, for one that fails before this step."""
 
     def finish(self) -> None:
         """Prepare, at the end of a pass, for callers that write sources without an access to the

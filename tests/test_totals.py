@@ -39,14 +39,14 @@ ROOMS = {
     "exercises": Size(8_860, 723, 31, 32_822),
     "experiments": Size(14_899, 1_236, 30, 9_333),
     "export": Size(8_327, 665, 5, 3_957),
-    "fast": Size(29_388, 2_544, 9, 2_395),
+    "fast": Size(29_394, 2_546, 9, 2_395),
     "handpose": Size(95_984, 8_234, 122, 33_586),
     "handpose/synthetic": Size(15_961, 1_335, 24, 2_066),
     "layers": Size(36_945, 3_155, 31, 18_334),
-    "netlib": Size(43_697, 4_326, 55, 65_752),
+    "netlib": Size(43_693, 4_326, 55, 65_752),
     "setup.py": Size(180, 10, 1, 284),
-    "tests": Size(261_468, 18_019, 524, 340_793),
-    "tools": Size(30_799, 2_789, 54, 31_670),
+    "tests": Size(261_527, 18_028, 524, 340_786),
+    "tools": Size(30_797, 2_789, 54, 31_668),
 }
 LINES = {  # of files that are not Python, by their patterns
     "prototxt/*.prototxt models/*.prototxt": 4_082,
@@ -54,9 +54,9 @@ LINES = {  # of files that are not Python, by their patterns
     "*.js *.css *.html": 2_832,
 }
 WORDS = {  # of documents, by their pattern
-    ":(glob)docs/*.md": 25_998,
+    ":(glob)docs/*.md": 25_988,
     "README.md": 898,
-    "*.md": 65_000,
+    "*.md": 64_990,
 }
 OTHERS = LINES | WORDS
 LIMITS = {  # that no recorded total may exceed: syntax nodes of rooms, lines, words
