@@ -139,10 +139,10 @@ def _transpose(
         multiply_transposed(g, w, dy, columns, slice(c.start * elements, c.stop * elements))
         if rows.start == 0:
             padded[c] = 0
-        for element, part in g.windows(rows, outputs):
+        for element, part in g.under_elements(rows, outputs):
             padded[at(c, part)] += windows[(c,) + element]
         if rows.stop == outputs[0]:
-            after.write(padded[at(c, g.inside(sizes))], target[c], c)
+            after.write(padded[at(c, g.unpadded(sizes))], target[c], c)
 
     run_parts(job, C, g.group, w.size * dy.shape[1] + columns.size * COPY)
 
@@ -240,7 +240,7 @@ def _plan(
     begin = start * g.stride[0] - g.pad[0]
     end = begin + g.extent([stop - start])[0]
     low, high = min(max(begin, 0), sizes[0]), max(min(end, sizes[0]), 0)
-    inside = (slice(low - begin, max(high, low) - begin), *g.inside(sizes)[1:])
+    inside = (slice(low - begin, max(high, low) - begin), *g.unpadded(sizes)[1:])
     shape = (end - begin, *g.padded(sizes)[1:])
     # values of a column are then adjacent
     step = last if g.kernel[-1] > last and outputs[-1] >= MIN_ROW else 1

@@ -135,9 +135,9 @@ class Choice:
     time than the two.
     """
 
-    correlate: Algorithm
-    transpose: Algorithm
-    gradient: Algorithm
+    for_y: Algorithm
+    for_dx: Algorithm
+    for_dw: Algorithm
     both: Columns | None
 
 
@@ -234,7 +234,7 @@ class FastConvolution(ByAlgorithms):
             if 2 * w.size < top[0].count:  # scaling the weights takes less time
                 w, after = after.fold(w)
             for choice, x, y in zip(self.algorithms, bottom, top):
-                choice.correlate.correlate(
+                choice.for_y.correlate(
                     self.geometry, self.images(x.data), w, after, self.images(y.data)
                 )
         else:
@@ -262,11 +262,11 @@ class FastConvolution(ByAlgorithms):
 
     def _backward(self, choice: Choice, x: Array, dy: Array, dx: Array | None) -> None:
         """Add to the diffs of the parameters and write dx, if any, by the algorithms on arrays."""
-        choice.gradient.gradient(self.geometry, x, dy, self.weight.diff)
+        choice.for_dw.gradient(self.geometry, x, dy, self.weight.diff)
         if self.param.bias_term:
             self.bias.diff[...] += sum_by_channel(dy)
         if dx is not None:
-            choice.transpose.transpose(self.geometry, dy, self.weight.data, After(), dx)
+            choice.for_dx.transpose(self.geometry, dy, self.weight.data, After(), dx)
 
     # On tiles, an infinite value or NaN would reach outputs whose windows do not contain it.
 
@@ -275,7 +275,7 @@ class FastConvolution(ByAlgorithms):
         if isinstance(y, FastBlob):
             y.sparse = None
         out = np.empty(y.shape, y.dtype)
-        choice.correlate.correlate(
+        choice.for_y.correlate(
             self.geometry, plain_of(x, x.data), self.weight.data, After(bias=bias), out
         )
         store_plain(y, out, y.data)
@@ -312,7 +312,7 @@ class FastDeconvolution(ByAlgorithms, Deconvolution):
         after = after_of(self.bias.data if self.param.bias_term else None, self.after)
         for choice, x, y in zip(self.algorithms, bottom, top):
             arrays = self.images(x.data), self.weight.data, after, self.images(y.data)
-            choice.transpose.transpose(self.geometry, *arrays)
+            choice.for_dx.transpose(self.geometry, *arrays)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         """Compute the gradients for each bottom; the diffs of the parameters are summed."""
@@ -327,9 +327,9 @@ class FastDeconvolution(ByAlgorithms, Deconvolution):
                 arrays = self.images(x.data), self.images(x.diff), self.weight.diff
                 choice.both.correlate_and_gradient(self.geometry, dy, self.weight.data, *arrays)
                 continue
-            choice.gradient.gradient(self.geometry, dy, self.images(x.data), self.weight.diff)
+            choice.for_dw.gradient(self.geometry, dy, self.images(x.data), self.weight.diff)
             if down:
-                choice.correlate.correlate(
+                choice.for_y.correlate(
                     self.geometry, dy, self.weight.data, After(), self.images(x.diff)
                 )
 

@@ -94,11 +94,11 @@ class Geometry:
         axes = zip(windows, self.stride, self.reach)
         return tuple((n - 1) * s + reach + 1 for n, s, reach in axes)
 
-    def inside(self, sizes: Sequence[int]) -> tuple[slice, ...]:
+    def unpadded(self, sizes: Sequence[int]) -> tuple[slice, ...]:
         """The part of padded axes that is not padding."""
         return tuple(slice(p, p + n) for n, p in zip(sizes, self.pad))
 
-    def windows(
+    def under_elements(
         self, rows: slice, outputs: Sequence[int]
     ) -> Iterator[tuple[tuple[int, ...], tuple[slice, ...]]]:
         """For each kernel element, the part of the padded axes under it in all windows of these
@@ -159,7 +159,7 @@ def at(channels: slice, part: tuple[slice, ...]) -> tuple[slice, ...]:
     return channels, slice(None), *part
 
 
-def inside(start: int, step: int, size: int, count: int) -> tuple[int, slice]:
+def places_inside(start: int, step: int, size: int, count: int) -> tuple[int, slice]:
     """Of ``count`` places from ``start`` in steps, the first inside an axis, and the numbers of
     those that are.
     """

@@ -19,7 +19,7 @@ from functools import partial
 import numpy as np
 
 from fast import parallel
-from fast.geometry import Geometry, inside
+from fast.geometry import Geometry, places_inside
 from fast.last_axis import Maps, map_first
 from fast.parallel import scratch
 from layers.vision.pooling import NOTHING
@@ -49,13 +49,13 @@ class Windows:
     def __init__(self, g: Geometry, sizes: tuple[int, int], outputs: tuple[int, int]) -> None:
         self.g, self.sizes, self.outputs = g, sizes, outputs
         self.kernel, self.stride = g.kernel, g.stride
-        self.inside = g.inside(sizes)
+        self.inside = g.unpadded(sizes)
         ends = [part.stop for part in self.inside]
         self.padded = tuple(map(max, g.extent(outputs), ends))
         down, right = g.stride
         self.rows: list[tuple[slice, slice]] = []
         for i in range(g.kernel[0]):
-            first, own = inside(i - g.pad[0], down, sizes[0], outputs[0])
+            first, own = places_inside(i - g.pad[0], down, sizes[0], outputs[0])
             count = own.stop - own.start
             if count:
                 self.rows.append((own, slice(first, first + count * down, down)))

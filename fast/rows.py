@@ -22,7 +22,16 @@ from typing import Any
 import numpy as np
 
 from fast.fusing import After
-from fast.geometry import MAX_EXCESS, Algorithm, Geometry, Sizes, Sum, inside, run_blocks, run_parts
+from fast.geometry import (
+    MAX_EXCESS,
+    Algorithm,
+    Geometry,
+    Sizes,
+    Sum,
+    places_inside,
+    run_blocks,
+    run_parts,
+)
 from fast.parallel import scratch
 from netlib.blob import Array, divide_up, equal_blocks
 
@@ -151,7 +160,7 @@ def _plan(
         edges: list[Index] = []
         axes = zip(place, g.dilation[1:], g.pad[1:], g.stride[1:], sizes, outputs)
         for i, d, p, step, size, count in axes:
-            first, within = inside(i * d - p, step, size, count)
+            first, within = places_inside(i * d - p, step, size, count)
             others = [slice(0, within.start), slice(within.stop, count)]
             rest = (slice(None),) * (len(outputs) - len(taken))
             edges += [(*own, edge, *rest) for edge in others if edge.stop > edge.start]

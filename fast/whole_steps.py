@@ -12,6 +12,7 @@ gets one (``keep``).
 from __future__ import annotations
 
 from collections.abc import Sequence, Set
+from dataclasses import dataclass, field
 
 from fast.fast_layer import is_fused
 from fast.last_pass import DATA, Copies, LastPass
@@ -57,6 +58,26 @@ class WholeStep(FastStep):
             self._reshaped = versions_of(at.blobs)
 
 
+@dataclass
+class Reading:
+    """What a fused step read in its last pass.
+
+    shapes    of the blobs of the layers that write unstored blobs
+    versions  of the blobs that these layers read
+    copies    values of sources; None: a caller may have written sources since
+    is_done   whether the pass is complete
+    """
+
+    shapes: dict[Blob, tuple[int, ...]] = field(default_factory=dict)
+    versions: tuple[int, ...] = ()
+    copies: Copies | None = None
+    is_done: bool = False
+
+    def forget(self) -> None:
+        """Note that what was read is being written."""
+        self.copies, self.is_done = None, False
+
+
 class FusedStep(FastStep):
     """A layer and those behind it that it computes, run on the whole batch.
 
@@ -80,11 +101,7 @@ class FusedStep(FastStep):
         for blob in first.bottom if writers else []:
             self._read[blob] = blob.root if blob.root in blobs else blob
         self.sources = list(dict.fromkeys(self._read.values()))
-        self._shapes: dict[Blob, tuple[int, ...]] = {}
-        self._versions: tuple[int, ...] = ()  # of what was read in the last pass
-        # values of sources in the last pass; None: a caller may have written sources since
-        self._copies: Copies | None = None
-        self._is_done: bool | None = None  # whether the last pass is complete; None: there is none
+        self._last: Reading | None = None  # None: no pass has begun
 
     @property
     def key(self) -> tuple[object, ...]:
@@ -93,31 +110,32 @@ class FusedStep(FastStep):
 
     def begin(self) -> None:
         """Forget the last pass, because other steps write what it has read."""
-        self._copies = None
-        if self._is_done is not None:
-            self._is_done = False
+        if self._last is not None:
+            self._last.forget()
 
     def forward(self) -> None:
         """Reshape the tops of all layers if necessary, and compute those of the last."""
-        self._is_done = False
+        last = self._last = self._last or Reading()
+        last.forget()
         for step in self._by_layer:
             with step.at.errors:
                 step.reshape()
         with self.at.errors:
             self._run.layer.forward(self._run.bottom, self._run.top)
-        self._shapes = {blob: blob.shape for at in self._missing.connections for blob in at.blobs}
-        self._versions = versions_of(self._read)
-        self._is_done = True
+        last.shapes = {blob: blob.shape for at in self._missing.connections for blob in at.blobs}
+        last.versions = versions_of(self._read)
+        last.is_done = True
 
     def finish(self) -> None:
         """Copy the sources of which a caller has an array."""
-        if self._is_done and self._copies is None:
+        last = self._last
+        if last is not None and last.is_done and last.copies is None:
             held = [blob for blob in self.sources if blob.is_held]
-            self._copies = {blob: blob.unwatched_data.copy() for blob in held}
+            last.copies = {blob: blob.unwatched_data.copy() for blob in held}
 
     def keep(self, source: Blob) -> None:
         """Copy a source before a caller gets an array of it."""
-        copies = self._copies  # another thread may begin a pass
+        copies = self._last.copies if self._last else None  # another thread may begin a pass
         if copies is not None and source not in copies:
             copies[source] = source.unwatched_data.copy()
 
@@ -135,24 +153,24 @@ class FusedStep(FastStep):
 
         A source that was reshaped without a copy has lost them.
         """
-        if not self.unstored or self._is_done is None:
+        if not self.unstored or self._last is None:
             return Missing({})
-        last, values = LastPass(self._missing, shapes=self._shapes), self._values()
-        if last.is_discarded():
+        again, values = LastPass(self._missing, shapes=self._last.shapes), self._values(self._last)
+        if again.is_discarded():
             return Missing({}, self.connections)
         if not values:
             return Missing(dict.fromkeys(self.unstored, DATA), self.connections)
-        last.take(values)
-        return last.store()
+        again.take(values)
+        return again.store()
 
-    def _values(self) -> Copies:
+    def _values(self, last: Reading) -> Copies:
         """What the last pass read, as far as it is known: all or nothing."""
         values: Copies = {}
-        if self._copies is None:
+        if last.copies is None:
             return values
-        for (blob, source), version in zip(self._read.items(), self._versions):
-            if source in self._copies:
-                values[blob] = self._copies[source]
+        for (blob, source), version in zip(self._read.items(), last.versions):
+            if source in last.copies:
+                values[blob] = last.copies[source]
             elif blob.version == version:
                 values[blob] = source.unwatched_data
             else:

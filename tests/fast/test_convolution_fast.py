@@ -264,13 +264,13 @@ def test_the_choice(
     pad = tuple(k // 2 for k in w_shape[2:])
     g = Geometry(w_shape[2:], (1, 1), pad, (1, 1), group)
     chosen = choose(g, x_shape, (x_shape[0], w_shape[0], *x_shape[2:]))
-    assert [name_of(a) for a in (chosen.correlate, chosen.transpose, chosen.gradient)] == names
+    assert [name_of(a) for a in (chosen.for_y, chosen.for_dx, chosen.for_dw)] == names
 
 
 def test_the_general_algorithm_computes_maps_with_dilation() -> None:
     g = Geometry((3, 3), (1, 1), (2, 2), (2, 2), 1)
     chosen = choose(g, (2, 128, 32, 32), (2, 128, 32, 32))
-    names = [name_of(a) for a in (chosen.correlate, chosen.transpose, chosen.gradient)]
+    names = [name_of(a) for a in (chosen.for_y, chosen.for_dx, chosen.for_dw)]
     assert names == ["Columns"] * 3
 
 

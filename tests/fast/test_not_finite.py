@@ -127,7 +127,7 @@ def test_convolutions(kind: str, options: str, shape: tuple[int, ...], names: li
             got, layer = passes("fast", kind, options, arrays)
             check_equal(got, want)
     [chosen] = layer.algorithms
-    assert [name_of(a) for a in (chosen.correlate, chosen.transpose, chosen.gradient)] == names
+    assert [name_of(a) for a in (chosen.for_y, chosen.for_dx, chosen.for_dw)] == names
 
 
 def test_a_weight_of_zero_times_infinity() -> None:
