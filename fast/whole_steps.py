@@ -81,6 +81,8 @@ class Reading:
 class FusedStep(FastStep):
     """A layer and those behind it that it computes, run on the whole batch.
 
+    last  what was read in the last pass; None if none has begun
+
     ``blobs`` are those of the net.
     """
 
@@ -101,7 +103,7 @@ class FusedStep(FastStep):
         for blob in first.bottom if writers else []:
             self._read[blob] = blob.root if blob.root in blobs else blob
         self.sources = list(dict.fromkeys(self._read.values()))
-        self._last: Reading | None = None  # None: no pass has begun
+        self.last: Reading | None = None
 
     @property
     def key(self) -> tuple[object, ...]:
@@ -110,12 +112,12 @@ class FusedStep(FastStep):
 
     def begin(self) -> None:
         """Forget the last pass, because other steps write what it has read."""
-        if self._last is not None:
-            self._last.forget()
+        if self.last is not None:
+            self.last.forget()
 
     def forward(self) -> None:
         """Reshape the tops of all layers if necessary, and compute those of the last."""
-        last = self._last = self._last or Reading()
+        last = self.last = self.last or Reading()
         last.forget()
         for step in self._by_layer:
             with step.at.errors:
@@ -128,14 +130,14 @@ class FusedStep(FastStep):
 
     def finish(self) -> None:
         """Copy the sources of which a caller has an array."""
-        last = self._last
+        last = self.last
         if last is not None and last.is_done and last.copies is None:
             held = [blob for blob in self.sources if blob.is_held]
             last.copies = {blob: blob.unwatched_data.copy() for blob in held}
 
     def keep(self, source: Blob) -> None:
         """Copy a source before a caller gets an array of it."""
-        copies = self._last.copies if self._last else None  # another thread may begin a pass
+        copies = self.last.copies if self.last else None  # another thread may begin a pass
         if copies is not None and source not in copies:
             copies[source] = source.unwatched_data.copy()
 
@@ -153,9 +155,9 @@ class FusedStep(FastStep):
 
         A source that was reshaped without a copy has lost them.
         """
-        if not self.unstored or self._last is None:
+        if not self.unstored or self.last is None:
             return Missing({})
-        again, values = LastPass(self._missing, shapes=self._last.shapes), self._values(self._last)
+        again, values = LastPass(self._missing, shapes=self.last.shapes), self._values(self.last)
         if again.is_discarded():
             return Missing({}, self.connections)
         if not values:
