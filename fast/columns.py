@@ -30,7 +30,6 @@ from fast.geometry import (
     Geometry,
     Sizes,
     Sum,
-    at,
     image_blocks,
     run_blocks,
     run_parts,
@@ -68,11 +67,6 @@ class Columns(Algorithm):
             return True
         windows = s.images * math.prod(s.windows)
         return s.inputs < s.outputs or windows < MIN_WINDOWS * s.outputs * s.geometry.group
-
-    @staticmethod
-    def fits_both(g: Geometry) -> bool:
-        """Whether one set of columns for y and dw takes less time than two fast algorithms."""
-        return max(g.stride) > 1
 
     def correlate(self, g: Geometry, x: Array, w: Array, after: After, y: Array) -> None:
         """Write y."""
@@ -140,9 +134,11 @@ def _transpose(
         if rows.start == 0:
             padded[c] = 0
         for element, part in g.under_elements(rows, outputs):
-            padded[at(c, part)] += windows[(c,) + element]
+            place = (c, slice(None)) + part
+            padded[place] += windows[(c,) + element]
         if rows.stop == outputs[0]:
-            after.write(padded[at(c, g.unpadded(sizes))], target[c], c)
+            inside = (c, slice(None)) + g.unpadded(sizes)
+            after.write(padded[inside], target[c], c)
 
     run_parts(job, C, g.group, w.size * dy.shape[1] + columns.size * COPY)
 

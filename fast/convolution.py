@@ -34,7 +34,7 @@ from netlib.blob import Array, Blob, Blobs, blocks, divide_up
 
 
 class ByGroup(Algorithm):
-    """Runs an algorithm for one group on each of one or several groups."""
+    """Runs an algorithm for one group on each group."""
 
     def __init__(self, algorithm: Algorithm) -> None:
         self.algorithm = algorithm
@@ -131,26 +131,23 @@ ALGORITHMS: tuple[Algorithm, ...] = tuple(
 
 @dataclass(frozen=True)
 class Choice:
-    """The algorithm of each of the three sums, and one for y and dw together if that takes less
-    time than the two.
-    """
+    """The algorithm of each of the three sums."""
 
     for_y: Algorithm
     for_dx: Algorithm
     for_dw: Algorithm
-    both: Columns | None
 
 
 def choose(g: Geometry, x_shape: tuple[int, ...], y_shape: tuple[int, ...]) -> Choice:
     """The fastest algorithms for x (N, C, ...) and y (N, O, ...), with at least
     one spatial axis.
     """
-    s, both = Sizes.of(g, x_shape, y_shape), Columns() if Columns.fits_both(g) else None
+    s = Sizes.of(g, x_shape, y_shape)
 
     def first(sum_: Sum) -> Algorithm:
         return next(algorithm for algorithm in ALGORITHMS if algorithm.fits(s, sum_))
 
-    return Choice(first("correlate"), first("transpose"), first("gradient"), both)
+    return Choice(first("correlate"), first("transpose"), first("gradient"))
 
 
 class ByAlgorithms(FastLayer, Convolution):
@@ -323,9 +320,9 @@ class FastDeconvolution(ByAlgorithms, Deconvolution):
             dy = self.images(y.diff)
             if self.param.bias_term:
                 self.bias.diff[...] += sum_by_channel(dy)
-            if down and choice.both:
+            if down and max(self.geometry.stride) > 1:  # one set of columns for both sums
                 arrays = self.images(x.data), self.images(x.diff), self.weight.diff
-                choice.both.correlate_and_gradient(self.geometry, dy, self.weight.data, *arrays)
+                Columns().correlate_and_gradient(self.geometry, dy, self.weight.data, *arrays)
                 continue
             choice.for_dw.gradient(self.geometry, dy, self.images(x.data), self.weight.diff)
             if down:

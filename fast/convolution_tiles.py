@@ -48,7 +48,16 @@ import scipy
 
 from fast.fast_layer import FastLayer
 from fast.geometry import Geometry, NotFiniteError, check_finite
-from fast.tiles import FastBlob, SparseTiles, pitch_of, store_plain, tile_of, tiles_of, untile
+from fast.tiles import (
+    FastBlob,
+    SparseTiles,
+    pitch_of,
+    store_plain,
+    tile_of,
+    tiled_shape,
+    tiles_of,
+    untile,
+)
 from netlib.blob import Array, Blob, Blobs, divide_up
 
 MAX_ROW = 40  # C kw; with more, the products of Rows are as large without tiles
@@ -81,10 +90,7 @@ class RowTiles:
         """
         if top_tile is not None:
             return top_tile
-        row = w[1] * w[3]
-        if row <= 8:
-            return 4
-        return 2 if row <= 40 else 1
+        return 4 if w[1] * w[3] <= 8 else 2
 
     def pitch(self, x: Blob, y: Blob, T: int) -> int:
         """Number of columns stored per row."""
@@ -108,13 +114,13 @@ class RowTiles:
         """
         check_finite(x.data)
         T = self.tile(tile_of(y), w.shape)
-        N, O, Ho, Wo = y.shape
+        _, O, Ho, Wo = y.shape
         pitch = self.pitch(x, y, T)
-        storage = (-(-Ho // T) * T, T, O, N, pitch // T)
+        storage = tiled_shape(y.shape, T, pitch)
         out = y.data if tile_of(y) else layer.buffer("Y", storage)
         rows = out[:Ho].reshape(Ho, T * O, -1)
         X = self.lower(layer, x, w.shape, T, pitch)
-        multiply(self.matrices(w, T)[0], X, w.shape[2], rows)
+        np.matmul(self.matrices(w, T)[0], stacked_rows(X, w.shape[2]), out=rows)
         if bias is not None:
             rows.reshape(Ho, T, O, -1)[...] += bias[:, None]
         if tile_of(y) is None:
@@ -140,9 +146,9 @@ class RowTiles:
     ) -> None:
         """Add to dw and db, and write dx if ``down``. Raises NotFiniteError before."""
         T = self.tile(tile_of(y), w.shape)
-        (N, O, Ho, _), kh = y.shape, w.shape[2]
+        (_, O, Ho, _), kh = y.shape, w.shape[2]
         pitch = self.pitch(x, y, T)
-        storage = (-(-Ho // T) * T, T, O, N, pitch // T)
+        storage = tiled_shape(y.shape, T, pitch)
         out = y.diff if tile_of(y) else layer.buffer("dY", storage)
         dy = tiles_of(y, y.diff, T, pitch, out)[:Ho].reshape(Ho, T * O, -1)
         X = self.lower(layer, x, w.shape, T, pitch)
@@ -170,8 +176,8 @@ class RowTiles:
             rows[:, j, :, -back:] = dy[:, phase, :, : L + back]
         direct = tile_of(x) == T and pitch_of(x) == pitch
         dx = x.diff[:H] if direct else layer.buffer("dX", (H, T, C, N, pitch // T))
-        flipped = self.matrices(w, T)[1]
-        multiply(flipped, D.reshape(len(D), J * O, L), kh, dx.reshape(H, T * C, L))
+        flipped, windows = self.matrices(w, T)[1], stacked_rows(D.reshape(len(D), J * O, L), kh)
+        np.matmul(flipped, windows, out=dx.reshape(H, T * C, L))
         if direct:
             x.diff[H:] = 0  # padding, which may have values of a higher image
             return
@@ -208,11 +214,6 @@ def stacked_rows(X: Array, kh: int) -> Array:
     (H, R, L), item = X.shape, X.itemsize
     strides = R * L * item, L * item, item
     return np.ndarray((H - kh + 1, kh * R, L), X.dtype, X, 0, strides)
-
-
-def multiply(M: Array, X: Array, kh: int, out: Array) -> None:
-    """Compute out (H - kh + 1, rows of M, L) = M @ each kh consecutive rows of X (H, R, L)."""
-    np.matmul(M, stacked_rows(X, kh), out=out)
 
 
 class WindowTiles:

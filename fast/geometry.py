@@ -154,11 +154,6 @@ class Sizes:
         return Sizes(g, self.images, self.outputs, self.windows, self.inputs, self.sizes, excess)
 
 
-def at(channels: slice, part: tuple[slice, ...]) -> tuple[slice, ...]:
-    """The index of these channels and a part of the spatial axes in an array (C, n, ...)."""
-    return channels, slice(None), *part
-
-
 def places_inside(start: int, step: int, size: int, count: int) -> tuple[int, slice]:
     """Of ``count`` places from ``start`` in steps, the first inside an axis, and the numbers of
     those that are.

@@ -19,7 +19,7 @@ from fast import parallel
 from fast.fast_layer import FastLayer
 from fast.parallel import scratch
 from layers.common.inner_product import InnerProduct
-from netlib.blob import Array, Blobs, blocks, divide_up
+from netlib.blob import Array, Blobs, blocks, divide_up, equal_blocks
 
 MAX_BLOCK = 640  # features; 1,024 features are two blocks, one per thread on two cores
 # up to this number, items are faster one at a time (measured by experiments/parts.py)
@@ -93,5 +93,5 @@ def _by_blocks(job: Callable[[slice], None], count: int) -> list[Callable[[], No
     """Return one call of ``job`` per block, for the smallest possible number of nearly equal
     blocks of features.
     """
-    number = -(-count // MAX_BLOCK)
-    return [partial(job, features) for features in blocks(count, -(-count // number))]
+    features = equal_blocks(count, divide_up(count, MAX_BLOCK))
+    return [partial(job, part) for part in features]

@@ -19,6 +19,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fast.fast_layer import FastLayer
+from fast.fusing import release
 from fast.parallel import zeros_for_blob
 from fast.plan import Run, uses_of
 from netlib.blob import Array, Blob, Blobs, blocks
@@ -34,15 +35,15 @@ Copies = dict[Blob, Array]
 class Backward:
     """What the last backward of a pass read.
 
-    weights  values of the parameters
-    tops     data of the stored blobs that the run writes, if it reads them again
-    seeds    diffs of the stored blobs that the run writes
-    is_done  whether the backward pass is complete
+    weights    values of the parameters
+    tops       data of the stored blobs that the run writes, if it reads them again
+    top_diffs  diffs of the stored blobs that the run writes
+    is_done    whether the backward pass is complete
     """
 
     weights: list[Array]
     tops: Copies
-    seeds: Copies
+    top_diffs: Copies
     is_done: bool = False
 
 
@@ -56,7 +57,7 @@ class LastPass:
     shapes   shapes of all blobs
     is_done  whether the forward pass is complete; None: none has begun
     back     the last backward of this pass, if any
-    late     the unstored blobs whose diffs are of an earlier pass
+    stale    the unstored blobs whose diffs are of an earlier pass
     """
 
     run: Run
@@ -65,7 +66,7 @@ class LastPass:
     shapes: dict[Blob, tuple[int, ...]] = field(default_factory=dict)
     is_done: bool | None = None
     back: Backward | None = None
-    late: frozenset[Blob] = frozenset()
+    stale: frozenset[Blob] = frozenset()
 
     def __post_init__(self) -> None:
         uses, written = uses_of(self.run.order), set(self.run.written())
@@ -83,13 +84,13 @@ class LastPass:
         """Take a complete forward pass, of blobs with ``shapes``, that read these values."""
         self.inputs = {blob: values[blob].reshape(self.shapes[blob]) for blob in self._read}
         self.weights = [values[param] for param in self._params]
-        self.is_done = True
+        self.finish()
 
     def begin(self) -> None:
         """Prepare the copies of a forward pass, and copy the parameters."""
-        late = self.late if self.back is None else self._differentiated
+        stale = self.stale if self.back is None else self._differentiated
         # a reshape to another count discards diffs
-        self.late = frozenset(blob for blob in late if blob.count == math.prod(self.shapes[blob]))
+        self.stale = frozenset(blob for blob in stale if blob.count == math.prod(self.shapes[blob]))
         self.is_done, self.back = False, None
         self.shapes = {blob: blob.shape for at in self.run.connections for blob in at.blobs}
         self.inputs = _like(self._read, self.inputs)
@@ -97,6 +98,10 @@ class LastPass:
             self.weights = [np.empty_like(param.data) for param in self._params]
         for param, values in zip(self._params, self.weights):
             values[...] = param.data
+
+    def finish(self) -> None:
+        """Note that the forward pass is complete."""
+        self.is_done = True
 
     def copy_inputs(self, rows: slice) -> None:
         """Copy the items ``rows`` of the inputs, before the layers run."""
@@ -107,22 +112,23 @@ class LastPass:
         """Prepare the copies of a backward pass; the parameters are copied if they have changed
         since forward, which they cannot have if backward runs ``at_once``.
         """
-        tops, seeds = self._buffers
-        tops, seeds = self._buffers = _like(self._tops, tops), _like(self.run.written(), seeds)
+        tops = _like(self._tops, self._buffers[0])
+        top_diffs = _like(self.run.written(), self._buffers[1])
+        self._buffers = tops, top_diffs
         weights = self.weights
         if not at_once:
             weights = [
                 values if is_same(param.data, values) else param.data.copy()
                 for param, values in zip(self._params, weights)
             ]
-        self.back = Backward(weights, tops, seeds)
+        self.back = Backward(weights, tops, top_diffs)
 
-    def copy_seeds(self, rows: slice) -> None:
+    def copy_top_diffs(self, rows: slice) -> None:
         """Copy the items ``rows`` of what backward reads, before the layers run."""
         assert self.back is not None
         for blob, values in self.back.tops.items():
             values[rows] = blob.data[rows]
-        for blob, values in self.back.seeds.items():
+        for blob, values in self.back.top_diffs.items():
             values[rows] = blob.diff[rows]
 
     def written_input(self, rows: slice) -> Blob | None:
@@ -137,7 +143,7 @@ class LastPass:
     def finish_backward(self) -> None:
         """Note that the backward pass is complete."""
         assert self.back is not None
-        self.back.is_done, self.late = True, frozenset()
+        self.back.is_done, self.stale = True, frozenset()
 
     # ------------------------------------------------------------------------------------ computing
 
@@ -145,18 +151,18 @@ class LastPass:
         """Store the unstored blobs, with the values of the pass, and let the layers keep what their
         backward reads.
 
-        A blob that has another number of values now keeps none, as after any reshape. What cannot
-        be computed are the blobs of a pass that is not complete, and diffs of a pass before.
+        A blob that has another number of values now keeps none, as after any reshape. Not
+        computable: the blobs of an incomplete pass, and diffs of an earlier one.
         """
         if self.is_done is None:
             return Missing({})
         if self.is_discarded():
             return Missing({}, self.run.connections)
-        late = self.late if self.back is None or self.back.is_done else self._differentiated
+        stale = self.stale if self.back is None or self.back.is_done else self._differentiated
         if self.is_done:
             self._store()
-            return Missing(dict.fromkeys(late, DIFF))
-        halves = {blob: DATA | DIFF if blob in late else DATA for blob in self.run.unstored}
+            return Missing(dict.fromkeys(stale, DIFF))
+        halves = {blob: DATA | DIFF if blob in stale else DATA for blob in self.run.unstored}
         return Missing(halves, self.run.connections)
 
     def _store(self) -> None:
@@ -196,7 +202,7 @@ class LastPass:
         _set(params, self.back.weights)
         for blob, values in self.back.tops.items():
             blobs[blob].data[...] = values
-        for blob, values in self.back.seeds.items():
+        for blob, values in self.back.top_diffs.items():
             blobs[blob].diff[...] = values
         for at in reversed(connections):
             if at.needs_backward:
@@ -231,10 +237,10 @@ def _copied(at: Connection, blobs: Mapping[Blob, Blob]) -> Connection:
     its parameters.
     """
     layer = with_params(at.layer, Blobs(Blob(param.shape, param.dtype) for param in at.layer.blobs))
-    if isinstance(layer, FastLayer):
-        layer.after, layer.is_fused = (), False
     bottom, top = (Blobs(blobs[blob] for blob in side) for side in (at.bottom, at.top))
-    return Connection(layer, bottom, top, at.propagate_down, at.needs_backward)
+    copied = Connection(layer, bottom, top, at.propagate_down, at.needs_backward)
+    release([copied])
+    return copied
 
 
 def _take_state(layer: Layer, copied: Layer) -> None:

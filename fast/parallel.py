@@ -51,18 +51,18 @@ def _serve(jobs: SimpleQueue[Callable[[], None]]) -> None:
 
 _here = threading.local()
 _workers = Workers()
-_helpers: int | None = None  # one fewer than the threads in use; None: not decided yet
+_threads: int | None = None  # in use; None: not decided yet
 
 
 def threads() -> int:
     """Number of threads in use: ``set_threads``, else NETLIB_NUM_THREADS, else one
     per processor.
     """
-    if _helpers is None:
+    if _threads is None:
         text = os.environ.get("NETLIB_NUM_THREADS", "")
         set_threads(int(text) if text.isdecimal() and int(text) > 0 else available_cpus())
-    assert _helpers is not None
-    return _helpers + 1
+    assert _threads is not None
+    return _threads
 
 
 def set_threads(count: int) -> None:
@@ -70,10 +70,10 @@ def set_threads(count: int) -> None:
 
     Results depend on it at most by rounding, where a product is divided.
     """
-    global _helpers
+    global _threads
     if count < 1:
         raise ValueError(f"the number of threads must be at least 1, not {count}")
-    _helpers = count - 1
+    _threads = count
 
 
 def is_inside() -> bool:

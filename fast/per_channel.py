@@ -28,7 +28,7 @@ import numpy as np
 
 from fast import parallel
 from fast.fast_layer import FastLayer
-from fast.fusing import after_of, statistics
+from fast.fusing import After, after_of, statistics
 from fast.parallel import scratch
 from layers.activation.scale import Scale
 from layers.normalization.batch_norm import BatchNorm
@@ -61,12 +61,10 @@ def each_block(shape: tuple[int, ...], job: Callable[[slice, slice], None]) -> N
 def affine(x: Array, gain: Array | None, bias: Array | None, y: Array) -> None:
     """Compute y = gain x + bias on arrays (outer, G, inner); gain and bias are (G,) or None."""
 
+    after = After(gain, bias)
+
     def job(i: slice, c: slice) -> None:
-        own = x[i, c]
-        if gain is not None:
-            own = np.multiply(own, gain[c, None], out=y[i, c])
-        if bias is not None:
-            np.add(own, bias[c, None], out=y[i, c])
+        after.write(x[i, c], y[i, c], c, axis=1)
 
     each_block(x.shape, job)
 

@@ -21,6 +21,8 @@ from netlib.engine import Connection
 from netlib.files.own_modules import NAMES
 from netlib.layer import Layer
 
+ANY = 0  # preference of a layer that supports all layouts of a blob
+
 
 @dataclass
 class Run:
@@ -136,8 +138,7 @@ def _runs_for(row: list[Connection], users: Mapping[Blob, int], stored: Set[Blob
     ``users`` is the number of users of each blob.
     """
     unstored = _unstored_blobs(row, users, stored)
-    # slices are not faster; includes the empty row
-    if all(at.layer.elementwise for at in row):
+    if all(at.layer.elementwise for at in row):  # slices are not faster; also the empty row
         return [whole(at) for at in row]
     order = _pool_first(row, unstored)
     tiles = _agree_on_tiles(order, unstored)
@@ -202,17 +203,14 @@ def _agree_on_tiles(order: list[Connection], unstored: list[Blob]) -> dict[Blob,
     uses = uses_of(order)
     # readers first, because their preference may depend on their tops
     for blob in reversed(unstored):
-        wishes = [_wish(use, tiles) for use in uses[blob]]
-        wanted = [wish for wish in wishes if wish != ANY]
-        if wanted and wanted[0] is not None and all(wish == wanted[0] for wish in wanted):
-            tiles[blob] = wanted[0]
+        preferred = {_preference(use, tiles) for use in uses[blob]} - {ANY}
+        tile = preferred.pop() if len(preferred) == 1 else None
+        if tile is not None:
+            tiles[blob] = tile
     return tiles
 
 
-ANY = 0  # preference of a layer that supports all layouts of a blob
-
-
-def _wish(use: Use, tiles: dict[Blob, int]) -> int | None:
+def _preference(use: Use, tiles: dict[Blob, int]) -> int | None:
     """The layout that is fastest for a layer: the size of tiles, plain (None), or ``ANY``."""
     at = use.at
     if use.reads and use.writes:

@@ -29,8 +29,6 @@ from netlib.blob import Array, Blob, Blobs, divide_up
 
 MAX_TILE = 15  # the index of a winner must fit in a byte
 
-Layout = tuple[tuple[int, ...], int | None, int]  # shape, tile and pitch of a blob
-
 
 class FastPooling(FastLayer, Pooling):
     """Pooling over any windows."""
@@ -38,7 +36,7 @@ class FastPooling(FastLayer, Pooling):
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         """Read the options."""
         super().setup(bottom, top)
-        self.layout: list[Layout] = []
+        self.layout: tuple[object, ...] = ()  # of the blobs in the last reshape
         self.tile = MaxTiles.tile(self, len(top))
         self.tiles: MaxTiles | None = None
 
@@ -68,12 +66,13 @@ class FastPooling(FastLayer, Pooling):
         """
         super().reshape(bottom, top)
         x, y = bottom[0], top[0]
-        if _layout(x, y) == self.layout:
+        layout = x.shape, tile_of(x), pitch_of(x), tile_of(y)
+        if layout == self.layout:
             return
         on_tiles = self.tile is not None and (tile_of(x) is not None or tile_of(y) is not None)
         self.tiles = MaxTiles(self, self.tile, x, y) if on_tiles and self.tile else None
         (_, _, H, W), (_, _, Ho, Wo) = x.shape, y.shape
-        self.over = map_pooling.Windows(
+        self.map_windows = map_pooling.Windows(
             Geometry(self.kernel, self.stride, self.pad, (1, 1), 1), (H, W), (Ho, Wo)
         )
         if self.is_max:
@@ -82,7 +81,7 @@ class FastPooling(FastLayer, Pooling):
             )
         else:
             self.areas = self.area(x.shape, y.shape)
-        self.layout = _layout(x, y)  # after MaxTiles has set the pitch of the top
+        self.layout = layout  # last, so that an interrupted reshape is repeated
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         """Compute the maxima and the winners, or the means."""
@@ -91,26 +90,26 @@ class FastPooling(FastLayer, Pooling):
             return
         x, y = bottom[0].data, top[0].data
         if not self.is_max:
-            if self.over.is_whole:
+            if self.map_windows.is_whole:
                 ones = np.ones(self.kernel[0] * self.kernel[1], x.dtype)
                 np.matmul(_flat(x), ones, out=y.reshape(-1))
                 y /= self.areas
             else:
-                map_pooling.mean(self.over, _maps(x), _maps(y), self.areas)
+                map_pooling.mean(self.map_windows, _maps(x), _maps(y), self.areas)
             return
-        masks = len(top) > 1
-        wanted = self.needs_backward or masks
-        if self.over.is_whole:
+        wanted = self.needs_backward or len(top) > 1
+        if self.map_windows.is_whole:
             if wanted:
                 self.winners = _flat(x).argmax(axis=1).reshape(y.shape)
             np.maximum(_flat(x).max(axis=1), y.dtype.type(NOTHING), out=y.reshape(-1))
         else:
             map_pooling.maximum(
-                self.over, _maps(x), _maps(y), _maps(self.winners) if wanted else None
+                self.map_windows, _maps(x), _maps(y), _maps(self.winners) if wanted else None
             )
-        for n in range(len(x) if masks else 0):
-            winners = self._index(n, x.shape[3])
-            top[1].data[n] = np.where(y[n] == NOTHING, -1, winners)
+        if len(top) > 1:
+            for n in range(len(x)):
+                winners = self._index(n, x.shape[3])
+                top[1].data[n] = np.where(y[n] == NOTHING, -1, winners)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         """Write the gradient of each top value to its winner, or to all of its window."""
@@ -120,12 +119,14 @@ class FastPooling(FastLayer, Pooling):
             self.tiles.backward(top[0], bottom[0])
             return
         dy, dx = top[0].diff, bottom[0].diff
-        if not self.is_max and self.over.is_whole:
+        if not self.is_max and self.map_windows.is_whole:
             dx[...] = dy / self.areas
         elif not self.is_max:
-            map_pooling.mean_backward(self.over, _maps(dy), _maps(dx), self.areas)
+            map_pooling.mean_backward(self.map_windows, _maps(dy), _maps(dx), self.areas)
         else:
-            map_pooling.maximum_backward(self.over, _maps(dy), _maps(self.winners), _maps(dx))
+            map_pooling.maximum_backward(
+                self.map_windows, _maps(dy), _maps(self.winners), _maps(dx)
+            )
 
 
 def _maps(array: Array) -> Array:
@@ -137,10 +138,6 @@ def _flat(array: Array) -> Array:
     """View (N, C, H, W) as N C rows."""
     N, C, H, W = array.shape
     return array.reshape(N * C, H * W)
-
-
-def _layout(*blobs: Blob) -> list[Layout]:
-    return [(blob.shape, tile_of(blob), pitch_of(blob)) for blob in blobs]
 
 
 # ----------------------------------------------------------------------------------------- on tiles
@@ -157,8 +154,8 @@ class MaxTiles:
     The bottom may be sparse: only some windows are stored. All others have one constant value,
     which is their maximum, and the winner is their first element.
 
-    winners   (R, L) for R rows of L = C N P windows, or (C A,) for A stored windows: row-major
-              index in the window
+    winners   (R, L) for R rows of L = C N P windows: row-major index in the window. Those of a
+              sparse bottom are in ``SparseTiles.winner``
     """
 
     @staticmethod
@@ -196,8 +193,6 @@ class MaxTiles:
         self._fill_overhang(x, H, W, -np.inf)  # never the maximum
         slabs = x.reshape(self.R, T * T, self.L)
         y = self._rows(top, top.data)
-        if self.winners.shape != (self.R, self.L):  # of the stored windows of another pass
-            self.winners = np.empty((self.R, self.L), np.uint8)
         maximum = np.max(slabs, axis=1, out=y.reshape(self.R, self.L))
         if self.layer.needs_backward:
             self._find_winners(slabs, maximum[:, None], self.winners)
@@ -264,8 +259,9 @@ class MaxTiles:
         slabs = x.values.reshape(places, C * A)
         maximum = slabs.max(axis=0)
         if self.layer.needs_backward:
-            self.winners = np.empty(C * A, np.uint8)
-            self._find_winners(slabs, maximum, self.winners)
+            winners = np.empty(C * A, np.uint8)
+            self._find_winners(slabs, maximum, winners)
+            x.winner = winners.reshape(C, A)
         maximum.reshape(C, A)[...] += x.bias[:, None]
         y = self._tiles(top, top.data)
         y[...] = x.rest[:, None, None]
@@ -279,10 +275,9 @@ class MaxTiles:
         if tile_of(top) is None:
             tiles_of(top, top.diff, 1, dy.shape[-1], dy)
         gradient = dy.reshape(-1)[self._index(dy, x, top)].reshape(dy.shape[2], -1)
-        C, A = gradient.shape
         total = dy.sum(axis=(0, 1, 3, 4), dtype=np.float64) - gradient.sum(axis=1, dtype=np.float64)
         x.rest_diff = total.astype(gradient.dtype)
-        x.diff, x.winner = gradient, self.winners.reshape(C, A)
+        x.diff = gradient
 
     def _tiles(self, top: Blob, array: Array) -> Array:
         """The top as tiles: its own array if tiled, else a buffer for tiles of size 1."""

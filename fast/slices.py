@@ -89,7 +89,8 @@ class Window(Blob):
 class SliceBlob(FastBlob):
     """An unstored blob of one slice.
 
-    Its diff, and its data unless kept, are valid only until the thread's next slice.
+    Its diff, and its data unless backward reads them again, are valid only until the thread's next
+    slice.
     """
 
     def __init__(
@@ -98,21 +99,21 @@ class SliceBlob(FastBlob):
         dtype: DTypeLike,
         buffers: threading.local,
         key: int,
-        keep: bool,
+        is_read_again: bool,
     ) -> None:
         super().__init__(shape, dtype)
-        self._buffers, self._key, self._keep = buffers, key, keep
-        self._kept: Array | None = None
+        self._buffers, self._key, self._is_read_again = buffers, key, is_read_again
+        self._own: Array | None = None
 
     @property
     def data(self) -> Array:
         """The values: memory of the slice if backward reads them again, else working memory
         of the thread.
         """
-        if self._keep:
-            if self._kept is None:
-                self._kept = parallel.aligned(self.storage_shape, self.dtype, np.zeros)
-            return self._kept
+        if self._is_read_again:
+            if self._own is None:
+                self._own = parallel.aligned(self.storage_shape, self.dtype, np.zeros)
+            return self._own
         return self._buffer("data")
 
     @property
@@ -149,12 +150,12 @@ class SlicedStep(FastStep):
         self.run, self.connections, self.unstored = run, run.connections, run.unstored
         self._users = uses_of(run.order)
         self._needs_backward = any(at.needs_backward for at in run.connections)
-        self._kept = run.read_again()
+        self._read_again = run.read_again()
         self._same = {} if self._needs_backward else self._copied() | self._fused()
         self._buffers = threading.local()
-        self._shapes: list[tuple[int, ...]] = []
         self._lanes: list[Lane] = []
-        self._recent: dict[tuple[tuple[int, ...], ...], list[Lane]] = {}
+        # the lanes for recent shapes of all blobs, the present ones last
+        self._divisions: dict[tuple[tuple[int, ...], ...], list[Lane]] = {}
         self._whole: list[FastStep] = []  # if the layers run on the whole batch
         self._is_done = False  # whether the slices have the state of a complete forward pass
         self.last = LastPass(run) if self._is_recorded() else None
@@ -199,7 +200,7 @@ class SlicedStep(FastStep):
             step.forward()
         self._is_done = True
         if self.last is not None:
-            self.last.is_done = True
+            self.last.finish()
 
     def _forward(self, lane: Lane) -> None:
         for piece in lane:
@@ -238,7 +239,7 @@ class SlicedStep(FastStep):
                 param.diff[...] = 0
         for piece in lane:
             if self.last is not None:
-                self.last.copy_seeds(piece.rows)
+                self.last.copy_top_diffs(piece.rows)
                 if not at_once and (blob := self.last.written_input(piece.rows)):
                     raise self._written(blob)
             for at in reversed(piece.connections):
@@ -284,11 +285,14 @@ class SlicedStep(FastStep):
 
     def _is_cut(self) -> bool:
         """Whether the batch is divided into slices for the current shapes, now or recently."""
-        shapes = [b.shape for b in self._blobs]
-        if shapes != self._shapes and (lanes := self._recent.pop(tuple(shapes), None)):
-            self._recent[tuple(shapes)] = lanes  # as the last one
-            self._lanes, self._shapes = lanes, shapes
-        return bool(self._lanes) and shapes == self._shapes
+        shapes = self._shapes()
+        lanes = self._divisions.get(shapes, [])
+        if lanes and lanes is not self._lanes:
+            self._lanes = self._divisions[shapes] = self._divisions.pop(shapes)
+        return bool(lanes)
+
+    def _shapes(self) -> tuple[tuple[int, ...], ...]:
+        return tuple(blob.shape for blob in self._blobs)
 
     def prepare(self) -> None:
         """Divide the batch into slices unless this was done for the current shapes."""
@@ -316,10 +320,8 @@ class SlicedStep(FastStep):
             else:
                 params = [at.layer.blobs for at in lanes[i % count][0].connections]
             lanes[i % count].append(self._piece(rows, params))
-        self._lanes, self._shapes = lanes, [b.shape for b in self._blobs]
-        if not self._needs_backward:
-            self._recent = dict([*self._recent.items()][1 - RECENT :])
-            self._recent[tuple(self._shapes)] = lanes
+        before = [] if self._needs_backward else [*self._divisions.items()][1 - RECENT :]
+        self._lanes, self._divisions = lanes, dict([*before, (self._shapes(), lanes)])
 
     def _run_whole(self) -> None:
         """Run the layers on the whole batch from now on."""
@@ -375,7 +377,7 @@ class SlicedStep(FastStep):
         shape = (rows.stop - rows.start, *whole.shape[1:])
         if whole not in self.run.unstored:
             return Window(whole, rows, shape)
-        blob = SliceBlob(shape, whole.dtype, self._buffers, id(whole), whole in self._kept)
+        blob = SliceBlob(shape, whole.dtype, self._buffers, id(whole), whole in self._read_again)
         blob.tile = self.run.tiles.get(whole)
         uses = self._users[whole]
         blob.may_be_sparse = (

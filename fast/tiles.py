@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from netlib.blob import Array, Blob
+from netlib.blob import Array, Blob, divide_up
 
 
 @dataclass
@@ -63,8 +63,13 @@ class FastBlob(Blob):
         """Shape of the arrays: ``shape``, or (R, T, C, N, P) if tiled."""
         if self.tile is None:
             return self.shape
-        (N, C, H, _), T = self.shape, self.tile
-        return (-(-H // T) * T, T, C, N, self.pitch // T)
+        return tiled_shape(self.shape, self.tile, self.pitch)
+
+
+def tiled_shape(shape: tuple[int, ...], tile: int, pitch: int) -> tuple[int, ...]:
+    """The shape (R, T, C, N, P) of tiles for a blob (N, C, H, W) with ``pitch`` columns a row."""
+    N, C, H, _ = shape
+    return divide_up(H, tile) * tile, tile, C, N, pitch // tile
 
 
 def tile_of(blob: Blob) -> int | None:

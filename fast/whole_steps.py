@@ -81,7 +81,7 @@ class Reading:
 class FusedStep(FastStep):
     """A layer and those behind it that it computes, run on the whole batch.
 
-    last  what was read in the last pass; None if none has begun
+    reading  what was read in the last pass; None if none has begun
 
     ``blobs`` are those of the net.
     """
@@ -103,7 +103,7 @@ class FusedStep(FastStep):
         for blob in first.bottom if writers else []:
             self._read[blob] = blob.root if blob.root in blobs else blob
         self.sources = list(dict.fromkeys(self._read.values()))
-        self.last: Reading | None = None
+        self.reading: Reading | None = None
 
     @property
     def key(self) -> tuple[object, ...]:
@@ -112,32 +112,32 @@ class FusedStep(FastStep):
 
     def begin(self) -> None:
         """Forget the last pass, because other steps write what it has read."""
-        if self.last is not None:
-            self.last.forget()
+        if self.reading is not None:
+            self.reading.forget()
 
     def forward(self) -> None:
         """Reshape the tops of all layers if necessary, and compute those of the last."""
-        last = self.last = self.last or Reading()
-        last.forget()
+        reading = self.reading = self.reading or Reading()
+        reading.forget()
         for step in self._by_layer:
             with step.at.errors:
                 step.reshape()
         with self.at.errors:
             self._run.layer.forward(self._run.bottom, self._run.top)
-        last.shapes = {blob: blob.shape for at in self._missing.connections for blob in at.blobs}
-        last.versions = versions_of(self._read)
-        last.is_done = True
+        reading.shapes = {blob: blob.shape for at in self._missing.connections for blob in at.blobs}
+        reading.versions = versions_of(self._read)
+        reading.is_done = True
 
     def finish(self) -> None:
         """Copy the sources of which a caller has an array."""
-        last = self.last
-        if last is not None and last.is_done and last.copies is None:
+        reading = self.reading
+        if reading is not None and reading.is_done and reading.copies is None:
             held = [blob for blob in self.sources if blob.is_held]
-            last.copies = {blob: blob.unwatched_data.copy() for blob in held}
+            reading.copies = {blob: blob.unwatched_data.copy() for blob in held}
 
     def keep(self, source: Blob) -> None:
         """Copy a source before a caller gets an array of it."""
-        copies = self.last.copies if self.last else None  # another thread may begin a pass
+        copies = self.reading.copies if self.reading else None  # another thread may begin a pass
         if copies is not None and source not in copies:
             copies[source] = source.unwatched_data.copy()
 
@@ -155,9 +155,10 @@ class FusedStep(FastStep):
 
         A source that was reshaped without a copy has lost them.
         """
-        if not self.unstored or self.last is None:
+        if not self.unstored or self.reading is None:
             return Missing({})
-        again, values = LastPass(self._missing, shapes=self.last.shapes), self._values(self.last)
+        again = LastPass(self._missing, shapes=self.reading.shapes)
+        values = self._values(self.reading)
         if again.is_discarded():
             return Missing({}, self.connections)
         if not values:
@@ -165,14 +166,14 @@ class FusedStep(FastStep):
         again.take(values)
         return again.store()
 
-    def _values(self, last: Reading) -> Copies:
+    def _values(self, reading: Reading) -> Copies:
         """What the last pass read, as far as it is known: all or nothing."""
         values: Copies = {}
-        if last.copies is None:
+        if reading.copies is None:
             return values
-        for (blob, source), version in zip(self._read.items(), last.versions):
-            if source in last.copies:
-                values[blob] = last.copies[source]
+        for (blob, source), version in zip(self._read.items(), reading.versions):
+            if source in reading.copies:
+                values[blob] = reading.copies[source]
             elif blob.version == version:
                 values[blob] = source.unwatched_data
             else:

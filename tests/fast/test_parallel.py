@@ -62,7 +62,7 @@ def test_the_number_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:
         netlib.set_threads(0)
     for text, expected in (("4", 4), ("", available_cpus()), ("many", available_cpus())):
         monkeypatch.setenv("NETLIB_NUM_THREADS", text)
-        monkeypatch.setattr(parallel, "_helpers", None)
+        monkeypatch.setattr(parallel, "_threads", None)
         assert netlib.threads() == expected
 
 

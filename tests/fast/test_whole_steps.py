@@ -163,11 +163,11 @@ def test_only_sources_in_use_are_copied_in_a_pass() -> None:
     held = net.params["conv1"][0].data
     run(net)
     steps = [step for step in net.steps if isinstance(step, FusedStep)]
-    copied = [blob for step in steps for blob in step.last.copies]
+    copied = [blob for step in steps for blob in step.reading.copies]
     assert copied == [net.params["conv1"][0]]
     del held
     run(net)
-    assert not any(step.last.copies for step in steps)
+    assert not any(step.reading.copies for step in steps)
 
 
 def test_after_an_interrupted_pass_a_blob_between_is_an_error() -> None:
@@ -206,7 +206,7 @@ def test_the_same_of_layers_that_no_longer_run_in_slices() -> None:
     sliced._run_whole()
     run(net)
     fused = [step for step in sliced._whole if isinstance(step, FusedStep)]
-    assert fused and all(step.last.is_done for step in fused)
+    assert fused and all(step.reading.is_done for step in fused)
     sliced.begin()
     missing = sliced.store().halves
     assert set(missing) == {blob for step in fused for blob in step.unstored}
