@@ -42,7 +42,7 @@ MECHANISMS: dict[str, tuple[str, Any]] = {
     "tiles between layers": ("fast.plan._agree_on_tiles", lambda order, unstored: {}),
     "ReLU after the pooling": ("fast.plan._pool_first", lambda row, unstored: list(row)),
     "windows without background": (
-        "fast.convolution_tiles.WindowTiles.fits",
+        "fast.window_tiles.WindowTiles.fits",
         staticmethod(lambda *sizes: False),
     ),
     "items one at a time": ("fast.inner_product.FEW_ITEMS", 0),

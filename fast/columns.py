@@ -177,23 +177,23 @@ def lower(g: Geometry, x: Array, rows: slice, outputs: tuple[int, ...]) -> Array
     n, C = x.shape[:2]
     if _in_place(g, slice(0, n)):
         return x[0, :, rows].reshape(C, -1)
-    plan = _plan(
+    lowering = _lowering(
         g, x.shape[2:], x.swapaxes(0, 1).strides, x.dtype, n, rows.start, rows.stop, outputs
     )
-    by_channel = x.swapaxes(0, 1)[:, :, plan.rows]
+    by_channel = x.swapaxes(0, 1)[:, :, lowering.rows]
     columns = scratch("columns", (C, *g.kernel, n, rows.stop - rows.start, *outputs[1:]), x.dtype)
-    padded = scratch("padded", (C, n, *plan.padded), x.dtype) if plan.padded else by_channel
+    padded = scratch("padded", (C, n, *lowering.padded), x.dtype) if lowering.padded else by_channel
 
     def job(c: slice) -> None:
         source, target, read = by_channel[c], columns[c], padded[c]
-        if plan.padded:
+        if lowering.padded:
             read.fill(0)
-            for place, values in plan.copies:
+            for place, values in lowering.copies:
                 read[place] = source[values]
         # few calls, because small copies take less time than calls
-        for own, start, strides in plan.windows:
+        for own, start, strides in lowering.windows:
             part = target[own]
-            if plan.padded:  # as_strided takes ten times as long
+            if lowering.padded:  # as_strided takes ten times as long
                 part[...] = np.ndarray(part.shape, part.dtype, read, start, strides)
             else:
                 part[...] = np.lib.stride_tricks.as_strided(read, part.shape, strides)
@@ -203,7 +203,7 @@ def lower(g: Geometry, x: Array, rows: slice, outputs: tuple[int, ...]) -> Array
 
 
 @dataclass(frozen=True)
-class _Plan:
+class _Lowering:
     """What is copied for some rows of outputs; all indices are without the channels.
 
     rows      those of x under them
@@ -221,7 +221,7 @@ class _Plan:
 
 
 @lru_cache(maxsize=256)
-def _plan(
+def _lowering(
     g: Geometry,
     sizes: tuple[int, ...],
     strides: tuple[int, ...],
@@ -230,7 +230,7 @@ def _plan(
     start: int,
     stop: int,
     outputs: tuple[int, ...],
-) -> _Plan:
+) -> _Lowering:
     """``strides`` are those of x (C, n, ...)."""
     last, every = g.stride[-1], (slice(None),) * len(g.kernel)
     begin = start * g.stride[0] - g.pad[0]
@@ -263,7 +263,7 @@ def _plan(
         place, phase = divmod(first * g.dilation[-1], step)
         first_byte = phase * phase_bytes + place * strides[-1]
         windows.append(((*every, slice(first, None, period)), first_byte, steps))
-    return _Plan(slice(low, high), padded, copies, windows)
+    return _Lowering(slice(low, high), padded, copies, windows)
 
 
 def multiply(g: Geometry, w: Array, columns: Array, out: Array, o: slice) -> None:

@@ -3,7 +3,7 @@
 For each of the sums y, dx and dw (geometry.py), the first algorithm in ALGORITHMS that fits the
 sizes is used. The conditions are those under which it is the fastest, as measured alone with one
 thread. Convolutions without padding next to poolings may be computed on tiles instead
-(convolution_tiles.py), and without a spatial axis by the plain layer.
+(row_tiles.py, window_tiles.py), and without a spatial axis by the plain layer.
 
 A deconvolution is the transpose of a convolution from its top to its bottom and uses the same
 algorithms, except tiles.
@@ -18,14 +18,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from fast.columns import Columns
-from fast.convolution_tiles import RowTiles, WindowTiles
 from fast.depthwise import Depthwise, Filter
 from fast.fast_layer import FastLayer
 from fast.fusing import After, after_of
 from fast.geometry import Algorithm, Geometry, NotFiniteError, Sizes, Sum, check_finite
+from fast.row_tiles import RowTiles
 from fast.row_winograd import RowWinograd
 from fast.rows import Rows
 from fast.tiles import FastBlob, pitch_of, plain_of, store_plain
+from fast.window_tiles import WindowTiles
 from fast.winograd import Winograd
 from layers.vision.convolution import Convolution
 from layers.vision.deconvolution import Deconvolution

@@ -24,13 +24,13 @@ class FastLayer(Layer):
 
     needs_backward: bool = True
     needs_bottom_diff: bool = True
-    after: Sequence[Layer] = ()
+    after: Sequence[FastLayer] = ()
     is_fused: bool = False
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         self._buffers = threading.local()
-        self._kept: dict[str, Array] = {}
+        self._for_backward: dict[str, Array] = {}
 
     def buffer(self, key: str, shape: tuple[int, ...], dtype: DTypeLike | None = None) -> Array:
         """Working memory of the calling thread: initially zeros, later the values
@@ -38,18 +38,18 @@ class FastLayer(Layer):
         """
         return buffer_of(self._buffers, key, shape, dtype or self.dtype)
 
-    def kept(self, key: str, like: Array) -> Array:
+    def for_backward(self, key: str, like: Array) -> Array:
         """Memory of this layer for values that backward reads, with the shape and
         type of ``like``.
         """
-        found = self._kept.get(key)
+        found = self._for_backward.get(key)
         if found is None or found.shape != like.shape:
-            found = self._kept[key] = aligned(like.shape, like.dtype)
+            found = self._for_backward[key] = aligned(like.shape, like.dtype)
         return found
 
     def forget(self) -> None:
-        """Release the memory of ``kept``; a copy of a layer must not share that of the original."""
-        self._kept = {}
+        """Release the memory of ``for_backward``, which a copy of a layer must not share."""
+        self._for_backward = {}
 
     # Layers that compute others behind them (fusing.py) override these methods.
 

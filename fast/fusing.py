@@ -13,7 +13,7 @@ store nothing, or a Scale directly behind a BatchNorm by the statistics of the b
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence, Set
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -138,34 +138,41 @@ def fuse(connections: Sequence[Connection], stored: Set[Blob]) -> None:
     can_move = all(writes_only_tops(at.layer) for at in connections)
     for i, at in enumerate(connections):
         layer = at.layer
-        if (
-            isinstance(layer, FastLayer)
-            and not layer.is_fused
-            and layer.fuses_relu()
-            and len(at.top) == 1
-        ):
-            # an unstored blob is computed later from what the first layer has read
-            may_move = can_move and not at.needs_backward
-            may_move &= all(last_writer.get(blob.root, -1) < i for blob in at.bottom)
-            # other nets write what they share, at any time
-            may_move &= all(param.owns_memory for param in layer.blobs)
-            chain: list[FastLayer] = []
-            blob, own = at.top[0], 1  # the blob to be written, and its users among these layers
-            for follower in connections[i + 1 :]:
-                if not _continues(at, chain, follower, blob):
-                    break
-                own += 1
-                if follower.top[0] is not blob:
-                    if not may_move or follower.needs_backward:
-                        break
-                    if own < users[blob] or blob in stored:
-                        break
-                    blob, own = follower.top[0], 1
-                assert isinstance(follower.layer, FastLayer)
-                chain.append(follower.layer)
-            layer.after = chain
-            for one in chain:
-                one.is_fused = True
+        if not isinstance(layer, FastLayer) or layer.is_fused or not layer.fuses_relu():
+            continue
+        if len(at.top) != 1:
+            continue
+        # an unstored blob is computed later from what the first layer has read
+        may_move = can_move and not at.needs_backward
+        may_move &= all(last_writer.get(blob.root, -1) < i for blob in at.bottom)
+        # other nets write what they share, at any time
+        may_move &= all(param.owns_memory for param in layer.blobs)
+        fixed = stored if may_move else users.keys()
+        layer.after = _chain(at, connections[i + 1 :], users, fixed)
+        for one in layer.after:
+            one.is_fused = True
+
+
+def _chain(
+    at: Connection, followers: Sequence[Connection], users: Mapping[Blob, int], stored: Set[Blob]
+) -> list[FastLayer]:
+    """The layers behind a layer that it can compute without a blob of ``stored`` between them.
+
+    users  the number of layers that use each blob
+    """
+    chain: list[FastLayer] = []
+    blob, own = at.top[0], 1  # the blob to be written, and its users among these layers
+    for follower in followers:
+        if not _continues(at, chain, follower, blob):
+            break
+        own += 1
+        if follower.top[0] is not blob:
+            if follower.needs_backward or own < users[blob] or blob in stored:
+                break
+            blob, own = follower.top[0], 1
+        assert isinstance(follower.layer, FastLayer)
+        chain.append(follower.layer)
+    return chain
 
 
 def release(connections: Sequence[Connection]) -> None:

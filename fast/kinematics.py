@@ -2,9 +2,9 @@
 and for a few.
 
 Many poses: all arrays have the batch last, (..., N), so that it is the innermost loop of every
-operation. Joints of the same depth with the same sequence of operations (like fingers) are computed
-as one array, and fixed rotations are multiplied in advance (``parts_of``). The sums over the joints
-that a motion moves are products with the 0/1 matrix ``Skeleton.moves``:
+operation. Joints of one depth with equal steps (like fingers) are computed as one array, and fixed
+rotations are multiplied in advance (joint_steps.py). The sums over the joints that a motion moves
+are products with the 0/1 matrix ``Skeleton.moves``:
 
     dL/dtheta  =  a . ( sum_k X_k x f_k  -  P x sum_k f_k )
 
@@ -12,21 +12,21 @@ Positions are computed relative to the translated root, and the translation is a
 gradient of a distant hand therefore loses no digits, and float32 (``dtype``) is sufficient and
 takes half the time.
 
-A few poses: the time depends on the number of NumPy calls, not on the arithmetic (``FewPoses``).
+A few poses: the time depends on the number of NumPy calls, not on the arithmetic (few_poses.py).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import DTypeLike
 
 from fast.fast_layer import FastLayer
+from fast.few_poses import FewPoses
+from fast.joint_steps import groups_of, steps_of
 from layers.hand.hand_model import HandModel
-from layers.hand.kinematics import Kinematics, Pose, rotation
+from layers.hand.kinematics import Kinematics, Pose
 from layers.hand.sized_hand_model import SizedHandModel
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array, Blobs
@@ -68,7 +68,7 @@ class FastKinematics(Kinematics):
 
     def __init__(self, skeleton: Skeleton, dtype: DTypeLike = np.float64) -> None:
         super().__init__(skeleton, dtype)
-        steps = parts_of(skeleton)
+        steps = steps_of(skeleton)
         moving = [
             (j, step) for j, own in enumerate(steps) for step in own if step.kind != "constant"
         ]
@@ -80,10 +80,8 @@ class FastKinematics(Kinematics):
         carried = skeleton.descendants[[j for j, _ in moving]].reshape(
             len(moving), len(skeleton.parents)
         )
-        self._moves, self._descendants = (
-            carried.astype(self.dtype),
-            skeleton.descendants.astype(self.dtype),
-        )
+        self._moves = carried.astype(self.dtype)
+        self._descendants = skeleton.descendants.astype(self.dtype)
         self.groups, self._places = groups_of(skeleton, steps, self.dtype)
         self._few = FewPoses(skeleton, steps)
         self._repeats = len(set(self.dof_of.tolist())) < len(self.dof_of)
@@ -91,9 +89,8 @@ class FastKinematics(Kinematics):
     def joints(self, inputs: Array, bones: Array | None = None) -> Array:
         """Joint positions (N, K, 3)."""
         if len(inputs) <= FEW:
-            return self._few.joints(self.skeleton.theta(inputs)[:, self.dof_of], bones).astype(
-                self.dtype
-            )
+            values = self.skeleton.theta(inputs)[:, self.dof_of]
+            return self._few.joints(values, bones).astype(self.dtype)
         return self.forward(inputs, bones).joints
 
     def forward(self, inputs: Array, bones: Array | None = None) -> FastPose:
@@ -131,10 +128,9 @@ class FastKinematics(Kinematics):
                     i, j = (k + 1) % 3, (k + 2) % 3
                     c, s = cos[rows][:, None], sin[rows][:, None] * sign
                     frame[i], frame[j] = c * frame[i] + s * frame[j], c * frame[j] - s * frame[i]
-            for body, from_where in zip(
-                group.bodies, np.broadcast_to(start, (len(group.joints), 3, N))
-            ):
-                X[body] = from_where
+            starts = np.broadcast_to(start, (len(group.joints), 3, N))
+            for body, own in zip(group.bodies, starts):
+                X[body] = own
             local[group.joints] = p + frame[group.bone_axis] * lengths[group.joints][:, None]
             pose.columns.append((frame[0], frame[1], frame[2]))
         X += local
@@ -218,9 +214,8 @@ class FastKinematics(Kinematics):
         if not isinstance(pose, FastPose):
             return super().axes(pose)
         start = (pose.X - pose.local)[self._joint_of[self.free]]
-        return pose.axis[self.free].transpose(2, 0, 1), (pose.pivot[self.free] + start).transpose(
-            2, 0, 1
-        )
+        pivot = pose.pivot[self.free] + start
+        return pose.axis[self.free].transpose(2, 0, 1), pivot.transpose(2, 0, 1)
 
     def rotation_of(self, pose: Pose, joint: int) -> Array:
         """The rotation world_from_joint of one joint, (N, 3, 3), from the frames of its group."""
@@ -279,214 +274,3 @@ class FastHandModel(FastLayer, HandModel):
 
 class FastSizedHandModel(FastHandModel, SizedHandModel):
     """SizedHandModel with FastKinematics."""
-
-
-# -------------------------------------------------------------------------------- motions of joints
-
-
-class Part(NamedTuple):
-    """One motion of one joint, or the product of consecutive fixed rotations."""
-
-    kind: Literal["translate", "rotate", "constant"]
-    axis: int = -1  # local axis of a motion
-    sign: float = 1.0  # -1: about or along the negative axis
-    number: int = -1  # index of the motion among the M that are not constants
-    dof: int = -1
-    matrix: Array | None = None  # for a constant: the product of fixed rotations
-
-
-def parts_of(skeleton: Skeleton) -> list[list[Part]]:
-    """The operations of each joint in order; consecutive fixed rotations are one operation."""
-    row, result = 0, []
-    for motions in skeleton.motions:
-        own: list[Part] = []
-        for m in motions:
-            if m.kind == "rotate" and skeleton.fixed[m.dof]:
-                matrix = rotation(m.axis, m.sign * skeleton.initial[m.dof])
-                if own and own[-1].matrix is not None:
-                    matrix = own.pop().matrix @ matrix
-                own.append(Part("constant", matrix=matrix))
-            else:
-                own.append(Part(m.kind, m.axis, m.sign, row, m.dof))
-                row += 1
-        result.append(own)
-    return result
-
-
-class Operation(NamedTuple):
-    """The parts of n joints that are computed together."""
-
-    kind: Literal["translate", "rotate", "constant"]
-    axis: int
-    rows: slice | list[int]  # indices of the motions
-    sign: Array  # (n, 1, 1)
-    matrices: Array  # (n, 3, 3) matrices of the constants
-
-
-@dataclass
-class Group:
-    """Joints of one depth whose parts have the same kinds and axes, so that they are
-    computed as one array.
-    """
-
-    joints: list[int]
-    parent: int  # index of the parents' group; -1 for roots
-    slots: slice | list[int]  # indices of the parents in that group
-    operations: list[Operation]
-    bone_axis: int
-    bodies: list[slice | list[int]]  # for roots: indices of each root and its descendants
-
-
-def groups_of(
-    skeleton: Skeleton, steps: Sequence[Sequence[Part]], dtype: DTypeLike
-) -> tuple[list[Group], dict[int, tuple[int, int]]]:
-    """Group the joints, parents first.
-
-    Returns the groups, and for each joint its group and its index in it.
-    """
-    parents, depth = skeleton.parents, skeleton.descendants.sum(axis=0)
-    alike: dict[object, list[int]] = {}
-    places: dict[int, tuple[int, int]] = {}
-    for j in skeleton.order:
-        kinds = tuple((step.kind, step.axis) for step in steps[j])
-        alike.setdefault((depth[j], kinds, max(skeleton.bone_axes[j], 0)), []).append(j)
-    groups: list[Group] = []
-    for same in alike.values():  # in the order of depth
-        by_parent: dict[int, list[int]] = {}
-        for j in same:
-            group = places[int(parents[j])][0] if parents[j] >= 0 else -1
-            by_parent.setdefault(group, []).append(j)
-        for parent, joints in by_parent.items():
-            slots = [places[int(parents[j])][1] if parent >= 0 else 0 for j in joints]
-            same_steps = zip(*(steps[j] for j in joints))
-            together = [_together(same_step, dtype) for same_step in same_steps]
-            places.update({j: (len(groups), slot) for slot, j in enumerate(joints)})
-            roots = joints if parent < 0 else []
-            bodies = [_as_slice(np.flatnonzero(skeleton.descendants[j]).tolist()) for j in roots]
-            axis = int(max(skeleton.bone_axes[joints[0]], 0))
-            groups.append(Group(joints, parent, _as_slice(slots), together, axis, bodies))
-    return groups, places
-
-
-def _together(steps: Sequence[Part], dtype: DTypeLike) -> Operation:
-    rows = _as_slice([step.number for step in steps])
-    signs = np.array([step.sign for step in steps], dtype)
-    matrices = np.array([step.matrix for step in steps if step.matrix is not None], dtype)
-    kind, axis = steps[0].kind, steps[0].axis
-    return Operation(kind, axis, rows, signs[:, None, None], matrices.reshape(-1, 3, 3))
-
-
-def _as_slice(indices: list[int]) -> slice | list[int]:
-    """Convert consecutive indices to a slice, so that indexing with them returns a view."""
-    if indices == list(range(indices[0], indices[0] + len(indices))):
-        return slice(indices[0], indices[0] + len(indices))
-    return indices
-
-
-class FewPoses:
-    """Computes all rotations of a pose together, then the transforms of all joints together.
-
-    A rotation about a fixed axis is R(t) = P + cos t C + sin t S with constant matrices
-    (Rodrigues), so three operations compute all rotations of a pose. The rotations and the bone of
-    each joint give a 4 x 4 transform. It is multiplied from the left by the transform of the
-    parent, then by the result of the grandparent, then of the fourth ancestor, and so on
-    (pointer doubling): the number of products is the number of bits of the depth.
-    """
-
-    def __init__(self, skeleton: Skeleton, steps: Sequence[Sequence[Part]]) -> None:
-        K, M = len(steps), sum(step.kind != "constant" for own in steps for step in own)
-        most = max(1, *(sum(step.kind != "translate" for step in own) for own in steps))
-        # rotations of every joint, padded with the identity
-        self.P, self.C, self.S = np.zeros((3, most, K, 3, 3))
-        self.P[:] = np.eye(3)
-        self.angle = np.full((most, K), M)  # index of the motion of each rotation; M: none
-        self.slides: list[tuple[int, int, float, int]] = []  # joint, axis, sign, motion
-        motions = []  # per motion: joint, number of the joint's rotations before it, axis, sign
-        for j, own in enumerate(steps):
-            turned = 0
-            for step in own:
-                if step.kind == "translate":
-                    self.slides.append((j, step.axis, step.sign, step.number))
-                elif step.matrix is not None:
-                    self.P[turned, j] = step.matrix
-                else:
-                    self.P[turned, j], self.C[turned, j], self.S[turned, j] = _rodrigues(step)
-                    self.angle[turned, j] = step.number
-                if step.matrix is None:
-                    motions.append((j, turned, step.axis, step.sign))  # translations come first
-                turned += step.kind != "translate"
-        self.motions = np.array(motions, dtype=int).reshape(-1, 4).T
-        self.bone_axes = np.zeros((K, 3, 1))
-        has_bone = np.flatnonzero(skeleton.bone_axes >= 0)
-        self.bone_axes[has_bone, skeleton.bone_axes[has_bone], 0] = 1
-        self.bones = self.bone_axes * skeleton.bones[:, None, None]
-        before = np.append(np.where(skeleton.parents < 0, K, skeleton.parents), K)  # K is the world
-        self.parents, self.before = before, []
-        while (before < K).any():
-            self.before.append(before)
-            before = before[before]
-
-    def joints(self, value: Array, bones: Array | None) -> Array:
-        """Positions (N, K, 3) for the values (N, M) of the motions; ``bones`` (N, K) are bone
-        lengths per pose.
-        """
-        return self._world(value, bones)[0][:, :-1, :3, 3]
-
-    def pose(self, value: Array, free: Array, bones: Array | None, dtype: DTypeLike) -> Pose:
-        """Joints, frames, and the axes of the motions ``free`` (Q,); ``bones`` (N, K) are bone
-        lengths per pose.
-        """
-        world, turns, start = self._world(value, bones)
-        joint, slot, axis, sign = self.motions[:, free]
-        parent = world[:, self.parents[joint]]
-        own = turns[slot, :, joint, :, axis].swapaxes(0, 1) * sign[:, None]
-        pose = Pose(0, 0, 0)
-        pose.joints = world[:, :-1, :3, 3].astype(dtype)
-        pose.frames = world[:, :-1, :3, :3].astype(dtype)
-        in_parent = np.stack([own, start[:, joint]], axis=-1)
-        both = parent[..., :3, :3] @ in_parent
-        pose.axis = both[..., 0].astype(dtype)
-        pose.pivot = (parent[..., :3, 3] + both[..., 1]).astype(dtype)
-        return pose
-
-    def _world(self, value: Array, bones: Array | None) -> tuple[Array, Array, Array]:
-        """World transforms (N, K + 1, 4, 4), the last one the identity, and in the frame of each
-        joint's parent
-
-        turns  (F + 1, N, K, 3, 3) rotation of the joint before each of its F factors, and
-               after all of them
-        start  (N, K, 3) translation of the joint before its rotations
-        """
-        N, K = len(value), len(self.bone_axes)
-        angle = np.zeros((N, value.shape[1] + 1))
-        angle[:, :-1] = value
-        cos, sin = (f(angle)[:, self.angle][..., None, None] for f in (np.cos, np.sin))
-        R = cos * self.C
-        R += sin * self.S
-        R += self.P
-        turns = np.empty((len(self.angle) + 1, N, K, 3, 3))
-        turns[0] = np.eye(3)
-        turns[1] = R[:, 0]
-        for f in range(1, len(self.angle)):
-            np.matmul(turns[f], R[:, f], out=turns[f + 1])
-        start = np.zeros((N, K, 3))
-        for j, axis, sign, row in self.slides:
-            start[:, j, axis] += sign * value[:, row]
-        world = np.zeros((N, K + 1, 4, 4))
-        world[:, :-1, :3, :3] = turns[-1]
-        offsets = self.bones if bones is None else self.bone_axes * bones[..., None, None]
-        turned = turns[-1] @ offsets
-        world[:, :-1, :3, 3] = turned[..., 0] + start
-        world[:, -1, [0, 1, 2], [0, 1, 2]] = 1
-        world[..., 3, 3] = 1
-        for before in self.before:
-            world = world[:, before] @ world
-        return world, turns, start
-
-
-def _rodrigues(step: Part) -> tuple[Array, Array, Array]:
-    """P, C, S (3, 3) of a rotation R(t) = P + cos t C + sin t S."""
-    angles = 0.0, np.pi / 2, np.pi
-    start, quarter, half = (rotation(step.axis, step.sign * angle) for angle in angles)
-    P = (start + half) / 2
-    return P, start - P, quarter - P

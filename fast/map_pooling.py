@@ -36,7 +36,7 @@ class Windows:
 
     padded           the size of a map with padding, including the parts of windows that extend
                      beyond the padding
-    inside           the part of a padded map that is not padding
+    unpadded         the part of a padded map that is not padding
     rows             for each row of the kernel that is inside the map anywhere, the windows in
                      which it is inside, and the rows of the map there
     columns          the first columns of all windows in a padded map
@@ -49,8 +49,8 @@ class Windows:
     def __init__(self, g: Geometry, sizes: tuple[int, int], outputs: tuple[int, int]) -> None:
         self.g, self.sizes, self.outputs = g, sizes, outputs
         self.kernel, self.stride = g.kernel, g.stride
-        self.inside = g.unpadded(sizes)
-        ends = [part.stop for part in self.inside]
+        self.unpadded = g.unpadded(sizes)
+        ends = [part.stop for part in self.unpadded]
         self.padded = tuple(map(max, g.extent(outputs), ends))
         down, right = g.stride
         self.rows: list[tuple[slice, slice]] = []
@@ -104,7 +104,7 @@ def running(op: np.ufunc, values: Array, k: int, out: Array) -> None:
 def _over_columns(w: Windows, op: np.ufunc, x: Array, empty: float) -> Array:
     """The padded maxima or sums v (n, Ho, Wp) of maps x (n, H, W) over the rows of each window."""
     v = scratch("pooled rows", (len(x), w.outputs[0], w.padded[1]), x.dtype)
-    left, right = w.inside[1].start, w.inside[1].stop
+    left, right = w.unpadded[1].start, w.unpadded[1].stop
     v[..., :left] = v[..., right:] = empty
     part = v[..., left:right]
     whole = [(rows, own) for rows, own in w.rows if rows == slice(0, w.outputs[0])]
@@ -139,7 +139,7 @@ def _everywhere(w: Windows, x: Array) -> Array:
     source = x
     if (high, wide) != w.sizes:
         padded.fill(-np.inf)
-        rows, columns = w.inside
+        rows, columns = w.unpadded
         padded[:, rows, columns] = x
         source = padded
     out = scratch("pooled", padded.shape, x.dtype)
@@ -217,7 +217,7 @@ def maximum_backward(w: Windows, dy: Array, winners: Array, dx: Array) -> None:
             total = scratch("pooled", (size,), dx.dtype)
             total.fill(0)
             total[places] = gradient
-        dx[maps] = total.reshape(n, high, wide)[:, w.inside[0], w.inside[1]]
+        dx[maps] = total.reshape(n, high, wide)[:, w.unpadded[0], w.unpadded[1]]
 
     w.run(len(dx), job)
 
@@ -239,7 +239,7 @@ def mean_backward(w: Windows, dy: Array, dx: Array, area: Array) -> None:
     kw = w.kernel[1]
     wide = w.padded[1] + kw - 1
     starts = slice(kw - 1, kw - 1 + w.columns.stop, w.stride[1])
-    left, right = w.inside[1].start, w.inside[1].stop
+    left, right = w.unpadded[1].start, w.unpadded[1].stop
 
     def job(maps: slice) -> None:
         shape = (maps.stop - maps.start, w.outputs[0], wide)

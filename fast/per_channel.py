@@ -107,7 +107,7 @@ class FastScale(FastLayer, Scale):
         x, gain = bottom[0].data, self.gain.data.reshape(-1)
         bias = self.bias.data.reshape(-1) if self.param.bias_term else None
         if self.needs_backward and bottom[0] is top[0]:
-            self.x = self.kept("x", x)
+            self.x = self.for_backward("x", x)
             self.x[...] = x
         affine(view(x, self.axis, gain.size), gain, bias, view(top[0].data, self.axis, gain.size))
 
@@ -152,22 +152,28 @@ class FastBatchNorm(FastLayer, BatchNorm):
         C = self.mean.count
         x, out = view(bottom[0].data, 1, C), view(top[0].data, 1, C)
         if self.uses_sums:
-            mean, deviation = statistics(self)
-            mean, after = mean.astype(x.dtype), after_of(None, self.after)
-            factor = (1 / deviation if after.gain is None else after.gain / deviation).astype(
-                x.dtype
-            )
-            after = replace(after, gain=factor)
+            self._forward_by_sums(x, out)
+        else:
+            self.y = self.for_backward("y", bottom[0].data)
+            self._forward_by_batch(x, view(self.y, 1, C), out)
 
-            def scale_and_shift(i: slice, c: slice) -> None:
-                own = np.subtract(x[i, c], mean[c, None], out=out[i, c])
-                after.write(own, own, c, axis=1)
+    def _forward_by_sums(self, x: Array, out: Array) -> None:
+        """Write (x - mean) / s and what is behind it, on arrays (N, C, inner)."""
+        mean, deviation = statistics(self)
+        mean, after = mean.astype(x.dtype), after_of(None, self.after)
+        gain = 1.0 if after.gain is None else after.gain
+        after = replace(after, gain=(gain / deviation).astype(x.dtype))
 
-            each_block(x.shape, scale_and_shift)
-            self.s = self._per_channel(deviation)
-            return
-        self.y = self.kept("y", bottom[0].data)
-        y, count = view(self.y, 1, C), x.size // C
+        def scale_and_shift(i: slice, c: slice) -> None:
+            own = np.subtract(x[i, c], mean[c, None], out=out[i, c])
+            after.write(own, own, c, axis=1)
+
+        each_block(x.shape, scale_and_shift)
+        self.s = self._per_channel(deviation)
+
+    def _forward_by_batch(self, x: Array, y: Array, out: Array) -> None:
+        """Write y and what is behind it, on arrays (N, C, inner), and add to the sums."""
+        count = x.size // x.shape[1]
         k = row_sums(x[0]) / x.dtype.type(x.shape[2])
         total = np.empty((2, *x.shape[:2]), x.dtype)
 
@@ -180,11 +186,8 @@ class FastBatchNorm(FastLayer, BatchNorm):
         v = np.maximum(squares - np.square(rest), 0)
         self._add_to_sums(k + rest, v, count)
         deviation = np.sqrt(v + self.param.eps)
-        self.s, factor, rest = (
-            self._per_channel(deviation),
-            (1 / deviation).astype(x.dtype),
-            rest.astype(x.dtype),
-        )
+        self.s = self._per_channel(deviation)
+        factor, rest = (1 / deviation).astype(x.dtype), rest.astype(x.dtype)
         after = after_of(None, self.after)
 
         def normalize(i: slice, c: slice) -> None:

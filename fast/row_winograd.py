@@ -158,7 +158,7 @@ def transform(matrix: Array, vectors: Array, out: Array) -> None:
     np.matmul(matrix.astype(out.dtype), right, out=out.reshape(len(out), -1))
 
 
-def items(values: Array) -> Array:
+def as_units(values: Array) -> Array:
     """View each vector along the last axis as one item, because NumPy copies an item faster
     than its values.
     """
@@ -186,8 +186,8 @@ def _inputs(g: Geometry, x: Array, outputs: tuple[int, ...]) -> Array:
     map_last(x.reshape(n, C * H, W), flat.reshape(C * H, W, n))
     split = scratch("split", (k + 3, outputs[0] + k - 1, C, T, n), x.dtype)
     split[:, :top] = split[:, top + H :] = 0
-    inside = items(split)[:, top : top + H]
-    _by_column(items(flat).transpose(1, 2, 0), left, inside.swapaxes(2, 3))
+    inside = as_units(split)[:, top : top + H]
+    _by_column(as_units(flat).transpose(1, 2, 0), left, inside.swapaxes(2, 3))
     V = scratch("inputs", split.shape, x.dtype)
     transform(input_matrix(k), split, V)
     return V
@@ -212,8 +212,8 @@ def _correlate(weights: Array, V: Array, x: Array, after: After, y: Array) -> No
     rows = sums.reshape(TILE * Ho, O, T * n)
     after.write(rows, rows, slice(0, O), axis=1)
     flat = scratch("by place", (O, Ho, Wo, n), y.dtype)
-    for phase, values in enumerate(items(sums)):
-        target = items(flat)[:, :, phase::TILE]
+    for phase, values in enumerate(as_units(sums)):
+        target = as_units(flat)[:, :, phase::TILE]
         target[...] = values.swapaxes(0, 1)[:, :, : target.shape[2]]
     map_first(flat.reshape(-1, n), y)
 
@@ -225,7 +225,7 @@ def _outputs(k: int, dy: Array) -> Array:
     flat = scratch("by place", (Ho, Wo, n * O), dy.dtype)
     map_last(dy.reshape(n * O, Ho, Wo), flat)
     split = scratch("split", (TILE, Ho, T, n * O), dy.dtype)
-    _by_column(items(flat), 0, items(split))
+    _by_column(as_units(flat), 0, as_units(split))
     Z = scratch("products", (k + 3, Ho, T * n, O), dy.dtype)
     transform(output_matrix(k).T, split, Z)
     return Z

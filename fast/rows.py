@@ -50,11 +50,8 @@ class Rows(Algorithm):
     """
 
     def fits(self, s: Sizes, sum_: Sum) -> bool:
-        """Few outputs, so that copying takes as long as the product, and long rows.
-
-        Up to twice as fast.
-
-        For dw also few weights, because there is a product for each row of outputs. Up to 1.4
+        """Few outputs, so that copying takes as long as the product, and long rows: up to twice as
+        fast. For dw also few weights, because there is a product for each row of outputs: up to 1.4
         times as fast.
         """
         g = s.geometry
@@ -130,12 +127,12 @@ def stacked(g: Geometry, x: Array, rows: slice, outputs: tuple[int, ...]) -> Arr
     start = rows.start * down - g.pad[0]
     low, high = max(start, 0), max(min(start + len(X), H), 0)
     above, below = min(low - start, len(X)), max(high - start, 0)
-    plan = _plan(g, x.shape[3:], outputs)
+    copies = _copies(g, x.shape[3:], outputs)
 
     def job(c: slice) -> None:
         X[:above, :, c] = X[below:, :, c] = 0
         source, target = x[:, c, low:high].swapaxes(0, 2), X[above:below, :, c]
-        for own, taken, edges in plan:
+        for own, taken, edges in copies:
             for edge in edges:
                 target[edge] = 0
             target[own] = source[taken]
@@ -147,13 +144,13 @@ def stacked(g: Geometry, x: Array, rows: slice, outputs: tuple[int, ...]) -> Arr
 
 
 @lru_cache(maxsize=256)
-def _plan(
+def _copies(
     g: Geometry, sizes: tuple[int, ...], outputs: tuple[int, ...]
 ) -> list[tuple[Index, Index, list[Index]]]:
     """For each element of the kernel without the first axis, the indices in X of the windows in
     which it is inside x, those of its values there, and the indices of the other windows.
     """
-    plan: list[tuple[Index, Index, list[Index]]] = []
+    copies: list[tuple[Index, Index, list[Index]]] = []
     for element, place in enumerate(np.ndindex(g.kernel[1:])):
         own: Index = (slice(None), element, ...)
         taken: Index = (...,)
@@ -166,8 +163,8 @@ def _plan(
             edges += [(*own, edge, *rest) for edge in others if edge.stop > edge.start]
             own += (within,)
             taken += (slice(first, first + (within.stop - within.start) * step, step),)
-        plan.append((own, taken, edges))
-    return plan
+        copies.append((own, taken, edges))
+    return copies
 
 
 def _blocks(g: Geometry, x: Array, y_shape: tuple[int, ...]) -> Iterator[tuple[slice, slice]]:

@@ -4,7 +4,7 @@ A blob inside a slice of the batch (slices.py) may be *tiled*: its arrays then h
 ``(R, T, C, N, P)`` instead of ``(N, C, H, W)``, and the value of row h, column w, channel c, image
 n is at ``[h, w % T, c, n, w // T]``. R is H rounded up to a multiple of T; P columns are stored
 per phase, at least W / T. This is the order in which a convolution by matrix products writes and a
-T x T max pooling reads, both in long contiguous blocks (convolution_tiles.py). The padding in
+T x T max pooling reads, both in long contiguous blocks (row_tiles.py). The padding in
 ``data`` is any finite number, in ``diff`` it is zero. Only layers that declare support for tiles
 get such a blob.
 

@@ -38,7 +38,7 @@ from fast.geometry import (
     image_blocks,
 )
 from fast.parallel import scratch
-from fast.row_winograd import TILE, input_matrix, items, kernel_matrix, output_matrix, transform
+from fast.row_winograd import TILE, as_units, input_matrix, kernel_matrix, output_matrix, transform
 from netlib.blob import Array, blocks, divide_up, equal_blocks
 
 BLOCK_BYTES = 4 << 20  # of both factors of the products of a block; smaller ones take more calls
@@ -52,7 +52,7 @@ MIN_COST = 100_000_000
 KERNEL = 3
 SIDE = TILE + KERNEL - 1  # of the inputs of a tile
 
-Part = tuple[slice, slice]  # images, rows of tiles
+Block = tuple[slice, slice]  # images, rows of tiles
 
 
 class Winograd(Algorithm):
@@ -84,7 +84,7 @@ class Winograd(Algorithm):
             return
         weights = _weights(w, scratch("weights", (SIDE * SIDE, *w.shape[:2]), w.dtype))
 
-        def job(part: Part) -> None:
+        def job(part: Block) -> None:
             images, rows = part
             V = _inputs(g, x[images], rows, y.shape[2:])
             V = V.reshape(SIDE * SIDE, x.shape[1], -1)
@@ -166,9 +166,9 @@ def _inputs(
     R, T, L = rows.stop - rows.start, divide_up(outputs[1], TILE), C * n
     padded = scratch("padded", (TILE, C, n, R + 1, TILE * (T + 1)), x.dtype)
     _place(x.swapaxes(0, 1), g.pad[0] - TILE * rows.start, g.pad[1], padded)
-    tiles = items(padded.reshape(TILE, L, R + 1, T + 1, TILE))
+    tiles = as_units(padded.reshape(TILE, L, R + 1, T + 1, TILE))
     pairs = scratch("split", (TILE, L, R + 1, T, 2 * TILE), x.dtype)
-    halves = items(pairs.reshape(*pairs.shape[:-1], 2, TILE))
+    halves = as_units(pairs.reshape(*pairs.shape[:-1], 2, TILE))
     halves[..., 0] = tiles[..., :-1]
     halves[..., 1] = tiles[..., 1:]
     mixed = scratch("mixed", (TILE, SIDE, L * (R + 1) * T), x.dtype)
@@ -260,7 +260,7 @@ def _tiles(y: Array) -> tuple[int, int]:
     return divide_up(y.shape[2], TILE), divide_up(y.shape[3], TILE)
 
 
-def _blocks(x: Array, y: Array) -> Iterator[Part]:
+def _blocks(x: Array, y: Array) -> Iterator[Block]:
     """The images and rows of tiles of each block; at least one for each thread
     outside of slices.
     """

@@ -5,7 +5,7 @@ layouts of its top.
 import numpy as np
 import pytest
 
-from fast.convolution_tiles import RowTiles, fold, toeplitz
+from fast.row_tiles import RowTiles, fold, toeplitz
 from netlib import gradcheck
 from tests.support.plain_loops import check_transpose, convolve
 from tests.support.tiled import load, store, tiled

@@ -5,8 +5,8 @@ the plain one.
 import numpy as np
 import pytest
 
-from fast.convolution_tiles import WindowTiles
 from fast.geometry import Geometry
+from fast.window_tiles import WindowTiles
 from netlib import gradcheck
 from netlib.blob import Blob, Blobs
 from tests.support.plain_loops import convolve
