@@ -231,7 +231,9 @@ def _lowering(
     stop: int,
     outputs: tuple[int, ...],
 ) -> _Lowering:
-    """``strides`` are those of x (C, n, ...)."""
+    """What is copied for the rows ``start`` to ``stop`` of outputs; ``strides`` are those of
+    x (C, n, ...).
+    """
     last, every = g.stride[-1], (slice(None),) * len(g.kernel)
     begin = start * g.stride[0] - g.pad[0]
     end = begin + g.extent([stop - start])[0]
@@ -240,12 +242,12 @@ def _lowering(
     shape = (end - begin, *g.padded(sizes)[1:])
     # values of a column are then adjacent
     step = last if g.kernel[-1] > last and outputs[-1] >= MIN_ROW else 1
-    padded, phase_bytes = None, 0
+    padded, phase_bytes, read = None, 0, strides  # strides of the values that are read
     copies: list[tuple[Index, Index]] = []
     if step > 1 or any(g.pad):
         padded = (*shape[:-1], step, divide_up(shape[-1], step))
-        strides = np.empty((1, n, *padded), dtype).strides
-        strides, phase_bytes = (*strides[:-2], strides[-1]), strides[-2]
+        *others, phase_bytes, next_bytes = np.empty((1, n, *padded), dtype).strides
+        read = *others, next_bytes
         left, right = inside[-1].start, inside[-1].stop
         for phase in range(step):
             values = slice((phase - left) % step, right - left, step)
@@ -255,13 +257,13 @@ def _lowering(
     # elements of a row that read the same of every ``step`` values
     period = step // math.gcd(step, g.dilation[-1])
     next_value = g.dilation[-1] * period // step
-    down = map(mul, (*g.dilation[:-1], next_value), strides[2:])
-    across = map(mul, (*g.stride[:-1], last // step), strides[2:])
-    steps = strides[0], *down, strides[1], *across
+    down = map(mul, (*g.dilation[:-1], next_value), read[2:])
+    across = map(mul, (*g.stride[:-1], last // step), read[2:])
+    steps = read[0], *down, read[1], *across
     windows: list[tuple[Index, int, tuple[int, ...]]] = []
     for first in range(min(period, g.kernel[-1])):
         place, phase = divmod(first * g.dilation[-1], step)
-        first_byte = phase * phase_bytes + place * strides[-1]
+        first_byte = phase * phase_bytes + place * read[-1]
         windows.append(((*every, slice(first, None, period)), first_byte, steps))
     return _Lowering(slice(low, high), padded, copies, windows)
 

@@ -155,14 +155,15 @@ def maximum(w: Windows, x: Array, y: Array, winners: Array | None) -> None:
     """
     nothing = np.full(y.shape[2], NOTHING, y.dtype)  # a row takes less time than a number
 
-    def job(maps: slice) -> None:
-        if winners is None:
-            if w.runs_everywhere:
-                found = _everywhere(w, x[maps])
-            else:
-                found = _over_rows(w, np.maximum, _over_columns(w, np.maximum, x[maps], -np.inf))
-            np.maximum(found, nothing, out=y[maps])
-            return
+    def maxima(maps: slice) -> None:
+        if w.runs_everywhere:
+            found = _everywhere(w, x[maps])
+        else:
+            found = _over_rows(w, np.maximum, _over_columns(w, np.maximum, x[maps], -np.inf))
+        np.maximum(found, nothing, out=y[maps])
+
+    def maxima_and_winners(maps: slice) -> None:
+        assert winners is not None
         own = w.maps(x[maps], -np.inf)
         own.read(x[maps])
         best = scratch("pooled", (w.outputs[0], w.outputs[1] * (maps.stop - maps.start)), x.dtype)
@@ -170,7 +171,7 @@ def maximum(w: Windows, x: Array, y: Array, winners: Array | None) -> None:
         np.maximum(best, y.dtype.type(NOTHING), out=best)
         map_first(best, y[maps])
 
-    w.run(len(x), job)
+    w.run(len(x), maxima if winners is None else maxima_and_winners)
 
 
 def _with_winners(maps: Maps, best: Array, kind: type[np.unsignedinteger]) -> Array:
