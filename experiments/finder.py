@@ -1,5 +1,4 @@
-"""Recall of the finder of hands, at numbers of false hands a frame, and whether their
-sides are right.
+"""Recall of the finder of hands, at numbers of false hands a frame.
 
     python -m experiments finder snapshots/finder_iter_18000.caffemodel.h5
     python -m experiments finder WEIGHTS --recording take left=take_left.npy right=take_right.npy \\
@@ -9,8 +8,8 @@ Synthetic scenes are those of the training's generator with other random numbers
 frames of synthetic recordings with other cameras, of another person each, half of them mirrored
 ("other"). Labels of a recording are joints (frames, ..., 3) in mm, x right, y down, z away, NaN
 where there is none; the middle of a hand's joints is its place. A hand is found within 80 mm of it;
-each further answer is false. "side" is the share of the hands found whose side is right or unknown,
-with the threshold at one false hand a frame; "unknown" those without an answer.
+each further answer is false. "mm" is the median distance of the hands found at one false hand a
+frame.
 
 --reliability shows whether presence is a probability: of the answers of each presence, the share
 that are hands. Its last line has the scale and the shift of the log-odds with which those of the
@@ -67,7 +66,7 @@ class Labelled(NamedTuple):
 
     depth: Array
     camera: Camera
-    hands: list[tuple[Array, Side]]
+    hands: list[Array]
     doubtful: Sequence[Array] = ()
 
 
@@ -76,8 +75,6 @@ class Answer(NamedTuple):
 
     presence: float
     true: bool
-    side: Side | None = None
-    right_side: bool = False
     off_mm: float = 0.0
 
 
@@ -141,16 +138,7 @@ def run(args: argparse.Namespace) -> int:
         print(f"power_param {{ scale: {scale:.3f} shift: {shift:.3f} }}")
         return DONE
     rows = [
-        [
-            "frames of",
-            "count",
-            "hands",
-            *(f"recall at {rate:g}" for rate in RATES),
-            "side",
-            "unknown",
-            "mm",
-            "CPU ms",
-        ]
+        ["frames of", "count", "hands", *(f"recall at {rate:g}" for rate in RATES), "mm", "CPU ms"]
     ]
     for name, frames in sources.items():
         rows.append([name, *cells_of(finder, frames())])
@@ -173,13 +161,10 @@ def cells_of(finder: Finder, frames: Iterator[Labelled]) -> list[str]:
         return ["0"]
     recalls, threshold = recalls_of(answers, total, number)
     kept = [one for one in answers if one.true and one.presence >= threshold]
-    sides = [one.right_side or one.side is None for one in kept]
-    unknown = [one.side is None for one in kept]
-    shares = [f"{np.mean(part):.0%}" if part else "" for part in (sides, unknown)]
     off = f"{np.median([one.off_mm for one in kept]):.0f}" if kept else ""
     found_shares = [f"{recall:.0%}" for recall in recalls]
     ms = 1000 * seconds / number
-    return [str(number), str(total), *found_shares, *shares, off, f"{ms:.0f}"]
+    return [str(number), str(total), *found_shares, off, f"{ms:.0f}"]
 
 
 def answers_of(finder: Finder, frames: Iterator[Labelled]) -> list[Answer]:
@@ -228,10 +213,10 @@ def judged(found: Sequence[FoundHand], frame: Labelled) -> list[Answer]:
     """
     left, answers = list(frame.hands), []
     for hand in found:
-        off = [float(np.linalg.norm(hand.middle - place)) for place, _ in left]
+        off = [float(np.linalg.norm(hand.middle - place)) for place in left]
         if off and min(off) < WITHIN_MM:
-            _, side = left.pop(int(np.argmin(off)))
-            answers.append(Answer(hand.presence, True, hand.side, hand.side == side, min(off)))
+            del left[int(np.argmin(off))]
+            answers.append(Answer(hand.presence, True, min(off)))
         elif not any(np.linalg.norm(hand.middle - place) < WITHIN_MM for place in frame.doubtful):
             answers.append(Answer(hand.presence, False))
     return answers
@@ -286,11 +271,8 @@ def drawn_scenes(number: int, scenes: int) -> Iterator[Labelled]:
     for block in range(-(-scenes // SCENES_PER_BLOCK)):
         drawn = generator.block(block)
         for n in range(min(SCENES_PER_BLOCK, scenes - block * SCENES_PER_BLOCK)):
-            sides: list[Side] = ["right" if side > 0 else "left" for side in drawn.side[n]]
-            hands = [(drawn.middle[n, k], sides[k]) for k in np.flatnonzero(drawn.present[n])]
-            yield Labelled(
-                drawn.depth[n], camera_of(drawn, n), hands, [*drawn.middle[n, drawn.doubtful[n]]]
-            )
+            hands, doubtful = drawn.middle[n, drawn.present[n]], drawn.middle[n, drawn.doubtful[n]]
+            yield Labelled(drawn.depth[n], camera_of(drawn, n), [*hands], [*doubtful])
 
 
 def camera_of(scenes: Scenes, n: int) -> Camera:
@@ -312,7 +294,7 @@ def other_scenes(number: int, scenes: int) -> Iterator[Labelled]:
         recording = SyntheticRecording(script, camera, rate=1, seed=number + n, mirrored=mirrored)
         frame, truth = recording.frame(n % recording.count), recording.truth(n % recording.count)
         partly = [recording.movements[lost.id] for lost in truth.lost if lost.reason == PARTLY]
-        hands = [(hand.xyz.mean(0), hand.the_pose.side) for hand in truth.hands]
+        hands = [hand.xyz.mean(0) for hand in truth.hands]
         doubtful = [movement.pose_at(frame.time).xyz.mean(0) for movement in partly]
         yield Labelled(frame.depth, recording.camera, hands, doubtful)
 
@@ -338,11 +320,11 @@ def recorded(source: str, labels: dict[Side, Path], part: str) -> Iterator[Label
             if part != "all" and (n % 2 == 0) != (part == "even"):
                 continue
             hands = []
-            for side, values in joints.items():
+            for values in joints.values():
                 points = values[n].reshape(-1, 3) if n < len(values) else np.empty((0, 3))
                 points = points[np.isfinite(points).all(axis=1)]
                 if len(points):
-                    hands.append((points.mean(0) * (1, -1, 1), side))
+                    hands.append(points.mean(0) * (1, -1, 1))
             yield Labelled(frame.depth, recording.camera, hands)
 
 

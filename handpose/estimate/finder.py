@@ -1,5 +1,4 @@
-"""Hands in whole depth frames, also beside bodies, tables and objects: where, which
-pixels, which side.
+"""Hands in whole depth frames, also beside bodies, tables and objects: where, and which pixels.
 
 A fully convolutional network sees the frame at a focal length of ``FOCAL_PX``. Each pixel on a hand
 votes for the middle of its joints; a found hand is a local maximum of the presence, placed by the
@@ -15,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.body.sides import MIRROR, Side, SideView
+from handpose.body.sides import MIRROR, SideView
 from handpose.estimate.hand import MIN_PRESENCE
 from handpose.fit.rounding import PLACE_STEP_MM, rounded
 from handpose.fit.settings import FinderSettings
@@ -35,8 +34,7 @@ MAX_PIXELS = 1 << 19  # of the net's input; larger frames are seen smaller
 CHANCE_STEP = 2.0**-10  # to which probabilities are rounded, so that processors agree
 MIN_VOTES = 1e-4  # sum of the weights around a maximum
 # channels, part of the resolution
-MIRRORED: dict[Side | None, Side | None] = {"right": "left", "left": "right", None: None}
-OUTPUTS = {"class": (3, 2), "presence": (1, 4), "votes": (3, 4), "right": (1, 4)}
+OUTPUTS = {"class": (3, 2), "presence": (1, 4), "votes": (3, 4)}
 
 
 class FoundHand(NamedTuple):
@@ -44,19 +42,16 @@ class FoundHand(NamedTuple):
 
     presence  from 0 to 1: how sure it is that this is a hand
     middle    (3,) mm, the mean of its joints without the wrist, camera axes
-    side      None if it is not clear
     mask      (height, width) the hand's pixels in the frame
     """
 
     presence: float
     middle: Array
-    side: Side | None
     mask: NDArray[np.bool_]
 
     def mirrored(self) -> FoundHand:
         """The hand in the mirror image of its frame."""
-        side = MIRRORED[self.side]
-        return FoundHand(self.presence, self.middle * MIRROR, side, self.mask[:, ::-1])
+        return FoundHand(self.presence, self.middle * MIRROR, self.mask[:, ::-1])
 
 
 class Finder:
@@ -115,10 +110,8 @@ class Finder:
         said = self.net.forward(blobs=["votes", "class"], frame=channels_of(small[None], focal))
         if not all(np.isfinite(said[name]).all() for name in OUTPUTS):
             raise NetlibError(f"{self.net.source}: answers that are not finite; check its weights")
-        chances = said["class"][0, 1], said["presence"][0, 0], said["right"][0, 0]
-        hand, presence, right = (
-            rounded(values, CHANCE_STEP).astype(np.float32) for values in chances
-        )
+        chances = said["class"][0, 1], said["presence"][0, 0]
+        hand, presence = (rounded(values, CHANCE_STEP).astype(np.float32) for values in chances)
         z = small[::4, ::4].astype(np.float64)
         z[z >= BEYOND_MM] = 0
         rays = np.concatenate([slopes[::4, ::4], np.ones((*z.shape, 1))], axis=-1)
@@ -133,22 +126,9 @@ class Finder:
         if not peaks:
             return []
         middles = np.stack([middle for _, middle in peaks])
-        # of the votes of pixels from middles
-        apart = np.linalg.norm(votes[:, :, None] - middles, axis=-1)
-        owner, near = apart.argmin(-1), apart.min(-1) < self.settings.voters_mm
+        owner = np.linalg.norm(votes[:, :, None] - middles, axis=-1).argmin(-1)
         masks = self._masks(image, camera, scale, hand, owner, middles)
-        found = []
-        for k, (chance, middle) in enumerate(peaks):
-            voters = weight * (near & (owner == k)) + 1e-9 * (weight > 0)
-            side = self._side(float((voters * right).sum() / voters.sum()))
-            found.append(FoundHand(chance, middle, side, masks[k]))
-        return found
-
-    def _side(self, right: float) -> Side | None:
-        """The side of a hand that is a right one with this probability, or None."""
-        if right >= self.settings.sure_side:
-            return "right"
-        return "left" if right <= 1 - self.settings.sure_side else None
+        return [FoundHand(*peak, mask) for peak, mask in zip(peaks, masks)]
 
     def _peaks(
         self, presence: Floats, votes: Array, weight: Array, min_presence: float, most: int

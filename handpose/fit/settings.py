@@ -199,10 +199,8 @@ class ExpectedSettings:
 class FinderSettings:
     """The hands that a finder's outputs mean."""
 
-    sure_side: float = 0.8  # probability from which on a side is given
     apart_mm: float = 70.0  # middles closer than this are one hand
     reach_mm: float = 150.0  # from the middle to the farthest part of a hand
-    voters_mm: float = 60.0  # pixels whose votes end this close to a middle decide the side
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,6 @@ top[2]  heat   (N, 1, H/4, W/4)    1 at a hand's middle, less around it, or I
 top[3]  vote   (N, 3, H/4, W/4)    from the pixel's surface to the hand's middle, in
                                    VOTE_MM; 0 elsewhere
 top[4]  own    (N, 3, H/4, W/4)    1 at the pixels that vote, else 0
-top[5]  right  (N, 1, H/4, W/4)    1 for a right hand, 0 for a left one, I elsewhere
 """
 
 from __future__ import annotations
@@ -41,10 +40,8 @@ class FinderScenes(Layer):
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         """Read the seed. Raises LayerError."""
-        if len(top) != 6:
-            raise self.fail(
-                f"has {len(top)} tops, expected 6: frame, class, heat, vote, own, right"
-            )
+        if len(top) != 5:
+            raise self.fail(f"has {len(top)} tops, expected 5: frame, class, heat, vote, own")
         if not self.param_str.isdecimal():
             raise self.fail(
                 f"param_str {self.param_str!r}, expected a seed, a whole number from 0 on"
@@ -56,7 +53,7 @@ class FinderScenes(Layer):
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         """Shape the tops for a block of scenes."""
-        channels, steps = (4, 1, 1, 3, 3, 1), (1, 2, 4, 4, 4, 4)
+        channels, steps = (4, 1, 1, 3, 3), (1, 2, 4, 4, 4)
         for blob, count, step in zip(top, channels, steps):
             blob.reshape(SCENES_PER_BLOCK, count, HEIGHT // step, WIDTH // step)
 
@@ -78,8 +75,8 @@ class FinderScenes(Layer):
         self.number = int(state.get("number", 0))
 
 
-def targets_of(scenes: Scenes) -> tuple[Array, Array, Array, Array, Array]:
-    """The class, heat, vote, own and right of the layer's tops."""
+def targets_of(scenes: Scenes) -> tuple[Array, Array, Array, Array]:
+    """The class, heat, vote and own of the layer's tops."""
     half = scenes.depth[:, ::2, ::2] > 0
     classes = np.where(half, scenes.classes[:, ::2, ::2], IGNORE_LABEL)[:, None]
     depth, which = scenes.depth[:, ::4, ::4], scenes.which[:, ::4, ::4]
@@ -100,6 +97,5 @@ def targets_of(scenes: Scenes) -> tuple[Array, Array, Array, Array, Array]:
     vote = (scenes.middle[frame, hand] - points) / VOTE_MM
     is_close = np.linalg.norm(vote, axis=-1) < LONGEST_VOTE
     own = (which > 0) & (depth > 0) & is_close
-    right = np.where(own, scenes.side[frame, hand] > 0, IGNORE_LABEL)
     every = np.repeat(own[:, None], 3, axis=1)
-    return classes, heat[:, None], np.moveaxis(vote, -1, 1) * every, every, right[:, None]
+    return classes, heat[:, None], np.moveaxis(vote, -1, 1) * every, every

@@ -64,7 +64,6 @@ class Scenes(NamedTuple):
     what       (N, HEIGHT, WIDTH) what is shown: an index of ``SceneGenerator.names``
     middle     (N, 2, 3) mm, the mean of each hand's joints without the wrist
     middle_px  (N, 2, 2) its column and row
-    side       (N, 2) 1 for a right hand, -1 for a left one
     present    (N, 2) whether the hand is to be found
     doubtful   (N, 2)
     slopes     (N, HEIGHT, WIDTH, 2) x / z and y / z of the rays
@@ -76,7 +75,6 @@ class Scenes(NamedTuple):
     what: NDArray[np.int16]
     middle: Array
     middle_px: Array
-    side: Array
     present: NDArray[np.bool_]
     doubtful: NDArray[np.bool_]
     slopes: Floats
@@ -156,7 +154,6 @@ def draw_scenes(
         what=what.astype(np.int16),
         middle=middles,
         middle_px=cameras.pixels(middles),
-        side=np.stack([hand.side for hand in people.hands], axis=1),
         present=people.there & np.stack(seen, axis=1),
         doubtful=people.there,
         slopes=slopes_of(rays),

@@ -294,10 +294,10 @@ class Tracker:
             return []
         if first.chance < self.settings.start.first:
             return []
-        sides = self.predictor.sides if hand.side is None else (hand.side,)
         seen = view.of(first.hand)
         regions = [
-            SearchRegion(seen.pixel_in(side, first.view_uvd), side, size=size) for side in sides
+            SearchRegion(seen.pixel_in(side, first.view_uvd), side, size=size)
+            for side in self.predictor.sides
         ]
         return [one for one in self.estimator.in_regions(view, regions, self._accurate) if one]
 
@@ -318,7 +318,7 @@ class Tracker:
             every.append(
                 TrackedHand(
                     place.id,
-                    place.hand.side,
+                    None,
                     confidence=0.0,
                     reason=NO_POSE,
                     presence=place.presence,

@@ -136,7 +136,7 @@ def test_a_pose_away_from_the_label_counts_as_a_lost_hand() -> None:
     [frame] = tracked_labels(recording, true_labels(recording), 0, False, min_confidence=0)
     middle, pixels = frame.label.mean(axis=(0, 1)), np.zeros(frame.depth.shape, bool)
     places = (middle + (40, 0, 0), middle + (-200, 0, 0))
-    frame.tracker.finder = Said(*(FoundHand(0.9, place, None, pixels) for place in places))
+    frame.tracker.finder = Said(*(FoundHand(0.9, place, pixels) for place in places))
     found = poses_of("rest", iter([frame]))
     assert len(found.error_mm) == 2 and found.error_mm[0] < 25 and found.error_mm[1] == LOST_MM
     assert np.isnan(found.fingers_mm).any(axis=1).tolist() == [False, True]

@@ -31,7 +31,6 @@ from experiments.finder import (
     reliability,
     things_taken_for_hands,
 )
-from handpose.body.sides import Side
 from handpose.estimate.finder import Finder, FoundHand
 from handpose.estimate.packaged import HAND_FINDER
 from handpose.fit import settings as fit_settings
@@ -236,15 +235,15 @@ def test_labels_of_another_recording(tmp_path: Path) -> None:
             list(followed(str(source), others, 0, False, Settings()))
 
 
-def hand(presence: float, off: float, side: Side | None = "right") -> FoundHand:
-    return FoundHand(presence, PLACE + (off, 0, 0), side, np.zeros((1, 1), bool))
+def hand(presence: float, off: float) -> FoundHand:
+    return FoundHand(presence, PLACE + (off, 0, 0), np.zeros((1, 1), bool))
 
 
 def test_a_labelled_hand_is_found_once() -> None:
     """The next answer near it is false, and one near a doubtful hand is not counted."""
-    frame = Labelled(np.zeros((480, 640)), NYU, [(PLACE, "left")], [PLACE + (500, 0, 0)])
+    frame = Labelled(np.zeros((480, 640)), NYU, [PLACE], [PLACE + (500, 0, 0)])
     answers = judged(
-        [hand(0.9, 70), hand(0.8, 10), hand(0.7, 300), hand(0.6, 450), hand(0.5, 0, None)], frame
+        [hand(0.9, 70), hand(0.8, 10), hand(0.7, 300), hand(0.6, 450), hand(0.5, 0)], frame
     )
     assert [(one.presence, one.true) for one in answers] == [
         (0.9, True),
@@ -252,7 +251,7 @@ def test_a_labelled_hand_is_found_once() -> None:
         (0.7, False),
         (0.5, False),
     ]
-    assert answers[0] == Answer(0.9, True, "right", right_side=False, off_mm=70.0)
+    assert answers[0] == Answer(0.9, True, off_mm=70.0)
 
 
 def test_recalls_at_numbers_of_false_hands() -> None:
@@ -274,8 +273,7 @@ def test_the_labels_of_a_recording_and_its_half(tmp_path: Path) -> None:
     for part, counts in (("all", [0, 1, 0]), ("even", [0, 0]), ("odd", [1])):
         frames = list(recorded(str(tmp_path / "take.npz"), labels, part))
         assert [len(frame.hands) for frame in frames] == counts
-    place, side = frames[0].hands[0]
-    assert side == "left" and place == pytest.approx(PLACE)
+    assert frames[0].hands[0] == pytest.approx(PLACE)
 
 
 def test_the_packaged_finder_is_measured() -> None:
@@ -308,7 +306,7 @@ def test_false_detections_are_counted_by_the_name_of_the_object() -> None:
     class Sees:
         def hands(self, depth: Array, camera: Camera, most: int) -> list[FoundHand]:
             middle = camera.unproject([80.0, 64.0, 500.0])
-            return [FoundHand(0.9, middle, None, depth > 0)]
+            return [FoundHand(0.9, middle, depth > 0)]
 
     head, *rows = things_taken_for_hands(cast(Finder, Sees()), 3, 8)
     assert head == ["taken for a hand", "pixels", "times", "a frame"]

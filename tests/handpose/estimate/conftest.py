@@ -86,4 +86,4 @@ def found_at(frame: np.ndarray, place: Sequence[float], presence: float = 0.9) -
     rows, columns = np.indices(frame.shape)
     points = KINECT2.unproject(np.stack([columns, rows, np.maximum(frame, 1)], axis=-1))
     near = np.linalg.norm(points - place, axis=-1) < 110
-    return FoundHand(presence, np.array(place, float), None, near & (frame > 0))
+    return FoundHand(presence, np.array(place, float), near & (frame > 0))

@@ -47,12 +47,10 @@ class TrueNet:
             presence[v, u + 3] = chance - 0.2  # whose votes mean the same palm
         votes = np.where(hand[..., None], palms[owner] - points, 0) / VOTE_MM
         one = np.stack([~hand, hand, 0 * hand])[:, ::2, ::2]
-        right = np.where(owner == 0, 0.95, 0.1)[::4, ::4]
         self.answers = {
             "class": one,
             "presence": presence[None],
             "votes": np.moveaxis(votes[::4, ::4], -1, 0),
-            "right": right[None],
         }
         self.answers = {
             name: values[None].astype(np.float32)
@@ -70,15 +68,14 @@ def found_in(
     return Finder(TrueNet(**changed)).hands(depth, camera, most=most)  # type: ignore[arg-type]
 
 
-def test_palms_sides_and_masks_of_two_hands() -> None:
+def test_palms_and_masks_of_two_hands() -> None:
     first, second = found_in(frame())
     for hand, side in ((first, "right"), (second, "left")):
         np.testing.assert_allclose(hand.middle, PALMS[side], atol=0.3)
-        assert hand.side == side
         true = frame() == PALMS[side][2] - 20
         assert (hand.mask & ~true).sum() == 0 and hand.mask.sum() > 0.9 * true.sum()
     assert (first.presence, second.presence) == pytest.approx((0.9, 0.6), abs=1e-3)
-    assert [hand.side for hand in found_in(frame(), most=1)] == ["right"]
+    assert [hand.presence for hand in found_in(frame(), most=1)] == [first.presence]
 
 
 def test_a_finer_camera_gives_the_same_hands_and_masks_of_its_own_size() -> None:
@@ -105,15 +102,8 @@ def test_the_packaged_net_sees_frames_padded_to_its_stride() -> None:
 def test_no_hand_is_found_without_depth() -> None:
     depth = frame()
     depth[:, :80] = 0
-    assert [hand.side for hand in found_in(depth)] == ["left"]
+    assert [hand.presence for hand in found_in(depth)] == pytest.approx([0.6], abs=1e-3)
     assert found_in(np.zeros_like(depth)) == []
-
-
-def test_a_side_may_be_unknown() -> None:
-    assert [hand.side for hand in found_in(frame(), right=np.full((1, 32, 40), 0.6))] == [
-        None,
-        None,
-    ]
 
 
 def test_readings_nearer_than_the_camera_measures_do_not_count() -> None:
@@ -157,9 +147,9 @@ def test_frames_and_answers_that_do_not_fit() -> None:
     with pytest.raises(NetlibError, match="not finite"):
         found_in(frame(), presence=np.full((1, 32, 40), np.nan))
     with pytest.raises(
-        NetlibError, match=r"blob 'right' of shape \(2, 32, 40\) an item, expected \(1, 32, 40\)"
+        NetlibError, match=r"blob 'votes' of shape \(2, 32, 40\) an item, expected \(3, 32, 40\)"
     ):
-        found_in(frame(), right=np.zeros((2, 32, 40)))
+        found_in(frame(), votes=np.zeros((2, 32, 40)))
     net = TrueNet()
     del net.blobs["frame"]
     with pytest.raises(NetlibError, match="no blob 'frame'"):

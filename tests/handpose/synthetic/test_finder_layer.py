@@ -16,7 +16,7 @@ NET = Path(__file__).parents[3] / "prototxt" / "finder_train_test.prototxt"
 
 def test_votes_lead_to_palms_and_heat_is_highest_there() -> None:
     scenes = SceneGenerator(1).block(0)
-    _, heat, vote, own, right = targets_of(scenes)
+    _, heat, vote, own = targets_of(scenes)
     points = (
         np.concatenate([scenes.slopes, np.ones((*scenes.depth.shape, 1))], axis=-1)
         * scenes.depth[..., None]
@@ -27,11 +27,9 @@ def test_votes_lead_to_palms_and_heat_is_highest_there() -> None:
         np.testing.assert_allclose(
             reached[n][pixels], np.tile(scenes.middle[n, k], (pixels.sum(), 1)), atol=1e-2
         )
-        assert (right[n, 0][pixels] == (scenes.side[n, k] > 0)).all()
         column, row = np.round(scenes.middle_px[n, k] / 4).astype(int)
         if row < heat.shape[2] and column < heat.shape[3]:
             assert heat[n, 0, row, column] in (1.0, IGNORE_LABEL)
-    assert (right[own[:, :1] == 0] == IGNORE_LABEL).all()
 
 
 def test_the_net_trains_on_the_scenes_of_its_number() -> None:

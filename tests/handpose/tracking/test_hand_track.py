@@ -50,7 +50,7 @@ def frame_with(presence: float | None) -> Any:
         return (
             None
             if presence is None
-            else FoundHand(presence, place + (7, 0, 0), None, np.ones((1, 1), bool))
+            else FoundHand(presence, place + (7, 0, 0), np.ones((1, 1), bool))
         )
 
     view = SimpleNamespace(camera=Estimator.camera)

@@ -16,7 +16,7 @@ NOTHING = np.zeros((1, 1), bool)
 
 def seen(*places: tuple[float, float]) -> list[FoundHand]:
     """Hands at x mm, with a presence."""
-    return [FoundHand(presence, np.array([x, 0, 600]), None, NOTHING) for x, presence in places]
+    return [FoundHand(presence, np.array([x, 0, 600]), NOTHING) for x, presence in places]
 
 
 def places_of(hands: PresentHands) -> list[tuple[int, float]]:

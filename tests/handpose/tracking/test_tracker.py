@@ -208,7 +208,7 @@ def seeing(tracker: Tracker, *places: tuple[float, ...]) -> Tracker:
     """The tracker with a finder that sees a hand at each place (x, y, z, presence)."""
     mask = np.ones((240, 320), bool)
     tracker.finder = Said(
-        *(FoundHand(presence, np.array(place), None, mask) for *place, presence in places)
+        *(FoundHand(presence, np.array(place), mask) for *place, presence in places)
     )
     return tracker
 
