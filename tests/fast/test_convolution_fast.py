@@ -295,7 +295,5 @@ def test_the_types_of_forks_have_the_depthwise_algorithm(kind):
         )
         layer.reshape([Blob(x.shape)], [Blob(())])
         [chosen] = layer.algorithms
-        found.append(
-            [type(getattr(chosen, part)) for part in ("for_y", "for_dx", "for_dw")]
-        )
+        found.append([type(getattr(chosen, part)) for part in ("for_y", "for_dx", "for_dw")])
     assert found[0] == found[1] == [Depthwise] * 3
