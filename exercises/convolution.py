@@ -18,43 +18,42 @@ for o, h, v in np.ndindex(gradient.shape):
     stamp = gradient[o, h, v] * self.weight.data[o]
     x.diff[n, :, h : h + self.kernel[0], v : v + self.kernel[1]] = stamp"""
 
-MISTAKES = (
-    Mistake(
-        "Count the first window as well: the division gives the number of shifts, so the size is one more.",
-        ("(n + 2 * pad - extent) // stride + 1", "(n + 2 * pad - extent) // stride"),
-    ),
-    Mistake(
-        "The bias is missing: b[o] is added to every pixel of the output map o.",
-        ("out += self.bias.data.reshape(-1, *(1,) * len(self.kernel))", "out += 0"),
-    ),
-    Mistake(
-        "dx is assigned in a loop where it must be added to: windows overlap, and every output map contributes to "
-        "a pixel. Start from zeros and use +=.",
-        (ADD_WINDOWS, "padded[part] = patches[:, element]"),
-        (STAMP, STAMP_WINDOWS),
-        (STAMP, STAMP_MAPS_AND_WINDOWS),
-    ),
-    Mistake(
-        "A gradient of a parameter is assigned in a loop over images or windows, so only the last one is left, "
-        "without what earlier batches have added. Use dw[...] += and db[...] += there.",
-        (
-            ADD_WEIGHTS,
-            "dw[...] = dy @ self.by_group(self.im2col(image, gradient.shape)).swapaxes(1, 2)",
-        ),
-        (
-            ADD_WEIGHTS,
-            "columns = self.by_group(self.im2col(image, gradient.shape))\n"
-            "dw[...] = dy[..., -1:] @ columns[..., -1:].swapaxes(1, 2)",
-        ),
-        (ADD_BIAS, "self.bias.diff[...] = dy.sum(axis=2).reshape(-1)"),
-        (ADD_BIAS, "self.bias.diff[...] = dy[..., -1].reshape(-1)"),
-    ),
-    Mistake(
-        "dx begins at the corner of the padded image. Cut the padding off: rows pad to pad + H, and columns "
-        "likewise.",
-        ("slice(p, p + n)", "slice(n)"),
-    ),
+WINDOW_NOT_COUNTED = Mistake(
+    "Count the first window as well: the division gives the number of shifts, so the size is one more.",
+    ("(n + 2 * pad - extent) // stride + 1", "(n + 2 * pad - extent) // stride"),
 )
+BIAS_MISSING = Mistake(
+    "The bias is missing: b[o] is added to every pixel of the output map o.",
+    ("out += self.bias.data.reshape(-1, *(1,) * len(self.kernel))", "out += 0"),
+)
+DX_ASSIGNED = Mistake(
+    "dx is assigned in a loop where it must be added to: windows overlap, and every output map contributes to "
+    "a pixel. Start from zeros and use +=.",
+    (ADD_WINDOWS, "padded[part] = patches[:, element]"),
+    (STAMP, STAMP_WINDOWS),
+    (STAMP, STAMP_MAPS_AND_WINDOWS),
+)
+GRADIENTS_ASSIGNED = Mistake(
+    "A gradient of a parameter is assigned in a loop over images or windows, so only the last one is left, "
+    "without what earlier batches have added. Use dw[...] += and db[...] += there.",
+    (
+        ADD_WEIGHTS,
+        "dw[...] = dy @ self.by_group(self.im2col(image, gradient.shape)).swapaxes(1, 2)",
+    ),
+    (
+        ADD_WEIGHTS,
+        "columns = self.by_group(self.im2col(image, gradient.shape))\n"
+        "dw[...] = dy[..., -1:] @ columns[..., -1:].swapaxes(1, 2)",
+    ),
+    (ADD_BIAS, "self.bias.diff[...] = dy.sum(axis=2).reshape(-1)"),
+    (ADD_BIAS, "self.bias.diff[...] = dy[..., -1].reshape(-1)"),
+)
+DX_NOT_CROPPED = Mistake(
+    "dx begins at the corner of the padded image. Cut the padding off: rows pad to pad + H, and columns "
+    "likewise.",
+    ("slice(p, p + n)", "slice(n)"),
+)
+MISTAKES = (WINDOW_NOT_COUNTED, BIAS_MISSING, DX_ASSIGNED, GRADIENTS_ASSIGNED, DX_NOT_CROPPED)
 
 
 NO_BIAS = "bias_term: false"

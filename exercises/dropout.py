@@ -9,30 +9,29 @@ DX = "bottom[0].diff[...] = top[0].diff * self.factor"
 NEW_MASK = """self.forward(bottom, [type(top[0])(top[0].shape, self.dtype)])
 bottom[0].diff[...] = top[0].diff * self.factor"""
 
-MISTAKES = (
-    Mistake(
-        "The values kept are not scaled. In phase TRAIN they are x / (1 - p), which preserves the mean, so TEST "
-        "needs no scaling.",
-        ("(drawn >= least) * self.in_training", "(drawn >= least).astype(self.dtype)"),
-    ),
-    Mistake(
-        "The mask is inverted: p, the dropout_ratio, is the fraction dropped, so a value is kept where drawn >= "
-        "least.",
-        ("drawn >= least", "drawn < least"),
-    ),
-    Mistake(
-        "backward propagates the gradient of dropped values. They do not affect the loss: dx = dy factor.",
-        ("top[0].diff * self.factor", "top[0].diff"),
-    ),
-    Mistake(
-        "backward draws a new mask. It must use that of the last forward, stored in self.factor.",
-        (DX, NEW_MASK),
-    ),
-    Mistake(
-        "In phase TEST nothing is dropped: y = x. Draw a mask only if self.active.",
-        ("self.active", "True"),
-    ),
+NOT_SCALED = Mistake(
+    "The values kept are not scaled. In phase TRAIN they are x / (1 - p), which preserves the mean, so TEST "
+    "needs no scaling.",
+    ("(drawn >= least) * self.in_training", "(drawn >= least).astype(self.dtype)"),
 )
+MASK_INVERTED = Mistake(
+    "The mask is inverted: p, the dropout_ratio, is the fraction dropped, so a value is kept where drawn >= "
+    "least.",
+    ("drawn >= least", "drawn < least"),
+)
+DROPPED_GRADIENT_KEPT = Mistake(
+    "backward propagates the gradient of dropped values. They do not affect the loss: dx = dy factor.",
+    ("top[0].diff * self.factor", "top[0].diff"),
+)
+MASK_DRAWN_AGAIN = Mistake(
+    "backward draws a new mask. It must use that of the last forward, stored in self.factor.",
+    (DX, NEW_MASK),
+)
+DROPPED_IN_TEST = Mistake(
+    "In phase TEST nothing is dropped: y = x. Draw a mask only if self.active.",
+    ("self.active", "True"),
+)
+MISTAKES = (NOT_SCALED, MASK_INVERTED, DROPPED_GRADIENT_KEPT, MASK_DRAWN_AGAIN, DROPPED_IN_TEST)
 
 
 TO_DO = {

@@ -7,27 +7,34 @@ from exercises.layers import Example, Letters, layer_exercise, numbers
 
 ADD_WEIGHTS = "self.output_first(self.weight.diff)[...] += dy.T @ x"
 ADD_BIAS = "self.bias.diff[...] += dy.sum(axis=0, dtype=np.float64)"
+W_NOT_TRANSPOSED = Mistake(
+    "w has a row for each output, (O, I). y[n, o] is the product of row n of x and row o of w: y = x wᵀ, not x"
+    " w.",
+    ("x @ w.T", "x @ w"),
+)
+W_TRANSPOSED_TWICE = Mistake(
+    "dx = dy w, without a transpose: y = x wᵀ already has one, and transposing it again gives w.",
+    ("dy @ w", "dy @ w.T"),
+)
+DW_TRANSPOSED = Mistake(
+    "dw has the shape of w, (O, I): dyᵀ x, not xᵀ dy.", ("dy.T @ x", "x.T @ dy")
+)
+GRADIENTS_ASSIGNED = Mistake(
+    "A gradient is assigned in a loop over the items, which replaces the sum of the items before and what "
+    "earlier batches have added. Use dw[...] += and db[...] += there.",
+    (ADD_WEIGHTS, "self.output_first(self.weight.diff)[...] = np.outer(dy[-1], x[-1])"),
+    (ADD_BIAS, "self.bias.diff[...] = dy[-1]"),
+)
+DB_OVER_OUTPUTS = Mistake(
+    "db is summed over the outputs. b[o] is added to y[n, o] of every item n, so sum over the items: axis 0.",
+    ("dy.sum(axis=0, dtype=np.float64)", "dy.sum(axis=1, dtype=np.float64)"),
+)
 MISTAKES = (
-    Mistake(
-        "w has a row for each output, (O, I). y[n, o] is the product of row n of x and row o of w: y = x wᵀ, not x"
-        " w.",
-        ("x @ w.T", "x @ w"),
-    ),
-    Mistake(
-        "dx = dy w, without a transpose: y = x wᵀ already has one, and transposing it again gives w.",
-        ("dy @ w", "dy @ w.T"),
-    ),
-    Mistake("dw has the shape of w, (O, I): dyᵀ x, not xᵀ dy.", ("dy.T @ x", "x.T @ dy")),
-    Mistake(
-        "A gradient is assigned in a loop over the items, which replaces the sum of the items before and what "
-        "earlier batches have added. Use dw[...] += and db[...] += there.",
-        (ADD_WEIGHTS, "self.output_first(self.weight.diff)[...] = np.outer(dy[-1], x[-1])"),
-        (ADD_BIAS, "self.bias.diff[...] = dy[-1]"),
-    ),
-    Mistake(
-        "db is summed over the outputs. b[o] is added to y[n, o] of every item n, so sum over the items: axis 0.",
-        ("dy.sum(axis=0, dtype=np.float64)", "dy.sum(axis=1, dtype=np.float64)"),
-    ),
+    W_NOT_TRANSPOSED,
+    W_TRANSPOSED_TWICE,
+    DW_TRANSPOSED,
+    GRADIENTS_ASSIGNED,
+    DB_OVER_OUTPUTS,
 )
 
 

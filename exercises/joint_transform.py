@@ -47,31 +47,30 @@ R[..., j, i], R[..., j, j] = sin, cos"""
 BACKWARDS = """R[..., i, i], R[..., i, j] = cos, sin
 R[..., j, i], R[..., j, j] = -sin, cos"""
 TURN = "F @ rotation(motion.axis, motion.sign * theta[:, motion.dof])"
-MISTAKES = (
-    Mistake(
-        "The rotation has the wrong direction: the minus belongs to the sine in the first row, of (x, y) for z, "
-        "(y, z) for x, (z, x) for y.",
-        (ROTATION, BACKWARDS),
-    ),
-    Mistake(
-        "The matrices are multiplied in the wrong order. A joint rotates about its own axes, already moved by the "
-        "previous rotations: F <- F R, not R F.",
-        (TURN, "rotation(motion.axis, motion.sign * theta[:, motion.dof]) @ F"),
-    ),
-    Mistake(
-        "motion.sign is ignored: NEG_Y is a rotation about -y, that is, about y by -theta.",
-        ("motion.sign * theta[:, motion.dof]", "theta[:, motion.dof]"),
-    ),
-    Mistake(
-        "F[:, axis] is a row of F. F e_axis is a column: F[:, :, axis].",
-        ("F[:, :, motion.axis]", "F[:, motion.axis]"),
-    ),
-    Mistake(
-        "p += ... also changes the parent's joint: p is a view of pose.joints[:, parent]. Write p = p + ..., which"
-        " creates a new array.",
-        ("p = p + a * theta[:, motion.dof, None]", "p += a * theta[:, motion.dof, None]"),
-    ),
+TURNED_BACKWARDS = Mistake(
+    "The rotation has the wrong direction: the minus belongs to the sine in the first row, of (x, y) for z, "
+    "(y, z) for x, (z, x) for y.",
+    (ROTATION, BACKWARDS),
 )
+MATRICES_EXCHANGED = Mistake(
+    "The matrices are multiplied in the wrong order. A joint rotates about its own axes, already moved by the "
+    "previous rotations: F <- F R, not R F.",
+    (TURN, "rotation(motion.axis, motion.sign * theta[:, motion.dof]) @ F"),
+)
+SIGN_IGNORED = Mistake(
+    "motion.sign is ignored: NEG_Y is a rotation about -y, that is, about y by -theta.",
+    ("motion.sign * theta[:, motion.dof]", "theta[:, motion.dof]"),
+)
+ROW_FOR_COLUMN = Mistake(
+    "F[:, axis] is a row of F. F e_axis is a column: F[:, :, axis].",
+    ("F[:, :, motion.axis]", "F[:, motion.axis]"),
+)
+PARENT_MOVED = Mistake(
+    "p += ... also changes the parent's joint: p is a view of pose.joints[:, parent]. Write p = p + ..., which"
+    " creates a new array.",
+    ("p = p + a * theta[:, motion.dof, None]", "p += a * theta[:, motion.dof, None]"),
+)
+MISTAKES = (TURNED_BACKWARDS, MATRICES_EXCHANGED, SIGN_IGNORED, ROW_FOR_COLUMN, PARENT_MOVED)
 
 
 TOP = recorded.everything()["hand_model/top_f64"].reshape(4, -1, 3)

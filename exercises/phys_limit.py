@@ -12,28 +12,27 @@ from netlib.blob import Array
 BEYOND = "self.beyond = np.maximum(x - self.upper, 0) - np.maximum(self.lower - x, 0)"
 DX = "top[0].diff / len(slope) * slope"
 
-MISTAKES = (
-    Mistake(
-        "An angle below its lower limit is also out of limits: v = max(lower - x, 0) + max(x - upper, 0).",
-        (BEYOND, "self.beyond = np.maximum(x - self.upper, 0)"),
-    ),
-    Mistake(
-        "Violations of lower limits are subtracted from those of upper limits. v counts both as positive.",
-        ("v = np.abs(self.beyond)", "v = self.beyond"),
-    ),
-    Mistake(
-        "The sum is not divided by the number of poses N.",
-        ("top[0].data[...] = total / len(x)", "top[0].data[...] = total"),
-    ),
-    Mistake(
-        "The gradient below a lower limit is negative: v grows as x decreases.",
-        (DX, "top[0].diff / len(slope) * np.abs(slope)"),
-    ),
-    Mistake(
-        "backward ignores top[0].diff (dL), the loss weight of the prototxt.",
-        (DX, "slope / len(slope)"),
-    ),
+LOWER_LIMIT_IGNORED = Mistake(
+    "An angle below its lower limit is also out of limits: v = max(lower - x, 0) + max(x - upper, 0).",
+    (BEYOND, "self.beyond = np.maximum(x - self.upper, 0)"),
 )
+VIOLATIONS_CANCEL = Mistake(
+    "Violations of lower limits are subtracted from those of upper limits. v counts both as positive.",
+    ("v = np.abs(self.beyond)", "v = self.beyond"),
+)
+NOT_DIVIDED_BY_N = Mistake(
+    "The sum is not divided by the number of poses N.",
+    ("top[0].data[...] = total / len(x)", "top[0].data[...] = total"),
+)
+SIGN_IGNORED = Mistake(
+    "The gradient below a lower limit is negative: v grows as x decreases.",
+    (DX, "top[0].diff / len(slope) * np.abs(slope)"),
+)
+DL_IGNORED = Mistake(
+    "backward ignores top[0].diff (dL), the loss weight of the prototxt.",
+    (DX, "slope / len(slope)"),
+)
+MISTAKES = (LOWER_LIMIT_IGNORED, VIOLATIONS_CANCEL, NOT_DIVIDED_BY_N, SIGN_IGNORED, DL_IGNORED)
 
 
 def _arm_like() -> Array:

@@ -17,35 +17,40 @@ ADD_TO_EQUAL = """source = self.padded(bottom[0].data[n], dy.shape, -np.inf)
 for rows, across in self.window_slices(dy.shape):
     padded[:, rows, across] += dy[n] * (source[:, rows, across] == top[0].data[n])"""
 
+SIZE_ROUNDED_DOWN = Mistake(
+    "Caffe's pooling rounds the output size up, not down: the last window may extend past the edge.",
+    ("-(-extent // stride) if rounds_up else extent // stride", "extent // stride"),
+)
+DX_ASSIGNED = Mistake(
+    "dx is assigned where it must be added to: windows overlap, and a pixel receives the gradient of each. Use"
+    " += in a loop; with an array of indices, += adds only once per index, and np.add.at adds all.",
+    (ADD_MAX, "padded[c, h * sh + i, w * sw + j] += dy[n]"),
+    ("padded[:, rows, across] += share", "padded[:, rows, across] = share"),
+    (ADD_MEANS, ASSIGN_FROM_THE_END),
+)
+PADDED_WITH_ZEROS = Mistake(
+    "The padding must never be the maximum, and 0 exceeds negative values: pad with -infinity.",
+    ("-np.inf if self.is_max else 0", "0"),
+)
+GRADIENT_TO_ALL_TIES = Mistake(
+    "Of equal maxima only the first receives the gradient; here all do. Store in forward which one was "
+    "selected.",
+    (ADD_MAX, ADD_TO_EQUAL),
+)
+WHOLE_KERNEL_AREA = Mistake(
+    "The mean divides by the whole kernel area. The part of a window outside the padded image is not counted; "
+    "area() returns the number of counted elements.",
+    (
+        "windows.sum(axis=0) / self.area(x.shape, y.shape)",
+        "windows.sum(axis=0) / np.prod(self.kernel)",
+    ),
+)
 MISTAKES = (
-    Mistake(
-        "Caffe's pooling rounds the output size up, not down: the last window may extend past the edge.",
-        ("-(-extent // stride) if rounds_up else extent // stride", "extent // stride"),
-    ),
-    Mistake(
-        "dx is assigned where it must be added to: windows overlap, and a pixel receives the gradient of each. Use"
-        " += in a loop; with an array of indices, += adds only once per index, and np.add.at adds all.",
-        (ADD_MAX, "padded[c, h * sh + i, w * sw + j] += dy[n]"),
-        ("padded[:, rows, across] += share", "padded[:, rows, across] = share"),
-        (ADD_MEANS, ASSIGN_FROM_THE_END),
-    ),
-    Mistake(
-        "The padding must never be the maximum, and 0 exceeds negative values: pad with -infinity.",
-        ("-np.inf if self.is_max else 0", "0"),
-    ),
-    Mistake(
-        "Of equal maxima only the first receives the gradient; here all do. Store in forward which one was "
-        "selected.",
-        (ADD_MAX, ADD_TO_EQUAL),
-    ),
-    Mistake(
-        "The mean divides by the whole kernel area. The part of a window outside the padded image is not counted; "
-        "area() returns the number of counted elements.",
-        (
-            "windows.sum(axis=0) / self.area(x.shape, y.shape)",
-            "windows.sum(axis=0) / np.prod(self.kernel)",
-        ),
-    ),
+    SIZE_ROUNDED_DOWN,
+    DX_ASSIGNED,
+    PADDED_WITH_ZEROS,
+    GRADIENT_TO_ALL_TIES,
+    WHOLE_KERNEL_AREA,
 )
 
 

@@ -9,29 +9,28 @@ SLOPE, IN_PLACE = "negative_slope: 0.1", "a layer in place"
 FORWARD = "top[0].data[...] = np.where(x > 0, x, self.slope * x)"
 BACKWARD = "np.where(x > 0, dy, self.slope * dy)"
 
-MISTAKES = (
-    Mistake(
-        "backward ignores top[0].diff. By the chain rule, dx is dy where x > 0 and slope * dy elsewhere.",
-        (BACKWARD, "np.where(x > 0, 1, self.slope)"),
-    ),
-    Mistake(
-        "backward uses the sign of dy. It must use the sign of x: dx is dy where x > 0.",
-        (BACKWARD, "np.where(dy > 0, dy, self.slope * dy)"),
-    ),
-    Mistake(
-        "At x = 0 Caffe uses the slope of the negative side: dx is dy only where x > 0, so use > instead of >=.",
-        (BACKWARD, "np.where(x >= 0, dy, self.slope * dy)"),
-    ),
-    Mistake(
-        "backward ignores the slope: where x <= 0 the gradient is slope * dy, not 0.",
-        (BACKWARD, "dy * (x > 0)"),
-    ),
-    Mistake(
-        "forward changes bottom[0].data. It belongs to the previous layer, which may need it in its backward; "
-        "write only into top[0].data.",
-        (FORWARD, "x[x < 0] *= self.slope\ntop[0].data[...] = x"),
-    ),
+DY_IGNORED = Mistake(
+    "backward ignores top[0].diff. By the chain rule, dx is dy where x > 0 and slope * dy elsewhere.",
+    (BACKWARD, "np.where(x > 0, 1, self.slope)"),
 )
+SIGN_OF_DY = Mistake(
+    "backward uses the sign of dy. It must use the sign of x: dx is dy where x > 0.",
+    (BACKWARD, "np.where(dy > 0, dy, self.slope * dy)"),
+)
+POSITIVE_AT_ZERO = Mistake(
+    "At x = 0 Caffe uses the slope of the negative side: dx is dy only where x > 0, so use > instead of >=.",
+    (BACKWARD, "np.where(x >= 0, dy, self.slope * dy)"),
+)
+SLOPE_IGNORED = Mistake(
+    "backward ignores the slope: where x <= 0 the gradient is slope * dy, not 0.",
+    (BACKWARD, "dy * (x > 0)"),
+)
+INPUT_CHANGED = Mistake(
+    "forward changes bottom[0].data. It belongs to the previous layer, which may need it in its backward; "
+    "write only into top[0].data.",
+    (FORWARD, "x[x < 0] *= self.slope\ntop[0].data[...] = x"),
+)
+MISTAKES = (DY_IGNORED, SIGN_OF_DY, POSITIVE_AT_ZERO, SLOPE_IGNORED, INPUT_CHANGED)
 
 TO_DO = {
     "reshape": "Give top[0] the shape of bottom[0].",

@@ -113,36 +113,41 @@ target[...] = weights_of.legacy_shape(array, target.shape)"""
 MIXED_UP = """each = len(solver.history[0])
 target = solver.history[i // each][i % each]
 target[...] = weights_of.legacy_shape(array, target.shape)"""
+ITERATION_LOST = Mistake(
+    "The iteration is not restored: solver.iter = state.iter. The learning rate and Adam's bias correction "
+    "depend on it.",
+    ("solver.iter = state.iter", ""),
+)
+HISTORY_LOST = Mistake(
+    "The history is not restored: the momentum starts from 0, which slows the training for some iterations. "
+    "Copy state.history into solver.history.",
+    ("target[...] = weights_of.legacy_shape(array, target.shape)", "pass"),
+)
+HISTORIES_MIXED_UP = Mistake(
+    "The histories are assigned to the wrong parameters. state_of writes, and restore_state reads, the first "
+    "histories of all parameters, then the second ones: entry i is history i // count of parameter i % count.",
+    (COPY, MIXED_UP),
+)
+LAYER_STATES_LOST = Mistake(
+    "The states of the layers are not restored: the next row of the data and the random number generators. "
+    "Save layer_states() and restore it with _restore_layers.",
+    ("_restore_layers(solver, path, _states_of_rank(solver, state))", ""),
+)
+AVERAGED_LOSSES_LOST = Mistake(
+    "The losses averaged for display, solver.smoothed, are not restored, so the displayed values differ from those "
+    "of an uninterrupted run. Write into the deque: a list in its place grows.",
+    ('solver.smoothed.extend(state.extra.get("smoothed", []))', ""),
+    (
+        'solver.smoothed.extend(state.extra.get("smoothed", []))',
+        'solver.smoothed = state.extra["smoothed"]',
+    ),
+)
 MISTAKES = (
-    Mistake(
-        "The iteration is not restored: solver.iter = state.iter. The learning rate and Adam's bias correction "
-        "depend on it.",
-        ("solver.iter = state.iter", ""),
-    ),
-    Mistake(
-        "The history is not restored: the momentum starts from 0, which slows the training for some iterations. "
-        "Copy state.history into solver.history.",
-        ("target[...] = weights_of.legacy_shape(array, target.shape)", "pass"),
-    ),
-    Mistake(
-        "The histories are assigned to the wrong parameters. state_of writes, and restore_state reads, the first "
-        "histories of all parameters, then the second ones: entry i is history i // count of parameter i % count.",
-        (COPY, MIXED_UP),
-    ),
-    Mistake(
-        "The states of the layers are not restored: the next row of the data and the random number generators. "
-        "Save layer_states() and restore it with _restore_layers.",
-        ("_restore_layers(solver, path, _states_of_rank(solver, state))", ""),
-    ),
-    Mistake(
-        "The losses averaged for display, solver.smoothed, are not restored, so the displayed values differ from those "
-        "of an uninterrupted run. Write into the deque: a list in its place grows.",
-        ('solver.smoothed.extend(state.extra.get("smoothed", []))', ""),
-        (
-            'solver.smoothed.extend(state.extra.get("smoothed", []))',
-            'solver.smoothed = state.extra["smoothed"]',
-        ),
-    ),
+    ITERATION_LOST,
+    HISTORY_LOST,
+    HISTORIES_MIXED_UP,
+    LAYER_STATES_LOST,
+    AVERAGED_LOSSES_LOST,
 )
 
 

@@ -100,31 +100,30 @@ h += rate * g"""
 SGD = """h *= p.momentum
 h += rate * g
 w -= h"""
-MISTAKES = (
-    Mistake(
-        "The rate is applied when w is changed, as in PyTorch. In Caffe it is part of the history, h <- m h + r g:"
-        " when the rate decreases, earlier gradients keep the rate they were added with.",
-        (SGD, "h[...] = p.momentum * h + g\nw -= rate * h"),
-    ),
-    Mistake(
-        "The update ascends. The gradient points towards a larger loss, so subtract h.",
-        ("w -= h", "w += h"),
-    ),
-    Mistake(
-        "The new h is lost: h = ... creates a new array; the next update uses the old one. Write into it: h[...] ="
-        " ...",
-        (SGD, "h = p.momentum * h + rate * g\nw -= h"),
-    ),
-    Mistake(
-        "The new w is lost: w = ... creates a new array, and the net keeps the old one. Write into it: w -= h.",
-        ("w -= h", "w = w - h"),
-    ),
-    Mistake(
-        "g is modified. The rule must not change it: debugging output and clipping use it; compute rate * g in the"
-        " expression.",
-        (ADD, "h *= p.momentum\ng *= rate\nh += g"),
-    ),
+RATE_APPLIED_LATE = Mistake(
+    "The rate is applied when w is changed, as in PyTorch. In Caffe it is part of the history, h <- m h + r g:"
+    " when the rate decreases, earlier gradients keep the rate they were added with.",
+    (SGD, "h[...] = p.momentum * h + g\nw -= rate * h"),
 )
+ASCENT = Mistake(
+    "The update ascends. The gradient points towards a larger loss, so subtract h.",
+    ("w -= h", "w += h"),
+)
+NEW_H_LOST = Mistake(
+    "The new h is lost: h = ... creates a new array; the next update uses the old one. Write into it: h[...] ="
+    " ...",
+    (SGD, "h = p.momentum * h + rate * g\nw -= h"),
+)
+NEW_W_LOST = Mistake(
+    "The new w is lost: w = ... creates a new array, and the net keeps the old one. Write into it: w -= h.",
+    ("w -= h", "w = w - h"),
+)
+G_CHANGED = Mistake(
+    "g is modified. The rule must not change it: debugging output and clipping use it; compute rate * g in the"
+    " expression.",
+    (ADD, "h *= p.momentum\ng *= rate\nh += g"),
+)
+MISTAKES = (RATE_APPLIED_LATE, ASCENT, NEW_H_LOST, NEW_W_LOST, G_CHANGED)
 
 
 def _train(part: Part, iterations: int) -> Array:

@@ -11,26 +11,27 @@ MEAN = """for y in top[1:]:
     bottom[0].diff[...] += y.diff
 bottom[0].diff[...] /= len(top)"""
 
-MISTAKES = (
-    Mistake(
-        "dx contains only the gradient of the last top: every iteration of the loop overwrites the previous one. L "
-        "depends on x through all tops, so their gradients are summed.",
-        ("bottom[0].diff[...] += y.diff", "bottom[0].diff[...] = y.diff"),
-    ),
-    Mistake("dx is the mean of the gradients. By the chain rule it is their sum.", (SUM, MEAN)),
-    Mistake(
-        "The gradient of the first top is counted twice: it is assigned first, then added with the others.",
-        ("top[1:]", "top"),
-    ),
-    Mistake(
-        "x is not divided among the readers: each gets all of it.",
-        ("bottom[0].data", "bottom[0].data / len(top)"),
-    ),
-    Mistake(
-        "Copy into every top, not only the first: for y in top.",
-        ("y.data[...] = bottom[0].data", "top[0].data[...] = bottom[0].data"),
-    ),
+DX_ASSIGNED = Mistake(
+    "dx contains only the gradient of the last top: every iteration of the loop overwrites the previous one. L "
+    "depends on x through all tops, so their gradients are summed.",
+    ("bottom[0].diff[...] += y.diff", "bottom[0].diff[...] = y.diff"),
 )
+DX_AVERAGED = Mistake(
+    "dx is the mean of the gradients. By the chain rule it is their sum.", (SUM, MEAN)
+)
+FIRST_COUNTED_TWICE = Mistake(
+    "The gradient of the first top is counted twice: it is assigned first, then added with the others.",
+    ("top[1:]", "top"),
+)
+DATA_DIVIDED = Mistake(
+    "x is not divided among the readers: each gets all of it.",
+    ("bottom[0].data", "bottom[0].data / len(top)"),
+)
+ONE_TOP_COPIED = Mistake(
+    "Copy into every top, not only the first: for y in top.",
+    ("y.data[...] = bottom[0].data", "top[0].data[...] = bottom[0].data"),
+)
+MISTAKES = (DX_ASSIGNED, DX_AVERAGED, FIRST_COUNTED_TWICE, DATA_DIVIDED, ONE_TOP_COPIED)
 
 TO_DO = {
     "reshape": "Give every top the shape of bottom[0].",

@@ -61,32 +61,31 @@ def _caffe(part: Part) -> Values:
     return {"dtheta": found["dtheta"]}
 
 
-MISTAKES = (
-    Mistake(
-        "The cross product has the wrong order: a torque is lever x force, (X - P) x f.",
-        ("np.cross(X[:, j] - P, force[:, j])", "np.cross(force[:, j], X[:, j] - P)"),
-    ),
-    Mistake(
-        "The child's torque is about the child, not about its parent: add (X_c - X_j) x force_c.",
-        ("torque[:, j] + np.cross(lever, force[:, j])", "torque[:, j]"),
-    ),
-    Mistake(
-        "A DoF may drive several motions; its gradient is the sum over them: dtheta[:, dof] += ...",
-        (
-            "dtheta[:, motion.dof] += (a * generalized_force).sum(axis=1)",
-            "dtheta[:, motion.dof] = (a * generalized_force).sum(axis=1)",
-        ),
-    ),
-    Mistake(
-        "The joints are visited from the root to the tips. Visit children before parents: "
-        "reversed(skeleton.order).",
-        ("reversed(sk.order)", "sk.order"),
-    ),
-    Mistake(
-        "dX is modified: it belongs to the next layer. Sum the forces in a copy.",
-        ("np.array(dX, dtype=np.float64)", "dX"),
+CROSS_EXCHANGED = Mistake(
+    "The cross product has the wrong order: a torque is lever x force, (X - P) x f.",
+    ("np.cross(X[:, j] - P, force[:, j])", "np.cross(force[:, j], X[:, j] - P)"),
+)
+LEVER_IGNORED = Mistake(
+    "The child's torque is about the child, not about its parent: add (X_c - X_j) x force_c.",
+    ("torque[:, j] + np.cross(lever, force[:, j])", "torque[:, j]"),
+)
+DOF_ASSIGNED = Mistake(
+    "A DoF may drive several motions; its gradient is the sum over them: dtheta[:, dof] += ...",
+    (
+        "dtheta[:, motion.dof] += (a * generalized_force).sum(axis=1)",
+        "dtheta[:, motion.dof] = (a * generalized_force).sum(axis=1)",
     ),
 )
+PARENTS_FIRST = Mistake(
+    "The joints are visited from the root to the tips. Visit children before parents: "
+    "reversed(skeleton.order).",
+    ("reversed(sk.order)", "sk.order"),
+)
+DX_CHANGED = Mistake(
+    "dX is modified: it belongs to the next layer. Sum the forces in a copy.",
+    ("np.array(dX, dtype=np.float64)", "dX"),
+)
+MISTAKES = (CROSS_EXCHANGED, LEVER_IGNORED, DOF_ASSIGNED, PARENTS_FIRST, DX_CHANGED)
 
 TO_DO = {
     "Kinematics.backward": "Return dtheta (N, len(skeleton.initial)) in self.dtype. Begin with force = a float64 "
