@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from exercises.exercise import Mistake
-from exercises.layers import Example, Letters, layer_exercise, numbers
+from exercises.layers import Example, Letters, Option, layer_exercise, numbers
 
 LOSS = "(self.difference**2).sum() / (2 * self.items)"
 
@@ -39,22 +39,20 @@ TO_DO = {
     "backward": "For each bottom with propagate_down: da = dL (a - b) / N, db = -dL (a - b) / N, "
     "in the shape of that bottom. dL is top[0].diff.",
 }
-LETTERS = Letters(("a", "b"), ("L",), axes={"a": "ni", "b": "ni", "L": ""})
-EXAMPLES = [
-    Example("", (numbers(4, 3), numbers(4, 3, seed=1))),
-    Example("", caffe="euclid"),
-    Example("", (numbers(3, 2, 2), numbers(3, 4, seed=2)), "bottom[1] of another shape"),
-    Example("loss_weight: 3", option="loss_weight: 3", caffe="euclid_lw3"),
-]
+LETTERS = Letters({"a": "n i", "b": "n i"}, {"L": ""})
+EXAMPLES = (Example(bottoms=(numbers(4, 3), numbers(4, 3, seed=1))), Example(caffe="euclid"))
+OTHER_SHAPE = Option(
+    "bottom[1] of another shape", "", Example(bottoms=(numbers(3, 2, 2), numbers(3, 4, seed=2)))
+)
+LOSS_WEIGHT = Option("loss_weight: 3", "", Example("loss_weight: 3", caffe="euclid_lw3"))
 
 EXERCISE = layer_exercise(
-    "euclidean_loss",
     "EuclideanLoss",
     title="EuclideanLoss: half the mean squared distance",
     chapter=6,
-    file="layers/loss/euclidean_loss.py",
     to_do=TO_DO,
     letters=LETTERS,
     examples=EXAMPLES,
+    options=(OTHER_SHAPE, LOSS_WEIGHT),
     mistakes=MISTAKES,
 )

@@ -13,7 +13,7 @@ import contextlib
 import functools
 import sys
 import warnings
-from collections.abc import Callable, Iterator, Mapping, MutableMapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, MutableMapping
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
@@ -41,7 +41,7 @@ class Case:
     run        computes the results with a part
     wanted     computes the expected results
     source     where the expected results come from, for messages: "Caffe has"
-    axes       names of the axes of each result, for the index in a message
+    axes       names of the axes of each result, such as "pose joint xyz", for messages
     tolerance  relative to the largest value of the same array, or to 1 if that is larger;
                0: bit for bit
     method     the reader's function that computes the results
@@ -51,7 +51,7 @@ class Case:
     run: Callable[[Part], Values]
     wanted: Callable[[], Values]
     source: str
-    axes: Mapping[str, Sequence[str]]
+    axes: Mapping[str, str]
     tolerance: float
     method: str
 

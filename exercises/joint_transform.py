@@ -12,13 +12,13 @@ from layers.hand import kinematics as source
 from netlib.blob import Array
 
 AXES = {
-    "joints": ("pose", "joint", "xyz"),
-    "frames": ("pose", "joint", "row", "column"),
-    "axis": ("pose", "motion", "xyz"),
-    "pivot": ("pose", "motion", "xyz"),
-    "Rx": ("angle", "row", "column"),
-    "Ry": ("angle", "row", "column"),
-    "Rz": ("angle", "row", "column"),
+    "joints": "pose joint xyz",
+    "frames": "pose joint row column",
+    "axis": "pose motion xyz",
+    "pivot": "pose motion xyz",
+    "Rx": "angle row column",
+    "Ry": "angle row column",
+    "Rz": "angle row column",
 }
 
 
@@ -46,7 +46,6 @@ ROTATION = """R[..., i, i], R[..., i, j] = cos, -sin
 R[..., j, i], R[..., j, j] = sin, cos"""
 BACKWARDS = """R[..., i, i], R[..., i, j] = cos, sin
 R[..., j, i], R[..., j, j] = -sin, cos"""
-TURN = "F @ rotation(motion.axis, motion.sign * theta[:, motion.dof])"
 TURNED_BACKWARDS = Mistake(
     "The rotation has the wrong direction: the minus belongs to the sine in the first row, of (x, y) for z, "
     "(y, z) for x, (z, x) for y.",
@@ -55,7 +54,10 @@ TURNED_BACKWARDS = Mistake(
 MATRICES_EXCHANGED = Mistake(
     "The matrices are multiplied in the wrong order. A joint rotates about its own axes, already moved by the "
     "previous rotations: F <- F R, not R F.",
-    (TURN, "rotation(motion.axis, motion.sign * theta[:, motion.dof]) @ F"),
+    (
+        "F @ rotation(motion.axis, motion.sign * theta[:, motion.dof])",
+        "rotation(motion.axis, motion.sign * theta[:, motion.dof]) @ F",
+    ),
 )
 SIGN_IGNORED = Mistake(
     "motion.sign is ignored: NEG_Y is a rotation about -y, that is, about y by -theta.",
@@ -96,18 +98,20 @@ FINGER = (
 MOTIONS = _case("two poses", lambda part: _finger(part, "axis", "pivot"))
 NYUS_HAND = Case("NYU's hand", _caffe, lambda: {"joints": TOP}, "Caffe has", AXES, 1e-12, "forward")
 
+CHECKS = (
+    Check("values: a rotation about each axis", (ROTATIONS,)),
+    Check("values: a finger with three joints", FINGER),
+    Check("values: the axes and pivots of its motions", (MOTIONS,)),
+    Check("values: Caffe's recorded hand poses", (NYUS_HAND,)),
+)
+
 EXERCISE = Exercise(
     name="joint_transform",
     title="Joint transforms: from angles to positions",
     chapter=8,
     file="layers/hand/kinematics.py",
     to_do=TO_DO,
-    checks=(
-        Check("values: a rotation about each axis", (ROTATIONS,)),
-        Check("values: a finger with three joints", FINGER),
-        Check("values: the axes and pivots of its motions", (MOTIONS,)),
-        Check("values: Caffe's recorded hand poses", (NYUS_HAND,)),
-    ),
+    checks=CHECKS,
     mistakes=MISTAKES,
     train=hand.losses,
 )

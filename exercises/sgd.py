@@ -15,12 +15,12 @@ from netlib.proto.messages import SolverParameter
 UPDATES = 8  # recorded from each of Caffe's trainings
 WEIGHTS = {"b of conv": ("conv", 1), "w of ip2": ("ip2", 0), "b of ip2": ("ip2", 1)}
 AXES = {
-    "w": ("update", "i"),
-    "h": ("update", "i"),
-    "g (after the update)": ("update", "i"),
-    "b of conv": ("update", "o"),
-    "w of ip2": ("update", "o", "i"),
-    "b of ip2": ("update", "o"),
+    "w": "update i",
+    "h": "update i",
+    "g (after the update)": "update i",
+    "b of conv": "update o",
+    "w of ip2": "update o i",
+    "b of ip2": "update o",
 }
 NET = """
 layer { name: "in" type: "Input" top: "data" top: "label"
@@ -40,15 +40,16 @@ TRAININGS = {  # run with Caffe by tests/caffe/solvers
 
 
 def followed(part: Part, momentum: float, rates: Sequence[float], decay: float = 0.0) -> Values:
-    """Return w, h and g after each of a few updates."""
+    """Return w, h and g (T, 3) after each of the T updates, one for each rate."""
     rng = np.random.default_rng(0)
     p = SolverParameter(base_lr=0.5, momentum=momentum, weight_decay=decay)
-    w, h, found = rng.normal(size=3), np.zeros(3), []
+    w, h, course = rng.normal(size=3), np.zeros(3), []
     for t, rate in enumerate(rates):
         g = rng.normal(size=3)
         part._sgd(p, w, g, rate, [h], t + 1)
-        found.append((w.copy(), h.copy(), g))
-    return dict(zip(("w", "h", "g (after the update)"), map(np.array, zip(*found))))
+        course.append((w.copy(), h.copy(), g))
+    ws, hs, gs = map(np.array, zip(*course))
+    return {"w": ws, "h": hs, "g (after the update)": gs}
 
 
 def caffes_training(part: Part, name: str) -> Values:
@@ -144,6 +145,11 @@ FEW_UPDATES = (
     _by_hand("momentum 0.9, weight_decay 0.1, already added to g", 0.9, 0.1, 0.1, decay=0.1),
 )
 
+CHECKS = (
+    Check("values: a few updates of three weights", FEW_UPDATES),
+    Check("values: a small net, trained with Caffe", tuple(map(_by_caffe, TRAININGS))),
+)
+
 EXERCISE = Exercise(
     name="sgd",
     title="SGD: one update with momentum",
@@ -151,10 +157,7 @@ EXERCISE = Exercise(
     file="netlib/updates.py",
     to_do=TO_DO,
     end="def _nesterov(",
-    checks=(
-        Check("values: a few updates of three weights", FEW_UPDATES),
-        Check("values: a small net, trained with Caffe", tuple(map(_by_caffe, TRAININGS))),
-    ),
+    checks=CHECKS,
     mistakes=MISTAKES,
     train=_train,
 )

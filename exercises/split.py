@@ -39,21 +39,17 @@ TO_DO = {
     "backward": "If propagate_down[0], write bottom[0].diff: the sum of the diffs of all tops. It contains "
     "old values, so assign the first and add the others.",
 }
-LETTERS = Letters(
-    ("x",), ("y_0", "y_1", "y_2"), axes={"x": "nc", "y_0": "nc", "y_1": "nc", "y_2": "nc"}
+LETTERS = Letters({"x": "n c"}, {"y_0": "n c", "y_1": "n c", "y_2": "n c"})
+EXAMPLES = (
+    Example(bottoms=(numbers(2, 3),), tops=2),
+    Example(bottoms=(numbers(3, 2, seed=1),), tops=3),
+    Example(caffe="split_explicit", tops=3),
 )
-EXAMPLES = [
-    Example("", (numbers(2, 3),), tops=2),
-    Example("", (numbers(3, 2, seed=1),), tops=3),
-    Example("", caffe="split_explicit", tops=3),
-]
 
 EXERCISE = layer_exercise(
-    "split",
     "Split",
     title="Split: one blob for several readers",
     chapter=5,
-    file="layers/common/split.py",
     to_do=TO_DO,
     letters=LETTERS,
     examples=EXAMPLES,

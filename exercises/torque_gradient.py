@@ -10,9 +10,8 @@ from layers.hand.kinematics import Kinematics
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 
-AXES = {"dtheta": ("pose", "dof"), "dX (after backward)": ("pose", "joint", "xyz")}
+AXES = {"dtheta": "pose dof", "dX (after backward)": "pose joint xyz"}
 STEP = 1e-6
-FINGER = hand.FINGER
 BOTTOM_DIFF = recorded.everything()["hand_model/bottom_diff_f64"]
 
 
@@ -25,28 +24,29 @@ def _run(part: Part, skeleton: Skeleton, inputs: Array, dX: Array) -> Values:
     }
 
 
-def _differences(inputs: Array, dX: Array) -> Values:
-    """Compute dtheta by central differences of sum dX . X."""
-    kinematics = Kinematics(FINGER)
+def _differences(dX: Array) -> Values:
+    """Compute dtheta of the finger's poses by central differences of sum dX . X."""
+    kinematics = Kinematics(hand.FINGER)
 
     def value(moved: Array) -> Array:
         return np.asarray((kinematics.forward(moved).joints * dX).sum(axis=(1, 2)))
 
-    found = np.zeros(inputs.shape)
-    for d, step in enumerate(np.eye(inputs.shape[1]) * STEP):
-        above, below = value(inputs + step), value(inputs - step)
-        found[:, d] = (above - below) / (2 * STEP)
-    return {"dtheta": found, "dX (after backward)": dX}
+    poses = hand.POSES
+    dtheta = np.zeros(poses.shape)
+    for d, step in enumerate(np.eye(poses.shape[1]) * STEP):
+        above, below = value(poses + step), value(poses - step)
+        dtheta[:, d] = (above - below) / (2 * STEP)
+    return {"dtheta": dtheta, "dX (after backward)": dX}
 
 
 def _by_differences(title: str, *joints: int) -> Case:
-    """Return the case of forces on some joints of the finger."""
-    inputs, dX = hand.POSES, np.zeros((2, 3, 3))
+    """Return the case of forces on some joints of the finger, in its two poses."""
+    dX = np.zeros((2, 3, 3))
     dX[:, joints] = np.random.default_rng(1).normal(size=(2, len(joints), 3))
     return Case(
         title,
-        lambda part: _run(part, FINGER, inputs, dX),
-        lambda: _differences(inputs, dX),
+        lambda part: _run(part, hand.FINGER, hand.POSES, dX),
+        lambda: _differences(dX),
         "finite differences give",
         AXES,
         1e-7,
@@ -105,16 +105,18 @@ NYUS_HAND = Case(
     "NYU's hand", _caffe, lambda: {"dtheta": BOTTOM_DIFF}, "Caffe has", AXES, 1e-11, "backward"
 )
 
+CHECKS = (
+    Check("gradient: a finger, against finite differences", FORCES),
+    Check("gradient: Caffe's recorded hand poses", (NYUS_HAND,)),
+)
+
 EXERCISE = Exercise(
     name="torque_gradient",
     title="The torque gradient: from forces on joints to angles",
     chapter=9,
     file="layers/hand/kinematics.py",
     to_do=TO_DO,
-    checks=(
-        Check("gradient: a finger, against finite differences", FORCES),
-        Check("gradient: Caffe's recorded hand poses", (NYUS_HAND,)),
-    ),
+    checks=CHECKS,
     mistakes=MISTAKES,
     train=hand.losses,
 )
