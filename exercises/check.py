@@ -126,7 +126,7 @@ def in_network(exercise: Exercise, part: Part, iterations: int, path: Path | Non
     the reference.
     """
     title = exercise.last.format(iterations)
-    expected = np.array(network.reference_losses(iterations))
+    expected = network.reference_losses(iterations)
     try:
         found = exercise.losses(part, iterations)
     except BaseException as error:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from exercises.exercise import Mistake
 from exercises.layers import Example, Letters, Option, layer_exercise, numbers
 
-DX = "bottom[0].diff[...] = top[0].diff * self.factor"
 NEW_MASK = """self.forward(bottom, [type(top[0])(top[0].shape, self.dtype)])
 bottom[0].diff[...] = top[0].diff * self.factor"""
 
@@ -25,7 +24,7 @@ DROPPED_GRADIENT_KEPT = Mistake(
 )
 MASK_DRAWN_AGAIN = Mistake(
     "backward draws a new mask. It must use that of the last forward, stored in self.factor.",
-    (DX, NEW_MASK),
+    ("bottom[0].diff[...] = top[0].diff * self.factor", NEW_MASK),
 )
 DROPPED_IN_TEST = Mistake(
     "In phase TEST nothing is dropped: y = x. Draw a mask only if self.active.",

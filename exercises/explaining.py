@@ -34,7 +34,7 @@ OVERWRITTEN = (
 )
 MAX_SHOWN = 12  # size up to which a result is shown in full
 MAX_DIGITS = 17  # enough for any float64
-SINGLE = 3e-7  # relative error of some operations in float32
+FLOAT32_ERROR = 3e-7  # relative, of some operations
 CONSTANT = 1e-5  # tolerance of a constant factor or offset
 MIN_SHARE = 0.5  # of the wrong cases, which a similar mistake reproduces
 
@@ -57,6 +57,7 @@ def _listed(array: Array) -> str:
 
 
 def _what_differs(found: Difference) -> str:
+    """Describe the first element that differs, or the shapes."""
     case = found.case
     where = f" ({case.title})" if case.title else ""
     if found.index is None:
@@ -70,12 +71,10 @@ def _what_differs(found: Difference) -> str:
     got, wanted = _distinct(float(found.got[found.index]), float(found.wanted[found.index]))
     place = f"{found.name}[{index}]" if index else found.name
     size, others = found.got.size, ""
-    if size > 1:
-        others = (
-            f"; the first of {found.count} elements of {size} that differ"
-            if found.count > 1
-            else f"; the only one of {size} elements that differs"
-        )
+    if found.count > 1:
+        others = f"; the first of {found.count} elements of {size} that differ"
+    elif size > 1:
+        others = f"; the only one of {size} elements that differs"
     return f"{place} is {got}, {case.source} {wanted}{others}{where}."
 
 
@@ -147,8 +146,8 @@ def _reproduces(found: Difference, values: Values | None) -> bool:
 
 
 def where_wrong(found: Difference) -> str | None:
-    """Describe the axes along which few indices have wrong elements; None if there
-    is no such axis.
+    """Describe the axes with wrong elements at no more than half of their indices; None if there is
+    no such axis.
     """
     wrong = ~agree(found.got, found.wanted, found.case.tolerance)
     if wrong.sum() < 2:  # the message has the index of a single one
@@ -157,10 +156,8 @@ def where_wrong(found: Difference) -> str | None:
     if len(letters) != wrong.ndim:
         letters = [f"axis {k}" for k in range(wrong.ndim)]
     places = []
-    for k, letter in enumerate(letters):
-        other_axes = tuple(i for i in range(wrong.ndim) if i != k)
-        indices = np.flatnonzero(wrong.any(axis=other_axes))
-        if len(indices) <= wrong.shape[k] // 2:
+    for letter, size, indices in zip(letters, wrong.shape, map(np.unique, np.nonzero(wrong))):
+        if len(indices) <= size // 2:
             relation = "=" if len(indices) == 1 else " in "
             places.append(f"{letter}{relation}{', '.join(map(str, indices))}")
     return f"Only elements with {', '.join(places)} are wrong." if places else None
@@ -170,11 +167,8 @@ def _pattern(found: Difference) -> str | None:
     """Describe the pattern of a difference that no known mistake reproduces."""
     got, wanted = found.got, found.wanted
     if found.index is None:
-        return (
-            "The axes are in reverse order."
-            if got.ndim and got.shape == wanted.shape[::-1]
-            else None
-        )
+        is_reversed = got.ndim > 0 and got.shape == wanted.shape[::-1]
+        return "The axes are in reverse order." if is_reversed else None
     if (np.isnan(got) & ~np.isnan(wanted)).any():
         return UNASSIGNED if found.case.method == "backward" else UNWRITTEN
     if np.isinf(got[found.index]) and np.isfinite(wanted[found.index]):
@@ -190,9 +184,9 @@ def _pattern(found: Difference) -> str | None:
 
 
 def _relation(found: Difference) -> str | None:
-    """Describe a simple relation between all elements and the expected ones."""
+    """Describe how all elements relate to the expected ones: by a factor or a constant."""
     got, wanted = found.got, found.wanted
-    if found.case.tolerance < SINGLE and agree(got, wanted, SINGLE).all():
+    if found.case.tolerance < FLOAT32_ERROR and agree(got, wanted, FLOAT32_ERROR).all():
         return "The values are correct to the precision of float32 only. Use the type of the input arrays throughout."
     factor = float(np.vdot(got, wanted)) / max(float(np.vdot(wanted, wanted)), 1e-300)
     is_multiple = agree(got, factor * wanted, CONSTANT).all()
@@ -200,11 +194,11 @@ def _relation(found: Difference) -> str | None:
         if abs(factor + 1) < CONSTANT:
             return "All elements have the wrong sign."
         return f"All elements are {factor:.5g} times the expected value: a factor is missing or superfluous."
-    off = got - wanted
-    if found.case.method == "backward" and agree(off, np.full(off.shape, -1.0), CONSTANT).all():
-        return OVERWRITTEN
-    by = float(off.flat[0])
+    excess = got - wanted
+    if found.case.method == "backward" and agree(excess, -np.ones(got.shape), CONSTANT).all():
+        return OVERWRITTEN  # param diffs are initialized to 1
+    first = float(excess.flat[0])
     tolerance = CONSTANT * max(1.0, float(np.abs(wanted).max()))
-    if np.ptp(off) <= tolerance < abs(by):
-        return f"All elements exceed the expected value by {by:.5g}: a constant is superfluous or missing."
+    if np.ptp(excess) <= tolerance < abs(first):
+        return f"All elements exceed the expected value by {first:.5g}: a constant is superfluous or missing."
     return None

@@ -37,9 +37,13 @@ def _case(title: str, run: Callable[[Part], Values], method: str = "forward") ->
     return Case(title, run, lambda: run(source), "expected", AXES, 1e-12, method)
 
 
-def _caffe(part: Part) -> Values:
-    joints = part.Kinematics(hand.NYU).forward(recorded.everything()["hand_model/bottom"]).joints
-    return {"joints": joints}
+def _nyus_joints(part: Part) -> Values:
+    poses = recorded.everything()["hand_model/bottom"]
+    return {"joints": part.Kinematics(hand.NYU).forward(poses).joints}
+
+
+def _recorded_joints() -> Values:
+    return {"joints": recorded.everything()["hand_model/top_f64"].reshape(4, -1, 3)}
 
 
 ROTATION = """R[..., i, i], R[..., i, j] = cos, -sin
@@ -75,7 +79,6 @@ PARENT_MOVED = Mistake(
 MISTAKES = (TURNED_BACKWARDS, MATRICES_EXCHANGED, SIGN_IGNORED, ROW_FOR_COLUMN, PARENT_MOVED)
 
 
-TOP = recorded.everything()["hand_model/top_f64"].reshape(4, -1, 3)
 BONES = hand.FINGER.bones * np.array([[1.0], [2.0]])
 TO_DO = {
     "Kinematics.forward": "Return the Pose of each row of inputs, Pose(N, K, len(skeleton.driven)). theta = "
@@ -96,7 +99,7 @@ FINGER = (
     _case("bones given", lambda part: _finger(part, "joints", bones=BONES)),
 )
 MOTIONS = _case("two poses", lambda part: _finger(part, "axis", "pivot"))
-NYUS_HAND = Case("NYU's hand", _caffe, lambda: {"joints": TOP}, "Caffe has", AXES, 1e-12, "forward")
+NYUS_HAND = Case("NYU's hand", _nyus_joints, _recorded_joints, "Caffe has", AXES, 1e-12, "forward")
 
 CHECKS = (
     Check("values: a rotation about each axis", (ROTATIONS,)),

@@ -9,6 +9,7 @@ from exercises.exercise import Mistake
 from exercises.layers import Example, Letters, Option, layer_exercise
 from netlib.blob import Array
 
+NO_LIMIT = 100  # smaller than the limits of a DoF that has none
 DX = "top[0].diff / len(slope) * slope"
 
 LOWER_LIMIT_IGNORED = Mistake(
@@ -39,14 +40,14 @@ MISTAKES = (LOWER_LIMIT_IGNORED, VIOLATIONS_CANCEL, NOT_DIVIDED_BY_N, SIGN_IGNOR
 
 def _at_limits() -> Array:
     """Return two poses (2, 47), zero except two angles beyond a limit and two exactly at one."""
-    skeleton = hand.NYU
-    limited = np.flatnonzero(~skeleton.fixed & (skeleton.upper < 100))
+    lower, upper = hand.NYU.lower, hand.NYU.upper
+    limited = np.flatnonzero(~hand.NYU.fixed & (upper < NO_LIMIT))
     above, below, at_upper, at_lower = limited[:4]
     x = np.zeros((2, 47))
-    x[0, above] = skeleton.upper[above] + 0.25
-    x[1, below] = skeleton.lower[below] - 0.5
-    x[0, at_upper] = skeleton.upper[at_upper]
-    x[1, at_lower] = skeleton.lower[at_lower]
+    x[0, above] = upper[above] + 0.25
+    x[1, below] = lower[below] - 0.5
+    x[0, at_upper] = upper[at_upper]
+    x[1, at_lower] = lower[at_lower]
     return x
 
 

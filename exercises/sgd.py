@@ -12,6 +12,7 @@ from netlib import updates
 from netlib.blob import Array
 from netlib.proto.messages import SolverParameter
 
+BATCH = 8  # rows of NET
 UPDATES = 8  # recorded from each of Caffe's trainings
 WEIGHTS = {"b of conv": ("conv", 1), "w of ip2": ("ip2", 0), "b of ip2": ("ip2", 1)}
 AXES = {
@@ -58,19 +59,19 @@ def caffes_training(part: Part, name: str) -> Values:
     """
     arrays = recorded.everything()
     solver = network.solver_of(NET, TRAININGS[name])
+    solver.update.rule = part._sgd
     for layer, blobs in solver.net.params.items():
         for i, param in enumerate(blobs):
             param.data[...] = arrays[f"training/init/{layer}/{i}"]
-    found: dict[str, list[Array]] = {title: [] for title in WEIGHTS}
-    solver.update.rule = part._sgd
+    course: dict[str, list[Array]] = {title: [] for title in WEIGHTS}
     for t in range(UPDATES):
         for blob in ("data", "label"):
-            rows = np.roll(arrays[f"training/{blob}"], -8 * t, axis=0)
-            solver.net.blobs[blob].data[...] = rows[:8]
+            rows = np.roll(arrays[f"training/{blob}"], -BATCH * t, axis=0)
+            solver.net.blobs[blob].data[...] = rows[:BATCH]
         solver.step(1)
         for title, (layer, i) in WEIGHTS.items():
-            found[title].append(solver.net.params[layer][i].data.copy())
-    return {title: np.array(steps) for title, steps in found.items()}
+            course[title].append(solver.net.params[layer][i].data.copy())
+    return {title: np.array(steps) for title, steps in course.items()}
 
 
 def _by_hand(title: str, momentum: float, *rates: float, decay: float = 0.0) -> Case:
@@ -96,8 +97,6 @@ def _by_caffe(name: str) -> Case:
     )
 
 
-ADD = """h *= p.momentum
-h += rate * g"""
 SGD = """h *= p.momentum
 h += rate * g
 w -= h"""
@@ -122,7 +121,7 @@ NEW_W_LOST = Mistake(
 G_CHANGED = Mistake(
     "g is modified. The rule must not change it: debugging output and clipping use it; compute rate * g in the"
     " expression.",
-    (ADD, "h *= p.momentum\ng *= rate\nh += g"),
+    ("h *= p.momentum\nh += rate * g", "h *= p.momentum\ng *= rate\nh += g"),
 )
 MISTAKES = (RATE_APPLIED_LATE, ASCENT, NEW_H_LOST, NEW_W_LOST, G_CHANGED)
 
