@@ -8,7 +8,7 @@ import numpy as np
 
 from exercises import hand, recorded
 from exercises.exercise import Case, Check, Exercise, Mistake, Part, Values
-from layers.hand import kinematics as source
+from layers.hand import kinematics
 from netlib.blob import Array
 
 AXES = {
@@ -23,21 +23,24 @@ AXES = {
 
 
 def _rotations(part: Part) -> Values:
+    """Return Rx, Ry and Rz (3, 3, 3) for three angles in rad."""
     angles = np.array([0.0, 0.5, -1.2])
     return {f"R{name}": part.rotation(axis, angles) for axis, name in enumerate("xyz")}
 
 
 def _finger(part: Part, *names: str, bones: Array | None = None) -> Values:
-    """Return arrays of the pose of the finger."""
+    """Return attributes of the Pose of the finger in its two poses, by name."""
     pose = part.Kinematics(hand.FINGER).forward(hand.POSES, bones)
     return {name: getattr(pose, name) for name in names}
 
 
 def _case(title: str, run: Callable[[Part], Values], method: str = "forward") -> Case:
-    return Case(title, run, lambda: run(source), "expected", AXES, 1e-12, method)
+    """Return a case whose expected results are those of the project's functions."""
+    return Case(title, run, lambda: run(kinematics), "expected", AXES, 1e-12, method)
 
 
 def _nyus_joints(part: Part) -> Values:
+    """Return the joints (N, K, 3) of the paper's hand in the recorded poses."""
     poses = recorded.everything()["hand_model/bottom"]
     return {"joints": part.Kinematics(hand.NYU).forward(poses).joints}
 
@@ -94,7 +97,7 @@ TO_DO = {
 }
 
 ROTATIONS = _case("angles 0, 0.5, -1.2", _rotations, "rotation")
-FINGER = (
+POSITIONS = (
     _case("two poses", lambda part: _finger(part, "frames", "joints")),
     _case("bones given", lambda part: _finger(part, "joints", bones=BONES)),
 )
@@ -103,7 +106,7 @@ NYUS_HAND = Case("NYU's hand", _nyus_joints, _recorded_joints, "Caffe has", AXES
 
 CHECKS = (
     Check("values: a rotation about each axis", (ROTATIONS,)),
-    Check("values: a finger with three joints", FINGER),
+    Check("values: a finger with three joints", POSITIONS),
     Check("values: the axes and pivots of its motions", (MOTIONS,)),
     Check("values: Caffe's recorded hand poses", (NYUS_HAND,)),
 )

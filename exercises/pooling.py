@@ -55,7 +55,7 @@ MISTAKES = (
 
 
 def _different(*shape: int, seed: int = 0) -> Array:
-    """Return well-separated values, most of them negative."""
+    """Return values of which no two are closer than 1/7, most of them negative."""
     count = int(np.prod(shape))
     return np.asarray(
         np.random.default_rng(seed).permutation(count).reshape(shape) / 7.0 - count / 9

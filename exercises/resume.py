@@ -52,7 +52,7 @@ def interrupted(
     return second
 
 
-def _found(solver: Solver) -> Values:
+def _continued(solver: Solver) -> Values:
     """Return the iteration of a solver, its losses over AFTER more iterations, and its averaged
     loss and weights after them.
     """
@@ -79,13 +79,13 @@ def _case(title: str, data: str, options: str = FIXED, middle: str = "") -> Case
 
     def resumed(part: Part) -> Values:
         with prepared() as (new_solver, folder):
-            return _found(interrupted(part, new_solver, BEFORE, folder))
+            return _continued(interrupted(part, new_solver, BEFORE, folder))
 
     def uninterrupted() -> Values:
         with prepared() as (new_solver, _):
             solver = new_solver(1)
             solver.step(BEFORE)
-            return _found(solver)
+            return _continued(solver)
 
     source = "the uninterrupted run has"
     return Case(title, resumed, uninterrupted, source, AXES, 0, "restore_state")

@@ -40,7 +40,7 @@ TRAININGS = {  # run with Caffe by tests/caffe/solvers
 }
 
 
-def followed(part: Part, momentum: float, rates: Sequence[float], decay: float = 0.0) -> Values:
+def few_updates(part: Part, momentum: float, rates: Sequence[float], decay: float = 0.0) -> Values:
     """Return w, h and g (T, 3) after each of the T updates, one for each rate."""
     rng = np.random.default_rng(0)
     p = SolverParameter(base_lr=0.5, momentum=momentum, weight_decay=decay)
@@ -74,14 +74,17 @@ def caffes_training(part: Part, name: str) -> Values:
     return {title: np.array(steps) for title, steps in course.items()}
 
 
-def _by_hand(title: str, momentum: float, *rates: float, decay: float = 0.0) -> Case:
+def _by_rule(title: str, momentum: float, *rates: float, decay: float = 0.0) -> Case:
+    """Return the case of a few updates, compared with the project's rule."""
+
     def run(part: Part) -> Values:
-        return followed(part, momentum, rates, decay)
+        return few_updates(part, momentum, rates, decay)
 
     return Case(title, run, lambda: run(updates), "the reference rule has", AXES, 1e-12, "_sgd")
 
 
 def _by_caffe(name: str) -> Case:
+    """Return the case of one of TRAININGS, compared with the weights that Caffe recorded."""
     arrays = recorded.everything()
     wanted = {
         title: arrays[f"training/{name}/{layer}/{i}"] for title, (layer, i) in WEIGHTS.items()
@@ -138,10 +141,10 @@ TO_DO = {
 }
 
 FEW_UPDATES = (
-    _by_hand("momentum 0, one rate", 0, 0.1, 0.1, 0.1),
-    _by_hand("momentum 0.9, one rate", 0.9, 0.1, 0.1, 0.1, 0.1),
-    _by_hand("momentum 0.9, a decreasing rate", 0.9, 0.1, 0.1, 0.01, 0.01),
-    _by_hand("momentum 0.9, weight_decay 0.1, already added to g", 0.9, 0.1, 0.1, decay=0.1),
+    _by_rule("momentum 0, one rate", 0, 0.1, 0.1, 0.1),
+    _by_rule("momentum 0.9, one rate", 0.9, 0.1, 0.1, 0.1, 0.1),
+    _by_rule("momentum 0.9, a decreasing rate", 0.9, 0.1, 0.1, 0.01, 0.01),
+    _by_rule("momentum 0.9, weight_decay 0.1, already added to g", 0.9, 0.1, 0.1, decay=0.1),
 )
 
 CHECKS = (

@@ -11,10 +11,11 @@ from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 
 AXES = {"dtheta": "pose dof", "dX (after backward)": "pose joint xyz"}
-STEP = 1e-6
+STEP = 1e-6  # of the differences, in rad or in units of length
 
 
 def _run(part: Part, skeleton: Skeleton, inputs: Array, dX: Array) -> Values:
+    """Return dtheta (N, D) of dX (N, K, 3), which backward must not change."""
     kinematics = part.Kinematics(skeleton)
     given = dX.copy()
     return {
@@ -24,7 +25,7 @@ def _run(part: Part, skeleton: Skeleton, inputs: Array, dX: Array) -> Values:
 
 
 def _differences(dX: Array) -> Values:
-    """Compute dtheta of the finger's poses by central differences of sum dX . X."""
+    """Return dtheta (2, D) of the finger by central differences of sum dX . X, dX (2, 3, 3)."""
     kinematics = Kinematics(hand.FINGER)
 
     def value(moved: Array) -> Array:
@@ -54,6 +55,7 @@ def _by_differences(title: str, *joints: int) -> Case:
 
 
 def _nyus_dtheta(part: Part) -> Values:
+    """Return dtheta (N, D) of the paper's hand for the recorded poses and top diffs."""
     arrays = recorded.everything()
     dX = arrays["hand_model/top_diff"].astype(np.float64)
     found = _run(part, hand.NYU, arrays["hand_model/bottom"], dX.reshape(len(dX), -1, 3))
