@@ -54,7 +54,6 @@ DX_NOT_CROPPED = Mistake(
 )
 MISTAKES = (WINDOW_NOT_COUNTED, BIAS_MISSING, DX_ASSIGNED, GRADIENTS_ASSIGNED, DX_NOT_CROPPED)
 
-
 TO_DO = {
     "_outputs": "Return [Ho, Wo] for the shape of x: its spatial axes begin at self.axis + 1. self.pad, "
     "self.stride and self.kernel have one value per spatial axis, and self._extent() is the span of "

@@ -32,7 +32,6 @@ DROPPED_IN_TEST = Mistake(
 )
 MISTAKES = (NOT_SCALED, MASK_INVERTED, DROPPED_GRADIENT_KEPT, MASK_DRAWN_AGAIN, DROPPED_IN_TEST)
 
-
 TO_DO = {
     "reshape": "Give top[0] the shape of bottom[0].",
     "forward": "Write top[0].data: y = x factor, and store self.factor for backward. If not self.active it is "

@@ -38,7 +38,6 @@ MISTAKES = (
     DB_OVER_OUTPUTS,
 )
 
-
 TO_DO = {
     "reshape": "Give top[0] the axes before self.axis, followed by one of size self.param.num_output. (The "
     "project's layer also raises an error if the number of inputs is no longer self.inputs.)",

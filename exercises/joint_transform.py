@@ -81,7 +81,6 @@ PARENT_MOVED = Mistake(
 )
 MISTAKES = (TURNED_BACKWARDS, MATRICES_EXCHANGED, SIGN_IGNORED, ROW_FOR_COLUMN, PARENT_MOVED)
 
-
 BONES = hand.FINGER.bones * np.array([[1.0], [2.0]])
 TO_DO = {
     "Kinematics.forward": "Return the Pose of each row of inputs, Pose(N, K, len(skeleton.driven)). theta = "

@@ -72,7 +72,6 @@ SQUARED = Option(
     Example("norm: L2", caffe="phys_limit"),
 )
 
-
 EXERCISE = layer_exercise(
     "PhysLimit",
     title="PhysLimit: a loss on angles beyond their limits",

@@ -55,7 +55,6 @@ IN_PLACE = Option(
     Example("negative_slope: 0.1", (numbers(2, 3, 4, seed=2),), in_place=True),
 )
 
-
 EXERCISE = layer_exercise(
     "ReLU",
     title="ReLU: set negative values to zero",
