@@ -51,11 +51,15 @@ ADVICE = (
 
 @dataclass(frozen=True)
 class Step:
-    """The result of a step: its title, whether it passed, and the lines of explanation."""
+    """The result of a step: its title, and the lines that explain a failure, none if it passed."""
 
     title: str
-    passed: bool
     lines: tuple[str, ...] = ()
+
+    @property
+    def passed(self) -> bool:
+        """Whether there is nothing to explain."""
+        return not self.lines
 
     def report(self) -> str:
         """Return the printed lines."""
@@ -75,9 +79,9 @@ def steps(exercise: Exercise, part: Part, path: Path | None = None) -> Iterator[
     ``path`` is the file of the part.
     """
     for check in exercise.checks:
-        lines = tuple(_failure(exercise, check, part, path))
-        yield Step(check.title, not lines, lines)
-        if lines:
+        step = Step(check.title, tuple(_failure(exercise, check, part, path)))
+        yield step
+        if not step.passed:
             return
 
 
@@ -104,13 +108,12 @@ def _failure(exercise: Exercise, check: Check, part: Part, path: Path | None) ->
 
 def _ladder(exercise: Exercise, check: Check, failed: Case, part: Part) -> str:
     """Describe with which options the part passes and which it does not handle."""
-    others = [other for other in exercise.checks if other.option and other is not check]
-    passes = [
-        other.option
-        for other in others
-        if all(is_right(case, tried(case, part)) for case in other.cases)
-    ]
-    missing = [other.option for other in others if other.option not in passes]
+    passes: list[str] = []
+    missing: list[str] = []
+    for other in exercise.checks:
+        if other.option and other is not check:
+            is_passed = all(is_right(case, tried(case, part)) for case in other.cases)
+            (passes if is_passed else missing).append(other.option)
     earlier = {case.method for case in check.cases[: check.cases.index(failed)]} - {failed.method}
     with_these = f" and with {', '.join(passes)}" if passes else ""
     here = f" in {failed.method}" if earlier else ""
@@ -123,17 +126,17 @@ def in_network(exercise: Exercise, part: Part, iterations: int, path: Path | Non
     the reference.
     """
     title = exercise.last.format(iterations)
-    expected = np.array(network.reference_losses(iterations))
+    expected = network.reference_losses(iterations)
     try:
         found = exercise.losses(part, iterations)
     except BaseException as error:
-        return Step(title, False, (_described(error, path),))
+        return Step(title, (_described(error, path),))
     wrong = np.flatnonzero(~agree(found, expected, exercise.drift))
     if len(wrong):
         i = int(wrong[0])
         line = f"The loss of iteration {i} is {found[i]:.6g}, expected {expected[i]:.6g}."
-        return Step(title, False, (line, ADVICE))
-    return Step(f"{title} ({found[0]:.4f} → {found[-1]:.4f})", True)
+        return Step(title, (line, ADVICE))
+    return Step(f"{title} ({found[0]:.4f} → {found[-1]:.4f})")
 
 
 # --------------------------------------------------------------------------------------- exceptions

@@ -11,9 +11,10 @@ from __future__ import annotations
 import ast
 import contextlib
 import functools
+import itertools
 import sys
 import warnings
-from collections.abc import Callable, Iterator, Mapping, MutableMapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, MutableMapping
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
@@ -26,7 +27,7 @@ from netlib.errors import NetlibError
 from netlib.files.paths import own
 
 Part = Any  # a module with the names of the project's
-Values = dict[str, Array]  # by their names in the docstring of the source
+Values = dict[str, Array]  # results by their names in the docstring of the source
 
 
 class ExerciseError(NetlibError):
@@ -41,7 +42,7 @@ class Case:
     run        computes the results with a part
     wanted     computes the expected results
     source     where the expected results come from, for messages: "Caffe has"
-    axes       names of the axes of each result, for the index in a message
+    axes       names of the axes of each result, such as "pose joint xyz", for messages
     tolerance  relative to the largest value of the same array, or to 1 if that is larger;
                0: bit for bit
     method     the reader's function that computes the results
@@ -51,7 +52,7 @@ class Case:
     run: Callable[[Part], Values]
     wanted: Callable[[], Values]
     source: str
-    axes: Mapping[str, Sequence[str]]
+    axes: Mapping[str, str]
     tolerance: float
     method: str
 
@@ -59,7 +60,7 @@ class Case:
     def expected(self) -> Values:
         """The expected results."""
         with unwarned():
-            return self.wanted()
+            return {name: np.asarray(array, np.float64) for name, array in self.wanted().items()}
 
     def results(self, part: Part) -> Values:
         """Return the results of a part. Passes on its exceptions."""
@@ -185,11 +186,12 @@ def edited(text: str, old: str, new: str) -> str:
         return found[0]
 
     first, last = only(statements[0]), only(statements[-1])
-    lines = text.encode().splitlines(keepends=True)  # columns count bytes
-    before = [*lines[: first.lineno - 1], lines[first.lineno - 1][: first.col_offset]]
-    after = [lines[last.end_lineno - 1][last.end_col_offset :], *lines[last.end_lineno :]]
+    code = text.encode()  # columns count bytes
+    starts = [0, *itertools.accumulate(map(len, code.splitlines(keepends=True)))]
+    begin = starts[first.lineno - 1] + first.col_offset
+    end = starts[last.end_lineno - 1] + last.end_col_offset
     indented = new.replace("\n", "\n" + " " * first.col_offset)
-    return b"".join([*before, indented.encode(), *after]).decode()
+    return (code[:begin] + indented.encode() + code[end:]).decode()
 
 
 def module_of(text: str, path: str, name: str) -> ModuleType:
@@ -236,11 +238,11 @@ def first_difference(case: Case, got: Values) -> Difference | None:
     """Return the first result that differs, in the order of the expected ones, with the index of
     its first wrong element.
     """
-    for name, right in case.expected.items():
-        right, mine = np.asarray(right, np.float64), np.asarray(got[name], np.float64)
-        if mine.shape != right.shape:
-            return Difference(case, name, None, mine, right)
-        wrong = np.argwhere(~agree(mine, right, case.tolerance))
+    for name, wanted in case.expected.items():
+        mine = got[name]
+        if mine.shape != wanted.shape:
+            return Difference(case, name, None, mine, wanted)
+        wrong = np.argwhere(~agree(mine, wanted, case.tolerance))
         if len(wrong):
-            return Difference(case, name, tuple(map(int, wrong[0])), mine, right, len(wrong))
+            return Difference(case, name, tuple(map(int, wrong[0])), mine, wanted, len(wrong))
     return None

@@ -32,10 +32,11 @@ OVERWRITTEN = (
     "backward overwrites the diff of a parameter. It must add, with +=: the diff accumulates the gradients of several "
     "batches and of layers that share the parameter."
 )
-SMALL = 12  # size up to which a result is shown in full
-MOST_DIGITS = 17  # enough for any float64
-NARROW = 3e-7  # relative error of some operations in float32
-FACTORS = 1e-5  # tolerance of a constant factor or offset
+MAX_SHOWN = 12  # size up to which a result is shown in full
+MAX_DIGITS = 17  # enough for any float64
+FLOAT32_ERROR = 3e-7  # relative, of some operations
+CONSTANT = 1e-5  # tolerance of a constant factor or offset
+MIN_SHARE = 0.5  # of the wrong cases, which a similar mistake reproduces
 
 
 def sentences(exercise: Exercise, check: Check, part: Part, found: Difference) -> Iterator[str]:
@@ -46,7 +47,7 @@ def sentences(exercise: Exercise, check: Check, part: Part, found: Difference) -
     if found.index is not None:
         if where := where_wrong(found):
             yield where
-        if 1 < found.got.size <= SMALL:
+        if 1 < found.got.size <= MAX_SHOWN:
             yield f"Found: {_listed(found.got)}; expected: {_listed(found.wanted)}."
 
 
@@ -56,31 +57,30 @@ def _listed(array: Array) -> str:
 
 
 def _what_differs(found: Difference) -> str:
+    """Describe the first element that differs, or the shapes."""
     case = found.case
     where = f" ({case.title})" if case.title else ""
     if found.index is None:
         return (
             f"{found.name} has the shape {found.got.shape}, expected {found.wanted.shape}{where}."
         )
-    letters = case.axes.get(found.name, ())
+    letters = case.axes.get(found.name, "").split()
     index = ", ".join(map(str, found.index))
     if len(letters) == len(found.index):
         index = ", ".join(f"{letter}={i}" for letter, i in zip(letters, found.index))
     got, wanted = _distinct(float(found.got[found.index]), float(found.wanted[found.index]))
     place = f"{found.name}[{index}]" if index else found.name
     size, others = found.got.size, ""
-    if size > 1:
-        others = (
-            f"; the first of {found.count} elements of {size} that differ"
-            if found.count > 1
-            else f"; the only one of {size} elements that differs"
-        )
+    if found.count > 1:
+        others = f"; the first of {found.count} elements of {size} that differ"
+    elif size > 1:
+        others = f"; the only one of {size} elements that differs"
     return f"{place} is {got}, {case.source} {wanted}{others}{where}."
 
 
 def _distinct(a: float, b: float) -> tuple[str, str]:
     """Format two numbers with as many digits as needed to distinguish them, at least four."""
-    for digits in range(4, MOST_DIGITS + 1):
+    for digits in range(4, MAX_DIGITS + 1):
         texts = f"{a:.{digits}g}", f"{b:.{digits}g}"
         if texts[0] != texts[1]:
             break
@@ -92,38 +92,34 @@ def advice(exercise: Exercise, check: Check, part: Part, found: Difference) -> s
     there is none.
 
     Of several, the one that reproduces most wrong cases of the method in this step is chosen. One
-    that reproduces at least half of them is reported as a similar one.
+    that reproduces only some of them, at least MIN_SHARE, is reported as a similar one.
     """
     mine = {case: tried(case, part) for case in check.cases if case.method == found.case.method}
+    if not _reproduces(found, mine[found.case]):
+        return "The value changes from call to call: draw random numbers from self.rng, never from np.random."
     right = [case for case, values in mine.items() if is_right(case, values)]
-    wrong = [
-        first_difference(case, values)
-        for case, values in mine.items()
-        if values and case not in right
-    ]
+    differences = [first_difference(case, values) for case, values in mine.items() if values]
+    wrong = [difference for difference in differences if difference]
 
-    def explains(mistaken: Part) -> float:
+    def share_explained(mistaken: Part) -> float:
         """Share of the wrong cases that a mistake reproduces; 0 if it breaks a case that the
         reader has right.
         """
         if not all(is_right(case, tried(case, mistaken)) for case in right):
             return 0.0
-        if not _same(found, tried(found.case, mistaken)):
+        if not _reproduces(found, tried(found.case, mistaken)):
             return 0.0
-        return float(
-            np.mean([bool(other and _same(other, tried(other.case, mistaken))) for other in wrong])
-        )
+        return float(np.mean([_reproduces(other, tried(other.case, mistaken)) for other in wrong]))
 
-    if not _same(found, mine[found.case]):
-        return "The value changes from call to call: draw random numbers from self.rng, never from np.random."
-    shares = {mistake: max(map(explains, mistake.parts(exercise))) for mistake in exercise.mistakes}
+    shares = {
+        mistake: max(map(share_explained, mistake.parts(exercise))) for mistake in exercise.mistakes
+    }
     # of equals the first: the most frequent one
-    best = max(shares, key=lambda mistake: shares[mistake], default=None)
-    if best is None or shares[best] < 0.5:
+    best = max(shares, key=shares.__getitem__, default=None)
+    if best is None or shares[best] < MIN_SHARE:
         return None
-    return (
-        best.advice if shares[best] == 1 else f"In some examples it looks like this: {best.advice}"
-    )
+    is_partial = shares[best] < 1
+    return f"In some examples it looks like this: {best.advice}" if is_partial else best.advice
 
 
 @functools.cache
@@ -140,7 +136,7 @@ def is_right(case: Case, values: Values | None) -> bool:
     return values is not None and first_difference(case, values) is None
 
 
-def _same(found: Difference, values: Values | None) -> bool:
+def _reproduces(found: Difference, values: Values | None) -> bool:
     """Return whether results have the array of a difference, up to the tolerance of its case."""
     other = (values or {}).get(found.name)
     if other is None or other.shape != found.got.shape:
@@ -150,20 +146,20 @@ def _same(found: Difference, values: Values | None) -> bool:
 
 
 def where_wrong(found: Difference) -> str | None:
-    """Describe the axes along which few indices have wrong elements; None if there
-    is no such axis.
+    """Describe the axes with wrong elements at no more than half of their indices; None if there is
+    no such axis.
     """
     wrong = ~agree(found.got, found.wanted, found.case.tolerance)
     if wrong.sum() < 2:  # the message has the index of a single one
         return None
-    letters = found.case.axes.get(found.name, ())
+    letters = found.case.axes.get(found.name, "").split()
+    if len(letters) != wrong.ndim:
+        letters = [f"axis {k}" for k in range(wrong.ndim)]
     places = []
-    for k, size in enumerate(wrong.shape):
-        at = np.flatnonzero(wrong.any(axis=tuple(i for i in range(wrong.ndim) if i != k)))
-        if len(at) <= size // 2:
-            letter = letters[k] if len(letters) == wrong.ndim else f"axis {k}"
-            indices = ", ".join(map(str, at))
-            places.append(f"{letter}={indices}" if len(at) == 1 else f"{letter} in {indices}")
+    for letter, size, indices in zip(letters, wrong.shape, map(np.unique, np.nonzero(wrong))):
+        if len(indices) <= size // 2:
+            relation = "=" if len(indices) == 1 else " in "
+            places.append(f"{letter}{relation}{', '.join(map(str, indices))}")
     return f"Only elements with {', '.join(places)} are wrong." if places else None
 
 
@@ -171,11 +167,8 @@ def _pattern(found: Difference) -> str | None:
     """Describe the pattern of a difference that no known mistake reproduces."""
     got, wanted = found.got, found.wanted
     if found.index is None:
-        return (
-            "The axes are in reverse order."
-            if got.ndim and got.shape == wanted.shape[::-1]
-            else None
-        )
+        is_reversed = got.ndim > 0 and got.shape == wanted.shape[::-1]
+        return "The axes are in reverse order." if is_reversed else None
     if (np.isnan(got) & ~np.isnan(wanted)).any():
         return UNASSIGNED if found.case.method == "backward" else UNWRITTEN
     if np.isinf(got[found.index]) and np.isfinite(wanted[found.index]):
@@ -191,21 +184,21 @@ def _pattern(found: Difference) -> str | None:
 
 
 def _relation(found: Difference) -> str | None:
-    """Describe a simple relation between all elements and the expected ones."""
+    """Describe how all elements relate to the expected ones: by a factor or a constant."""
     got, wanted = found.got, found.wanted
-    if found.case.tolerance < NARROW and agree(got, wanted, NARROW).all():
+    if found.case.tolerance < FLOAT32_ERROR and agree(got, wanted, FLOAT32_ERROR).all():
         return "The values are correct to the precision of float32 only. Use the type of the input arrays throughout."
     factor = float(np.vdot(got, wanted)) / max(float(np.vdot(wanted, wanted)), 1e-300)
-    is_multiple = agree(got, factor * wanted, FACTORS).all()
-    if is_multiple and min(abs(factor), abs(factor - 1)) > FACTORS:
-        if abs(factor + 1) < FACTORS:
+    is_multiple = agree(got, factor * wanted, CONSTANT).all()
+    if is_multiple and min(abs(factor), abs(factor - 1)) > CONSTANT:
+        if abs(factor + 1) < CONSTANT:
             return "All elements have the wrong sign."
         return f"All elements are {factor:.5g} times the expected value: a factor is missing or superfluous."
-    off = got - wanted
-    if found.case.method == "backward" and agree(off, np.full(off.shape, -1.0), FACTORS).all():
-        return OVERWRITTEN
-    by = float(off.flat[0])
-    tolerance = FACTORS * max(1.0, float(np.abs(wanted).max()))
-    if np.ptp(off) <= tolerance < abs(by):
-        return f"All elements exceed the expected value by {by:.5g}: a constant is superfluous or missing."
+    excess = got - wanted
+    if found.case.method == "backward" and agree(excess, -np.ones(got.shape), CONSTANT).all():
+        return OVERWRITTEN  # param diffs are initialized to 1
+    first = float(excess.flat[0])
+    tolerance = CONSTANT * max(1.0, float(np.abs(wanted).max()))
+    if np.ptp(excess) <= tolerance < abs(first):
+        return f"All elements exceed the expected value by {first:.5g}: a constant is superfluous or missing."
     return None

@@ -14,7 +14,7 @@ from netlib.blob import Array
 from netlib.proto import prototxt, schema
 
 # Three joints, with a shared DoF, a fixed DoF and a rotation about a negative axis.
-TEXT = """
+FINGER_TEXT = """
 name: "finger"
 dof { name: "slide" } dof { name: "yaw" initial: 0.3 } dof { name: "bend" }
 dof { name: "stiff" initial: 0.4 fixed: true }
@@ -24,8 +24,8 @@ joint { name: "middle" parent: "base" rotate { axis: X dof: "bend" } bone { axis
 joint { name: "tip" parent: "middle" translate { axis: Z dof: "slide" } rotate { axis: X dof: "bend" }
         bone { axis: NEG_Z length: 0.75 } }
 """
-FINGER = Skeleton(schema.read(prototxt.parse(TEXT, "<finger>"), SkeletonParameter))
-# two random poses of the finger
+FINGER = Skeleton(schema.read(prototxt.parse(FINGER_TEXT, "<finger>"), SkeletonParameter))
+# two random poses of the finger (2, D)
 POSES = np.random.default_rng(0).uniform(-1, 1, (2, len(FINGER.dof_names)))
 NYU = load(NYU_HAND)  # the paper's hand
 

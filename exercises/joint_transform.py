@@ -8,73 +8,79 @@ import numpy as np
 
 from exercises import hand, recorded
 from exercises.exercise import Case, Check, Exercise, Mistake, Part, Values
-from layers.hand import kinematics as source
+from layers.hand import kinematics
 from netlib.blob import Array
 
 AXES = {
-    "joints": ("pose", "joint", "xyz"),
-    "frames": ("pose", "joint", "row", "column"),
-    "axis": ("pose", "motion", "xyz"),
-    "pivot": ("pose", "motion", "xyz"),
-    "Rx": ("angle", "row", "column"),
-    "Ry": ("angle", "row", "column"),
-    "Rz": ("angle", "row", "column"),
+    "joints": "pose joint xyz",
+    "frames": "pose joint row column",
+    "axis": "pose motion xyz",
+    "pivot": "pose motion xyz",
+    "Rx": "angle row column",
+    "Ry": "angle row column",
+    "Rz": "angle row column",
 }
 
 
 def _rotations(part: Part) -> Values:
+    """Return Rx, Ry and Rz (3, 3, 3) for three angles in rad."""
     angles = np.array([0.0, 0.5, -1.2])
     return {f"R{name}": part.rotation(axis, angles) for axis, name in enumerate("xyz")}
 
 
 def _finger(part: Part, *names: str, bones: Array | None = None) -> Values:
-    """Return arrays of the pose of the finger."""
+    """Return attributes of the Pose of the finger in its two poses, by name."""
     pose = part.Kinematics(hand.FINGER).forward(hand.POSES, bones)
     return {name: getattr(pose, name) for name in names}
 
 
 def _case(title: str, run: Callable[[Part], Values], method: str = "forward") -> Case:
-    return Case(title, run, lambda: run(source), "expected", AXES, 1e-12, method)
+    """Return a case whose expected results are those of the project's functions."""
+    return Case(title, run, lambda: run(kinematics), "expected", AXES, 1e-12, method)
 
 
-def _caffe(part: Part) -> Values:
-    joints = part.Kinematics(hand.NYU).forward(recorded.everything()["hand_model/bottom"]).joints
-    return {"joints": joints}
+def _nyus_joints(part: Part) -> Values:
+    """Return the joints (N, K, 3) of the paper's hand in the recorded poses."""
+    poses = recorded.everything()["hand_model/bottom"]
+    return {"joints": part.Kinematics(hand.NYU).forward(poses).joints}
+
+
+def _recorded_joints() -> Values:
+    return {"joints": recorded.everything()["hand_model/top_f64"].reshape(4, -1, 3)}
 
 
 ROTATION = """R[..., i, i], R[..., i, j] = cos, -sin
 R[..., j, i], R[..., j, j] = sin, cos"""
 BACKWARDS = """R[..., i, i], R[..., i, j] = cos, sin
 R[..., j, i], R[..., j, j] = -sin, cos"""
-TURN = "F @ rotation(motion.axis, motion.sign * theta[:, motion.dof])"
-MISTAKES = (
-    Mistake(
-        "The rotation has the wrong direction: the minus belongs to the sine in the first row, of (x, y) for z, "
-        "(y, z) for x, (z, x) for y.",
-        (ROTATION, BACKWARDS),
-    ),
-    Mistake(
-        "The matrices are multiplied in the wrong order. A joint rotates about its own axes, already moved by the "
-        "previous rotations: F <- F R, not R F.",
-        (TURN, "rotation(motion.axis, motion.sign * theta[:, motion.dof]) @ F"),
-    ),
-    Mistake(
-        "motion.sign is ignored: NEG_Y is a rotation about -y, that is, about y by -theta.",
-        ("motion.sign * theta[:, motion.dof]", "theta[:, motion.dof]"),
-    ),
-    Mistake(
-        "F[:, axis] is a row of F. F e_axis is a column: F[:, :, axis].",
-        ("F[:, :, motion.axis]", "F[:, motion.axis]"),
-    ),
-    Mistake(
-        "p += ... also changes the parent's joint: p is a view of pose.joints[:, parent]. Write p = p + ..., which"
-        " creates a new array.",
-        ("p = p + a * theta[:, motion.dof, None]", "p += a * theta[:, motion.dof, None]"),
+TURNED_BACKWARDS = Mistake(
+    "The rotation has the wrong direction: the minus belongs to the sine in the first row, of (x, y) for z, "
+    "(y, z) for x, (z, x) for y.",
+    (ROTATION, BACKWARDS),
+)
+MATRICES_EXCHANGED = Mistake(
+    "The matrices are multiplied in the wrong order. A joint rotates about its own axes, already moved by the "
+    "previous rotations: F <- F R, not R F.",
+    (
+        "F @ rotation(motion.axis, motion.sign * theta[:, motion.dof])",
+        "rotation(motion.axis, motion.sign * theta[:, motion.dof]) @ F",
     ),
 )
+SIGN_IGNORED = Mistake(
+    "motion.sign is ignored: NEG_Y is a rotation about -y, that is, about y by -theta.",
+    ("motion.sign * theta[:, motion.dof]", "theta[:, motion.dof]"),
+)
+ROW_FOR_COLUMN = Mistake(
+    "F[:, axis] is a row of F. F e_axis is a column: F[:, :, axis].",
+    ("F[:, :, motion.axis]", "F[:, motion.axis]"),
+)
+PARENT_MOVED = Mistake(
+    "p += ... also changes the parent's joint: p is a view of pose.joints[:, parent]. Write p = p + ..., which"
+    " creates a new array.",
+    ("p = p + a * theta[:, motion.dof, None]", "p += a * theta[:, motion.dof, None]"),
+)
+MISTAKES = (TURNED_BACKWARDS, MATRICES_EXCHANGED, SIGN_IGNORED, ROW_FOR_COLUMN, PARENT_MOVED)
 
-
-TOP = recorded.everything()["hand_model/top_f64"].reshape(4, -1, 3)
 BONES = hand.FINGER.bones * np.array([[1.0], [2.0]])
 TO_DO = {
     "Kinematics.forward": "Return the Pose of each row of inputs, Pose(N, K, len(skeleton.driven)). theta = "
@@ -90,12 +96,19 @@ TO_DO = {
 }
 
 ROTATIONS = _case("angles 0, 0.5, -1.2", _rotations, "rotation")
-FINGER = (
+POSITIONS = (
     _case("two poses", lambda part: _finger(part, "frames", "joints")),
     _case("bones given", lambda part: _finger(part, "joints", bones=BONES)),
 )
 MOTIONS = _case("two poses", lambda part: _finger(part, "axis", "pivot"))
-NYUS_HAND = Case("NYU's hand", _caffe, lambda: {"joints": TOP}, "Caffe has", AXES, 1e-12, "forward")
+NYUS_HAND = Case("NYU's hand", _nyus_joints, _recorded_joints, "Caffe has", AXES, 1e-12, "forward")
+
+CHECKS = (
+    Check("values: a rotation about each axis", (ROTATIONS,)),
+    Check("values: a finger with three joints", POSITIONS),
+    Check("values: the axes and pivots of its motions", (MOTIONS,)),
+    Check("values: Caffe's recorded hand poses", (NYUS_HAND,)),
+)
 
 EXERCISE = Exercise(
     name="joint_transform",
@@ -103,12 +116,7 @@ EXERCISE = Exercise(
     chapter=8,
     file="layers/hand/kinematics.py",
     to_do=TO_DO,
-    checks=(
-        Check("values: a rotation about each axis", (ROTATIONS,)),
-        Check("values: a finger with three joints", FINGER),
-        Check("values: the axes and pivots of its motions", (MOTIONS,)),
-        Check("values: Caffe's recorded hand poses", (NYUS_HAND,)),
-    ),
+    checks=CHECKS,
     mistakes=MISTAKES,
     train=hand.losses,
 )

@@ -5,8 +5,9 @@ after the other.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import PurePosixPath
 from types import SimpleNamespace
 
 import numpy as np
@@ -29,17 +30,21 @@ SINGLE, DIFFERENCES, DOUBLE = 1e-5, 2e-6, 1e-10
 
 @dataclass(frozen=True)
 class Letters:
-    """The names of a layer's blobs in its docstring, and the axes of each."""
+    """The names of a layer's blobs in its docstring, each with its axes, such as "n c h w"."""
 
-    bottoms: tuple[str, ...]
-    tops: tuple[str, ...]
-    params: tuple[str, ...] = ()
-    axes: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    bottoms: Mapping[str, str]
+    tops: Mapping[str, str]
+    params: Mapping[str, str] = field(default_factory=dict)
 
-    def all_axes(self) -> dict[str, Sequence[str]]:
-        """Return the axes of each blob's data and diff, by name."""
-        after = {f"{name} (after forward)": axes for name, axes in self.axes.items()}
-        return {f"{d}{name}": axes for name, axes in self.axes.items() for d in ("", "d")} | after
+    def all_axes(self) -> dict[str, str]:
+        """Return the axes of each result: a blob's data, its diff, its data after forward."""
+        axes = {**self.bottoms, **self.tops, **self.params}
+        diffs = {f"d{name}": axes[name] for name in axes}
+        return axes | diffs | {_after_forward(name): axes[name] for name in axes}
+
+
+def _after_forward(bottom: str) -> str:
+    return f"{bottom} (after forward)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,15 +53,15 @@ class Example:
     unless ``on_kinks``.
 
     options   the fields of its block, or of its ``layer { ... }`` except the type
-    option    the option that it shows, in a separate step; empty: none
+    bottoms   the data of each bottom, unless ``caffe``
     caffe     name of the recorded case that holds the inputs, parameters and Caffe's results
+    tops      number of tops
     gradient  whether to check it
     on_kinks  compare the gradient with the reference layer's, not with finite differences
     """
 
-    options: str
+    options: str = ""
     bottoms: tuple[Array, ...] = ()
-    option: str = ""
     caffe: str = ""
     tops: int = 1
     phase: Phase = "TRAIN"
@@ -76,6 +81,13 @@ class Example:
         return "; ".join(part for part in (self.options, f"bottom {bottoms}") if part)
 
 
+class Option:
+    """An option of a layer, checked in a step of its own: its title and hint as in Check."""
+
+    def __init__(self, title: str, hint: str, *examples: Example) -> None:
+        self.title, self.hint, self.examples = title, hint, examples
+
+
 def numbers(*shape: int, seed: int = 0) -> Array:
     """Return random values of both signs with magnitudes from 0.2 to 1, away from 0."""
     rng = np.random.default_rng(seed)
@@ -84,17 +96,21 @@ def numbers(*shape: int, seed: int = 0) -> Array:
 
 @dataclass(frozen=True)
 class _Runner:
-    """Runs the class ``class_name`` of a part on an example."""
+    """Runs the layer of a part on an example. The results have the names of ``letters``.
+
+    type_name  of the layer, which is also the name of its class
+    reference  a part with the project's class
+    """
 
     type_name: str
-    class_name: str
     letters: Letters
+    reference: Part
     example: Example
 
     def built(self, part: Part, dtype: DTypeLike) -> tuple[Layer, Blobs, Blobs]:
         """Return the layer with its bottoms, filled, and its tops, which have their shapes."""
         example, params = self.example, recorded.of_layer(self.example.caffe, "param")
-        with replaced(LAYER_TYPES, self.type_name, getattr(part, self.class_name)):
+        with replaced(LAYER_TYPES, self.type_name, getattr(part, self.type_name)):
             layer = gradcheck.make_layer(
                 f'type: "{self.type_name}" {example.options}',
                 example.inputs,
@@ -107,10 +123,8 @@ class _Runner:
         bottom = Blobs([Blob(array.shape, dtype) for array in example.inputs], dtype)
         for blob, array in zip(bottom, example.inputs):
             blob.data[...] = array
-        top = Blobs(
-            [bottom[0]] if example.in_place else [Blob((), dtype) for _ in range(example.tops)],
-            dtype,
-        )
+        tops = [bottom[0]] if example.in_place else [Blob((), dtype) for _ in range(example.tops)]
+        top = Blobs(tops, dtype)
         layer.reshape(bottom, top)
         return layer, bottom, top
 
@@ -121,26 +135,33 @@ class _Runner:
 
     def values(self, part: Part) -> Values:
         """Run forward with tops initialized to NaN; returns the tops, then the bottoms, which
-        must not change.
+        must not change. In place, the bottom is the top.
         """
         layer, bottom, top = self.built(part, np.float32 if self.example.caffe else np.float64)
         for blob in [] if self.example.in_place else top:
             blob.data[...] = np.nan
         layer.forward(bottom, top)
-        bottoms = (
-            []
-            if self.example.in_place
-            else [f"{name} (after forward)" for name in self.letters.bottoms]
-        )
-        names = [*self.letters.tops[: len(top)], *bottoms]
-        return {name: blob.data.copy() for name, blob in zip(names, [*top, *bottom])}
+        tops = zip(self.letters.tops, top)
+        bottoms = zip(map(_after_forward, self.letters.bottoms), bottom)
+        return {name: blob.data.copy() for name, blob in [*tops, *bottoms]}
 
-    def gradient(self, part: Part) -> Values:
-        """Run backward with bottom diffs initialized to NaN and parameter diffs to 1; returns
-        the gradients.
+    def gradients(self, part: Part) -> Values:
+        """Return the gradients of a weighted sum of the tops, by backward."""
+        return self._by_letter(gradient.analytic for gradient in self._checked(part))
+
+    def differences(self, part: Part) -> Values:
+        """Return the gradients of the same sum, by finite differences of forward."""
+        return self._by_letter(gradient.differences() for gradient in self._checked(part))
+
+    def _checked(self, part: Part) -> Iterator[gradcheck.Gradient]:
+        layer, _, _ = self.built(part, np.float64)
+        example = self.example
+        return gradcheck.gradients(layer, example.inputs, example.tops, in_place=example.in_place)
+
+    def recorded_gradients(self, part: Part) -> Values:
+        """Run backward from the recorded top diffs, with bottom diffs initialized to NaN and
+        parameter diffs to 1; returns the gradients.
         """
-        if not self.example.caffe:
-            return {name: gradient.analytic for name, gradient in self._gradients(part)}
         layer, bottom, top = self.built(part, np.float32)
         layer.forward(bottom, top)
         for blob, diff in zip(top, recorded.of_layer(self.example.caffe, "topdiff")):
@@ -150,11 +171,10 @@ class _Runner:
         for blob in layer.blobs:
             blob.diff[...] = 1
         layer.backward(top, [True] * len(bottom), bottom)
-        return self._by_letter(
-            [blob.diff.copy() for blob in bottom] + [blob.diff - 1 for blob in layer.blobs]
-        )
+        added = [blob.diff - 1 for blob in layer.blobs]
+        return self._by_letter([blob.diff.copy() for blob in bottom] + added)
 
-    def unwanted(self, part: Part) -> Values:
+    def kept(self, part: Part) -> Values:
         """Run backward without propagate_down of the last bottom; returns its diff, which was
         initialized to KEPT.
         """
@@ -164,145 +184,115 @@ class _Runner:
             blob.diff[...] = numbers(*blob.shape)
         bottom[-1].diff[...] = KEPT
         layer.backward(top, [*[True] * (len(bottom) - 1), False], bottom)
-        return {f"d{self.letters.bottoms[-1]}": bottom[-1].diff}
+        return {f"d{[*self.letters.bottoms][-1]}": bottom[-1].diff}
 
-    def differences(self, part: Part) -> Values:
-        """Return the finite differences of forward."""
-        return {name: gradient.differences() for name, gradient in self._gradients(part)}
+    def _by_letter(self, gradients: Iterable[Array]) -> Values:
+        """Return gradients of the bottoms, then of the parameters, by name."""
+        names = [*self.letters.bottoms, *self.letters.params]
+        return {f"d{name}": array for name, array in zip(names, gradients)}
 
-    def _gradients(self, part: Part) -> Iterator[tuple[str, gradcheck.Gradient]]:
-        layer, _, _ = self.built(part, np.float64)
-        example = self.example
-        found = gradcheck.gradients(layer, example.inputs, example.tops, in_place=example.in_place)
-        for gradient in found:
-            names = self.letters.bottoms if gradient.kind == "bottom" else self.letters.params
-            yield f"d{names[gradient.number]}", gradient
+    def case(
+        self,
+        method: str,
+        run: Callable[[Part], Values],
+        wanted: Callable[[], Values],
+        source: str,
+        tolerance: float,
+    ) -> Case:
+        """Return a case of this example; the arguments are fields of Case."""
+        axes = self.letters.all_axes()
+        return Case(self.example.title, run, wanted, source, axes, tolerance, method)
 
-    def _by_letter(self, gradients: Sequence[Array]) -> Values:
-        return {
-            f"d{name}": array
-            for name, array in zip(self.letters.bottoms + self.letters.params, gradients)
-        }
-
-    def cases(self, reference: Part, shaped_by: str) -> Iterator[Case]:
+    def cases(self, shaped_by: str) -> Iterator[Case]:
         """Yield the cases: the shapes, forward, and backward unless its gradient is not checked."""
-        example, ours = self.example, "the reference layer has"
+        yield self.case(shaped_by, self.shapes, lambda: self.shapes(self.reference), "expected", 0)
+        yield from self._against_caffe() if self.example.caffe else self._against_reference()
 
-        def case(
-            run: Callable[[Part], Values],
-            wanted: Callable[[], Values],
-            source: str,
-            tolerance: float,
-            method: str,
-        ) -> Case:
-            return Case(
-                example.title, run, wanted, source, self.letters.all_axes(), tolerance, method
-            )
+    def _against_caffe(self) -> Iterator[Case]:
+        top, bottom_diffs, param_diffs = (
+            recorded.of_layer(self.example.caffe, kind) for kind in ("top", "indiff", "pdiff")
+        )
+        tops = dict(zip(self.letters.tops, top))
+        diffs = self._by_letter(bottom_diffs + param_diffs)
+        yield self.case("forward", self.values, lambda: tops, "Caffe has", SINGLE)
+        yield self.case("backward", self.recorded_gradients, lambda: diffs, "Caffe has", SINGLE)
 
-        yield case(self.shapes, lambda: self.shapes(reference), "expected", 0, shaped_by)
-        if example.caffe:
-            tops, diffs, of_params = (
-                recorded.of_layer(example.caffe, kind) for kind in ("top", "indiff", "pdiff")
-            )
-            yield case(
-                self.values,
-                lambda: dict(zip(self.letters.tops, tops)),
-                "Caffe has",
-                SINGLE,
-                "forward",
-            )
-            yield case(
-                self.gradient,
-                lambda: self._by_letter(diffs + of_params),
-                "Caffe has",
-                SINGLE,
-                "backward",
-            )
-            return
-        yield case(self.values, lambda: self.values(reference), ours, DOUBLE, "forward")
-        if example.on_kinks:
-            yield case(self.gradient, lambda: self.gradient(reference), ours, DOUBLE, "backward")
-        elif example.gradient:
-            yield case(
-                self.gradient,
-                lambda: self.differences(reference),
-                "finite differences give",
-                DIFFERENCES,
-                "backward",
+    def _against_reference(self) -> Iterator[Case]:
+        run, ours, reference = self.values, "the reference layer has", self.reference
+        yield self.case("forward", run, lambda: run(reference), ours, DOUBLE)
+        wanted, source, tolerance = self.differences, "finite differences give", DIFFERENCES
+        if self.example.on_kinks:
+            wanted, source, tolerance = self.gradients, ours, DOUBLE
+        if self.example.gradient:
+            yield self.case(
+                "backward", self.gradients, lambda: wanted(reference), source, tolerance
             )
 
 
 def layer_exercise(
-    name: str,
     type_name: str,
     *,
     title: str,
     chapter: int,
-    file: str,
     block: str = "",
     to_do: Mapping[str, str],
     letters: Letters,
     examples: Sequence[Example],
+    options: Sequence[Option] = (),
     mistakes: tuple[Mistake, ...],
-    hints: Mapping[str, str] | None = None,
     shaped_by: str = "reshape",
 ) -> Exercise:
-    """Return the exercise for a layer.
+    """Return the exercise for a layer, with the name and the source of its file.
 
     block      the field of a layer that has its options, such as relu_param
     to_do      maps its methods to instructions
-    examples   those without an option first; the options in the order in which a reader adds them
-    hints      what the layer must do for an option of the examples
+    examples   of the layer without options
+    options    in the order in which a reader adds them
     shaped_by  the method that sets the tops' shapes
     """
-    if block:
-        blocks = [old.options and f"{block} {{ {old.options} }}" for old in examples]
-        examples = [
-            dataclasses.replace(old, options=options) for old, options in zip(examples, blocks)
-        ]
+
     cls = LAYER_TYPES[type_name]
-    reference = SimpleNamespace(**{cls.__name__: cls})
-    cases: dict[str, list[Case]] = {}  # by option
-    for example in examples:
-        runner = _Runner(type_name, cls.__name__, letters, example)
-        cases.setdefault(example.option, []).extend(runner.cases(reference, shaped_by))
-    first = _Runner(type_name, cls.__name__, letters, examples[0])
-    not_down = Case(
-        examples[0].title,
-        first.unwanted,
-        lambda: first.unwanted(reference),
-        "expected",
-        letters.all_axes(),
-        0,
-        "backward",
-    )
-    cases[NOT_DOWN] = [not_down]
-    has_caffes = any(example.caffe and not example.option for example in examples)
-    source = "Caffe" if has_caffes else "the reference"
+    reference = SimpleNamespace(**{type_name: cls})
+
+    def runner(example: Example) -> _Runner:
+        """Return the runner of an example, with its options in the block."""
+        if block and example.options:
+            fields = f"{block} {{ {example.options} }}"
+            example = dataclasses.replace(example, options=fields)
+        return _Runner(type_name, letters, reference, example)
+
+    def cases(examples: Sequence[Example]) -> tuple[Case, ...]:
+        return tuple(case for example in examples for case in runner(example).cases(shaped_by))
+
+    def train(part: Part, iterations: int) -> Array:
+        with replaced(LAYER_TYPES, type_name, getattr(part, type_name)):
+            return network.losses(iterations)
+
+    source = "Caffe" if any(example.caffe for example in examples) else "the reference"
     titles = {
         shaped_by: "shapes",
         "forward": f"values: forward agrees with {source}",
         "backward": f"gradient: backward agrees with finite differences and with {source}",
     }
-    without_option = cases.pop("")
+    without_option = cases(examples)
     checks = []
     for method, check_title in titles.items():
         of_method = tuple(case for case in without_option if case.method == method)
         checks.append(Check(check_title, of_method))
-    all_hints = {NOT_DOWN: LEAVE, **(hints or {})}
-    for option, found in cases.items():
-        checks.append(Check(f"with {option}", tuple(found), option, all_hints.get(option, "")))
-
-    def train(part: Part, iterations: int) -> Array:
-        with replaced(LAYER_TYPES, type_name, getattr(part, cls.__name__)):
-            return network.losses(iterations)
-
+    for option in options:
+        of_option = cases(option.examples)
+        checks.append(Check(f"with {option.title}", of_option, option.title, option.hint))
+    first = runner(examples[0])
+    not_down = first.case("backward", first.kept, lambda: first.kept(reference), "expected", 0)
+    checks.append(Check(f"with {NOT_DOWN}", (not_down,), NOT_DOWN, LEAVE))
+    file = PurePosixPath(*cls.__module__.split(".")).with_suffix(".py")
+    tasks = {f"{type_name}.{method}": task for method, task in to_do.items()}
     return Exercise(
-        name=name,
+        name=file.stem,
         title=title,
         chapter=chapter,
-        file=file,
-        to_do={f"{cls.__name__}.{method}": task for method, task in to_do.items()},
+        file=str(file),
+        to_do=tasks,
         checks=tuple(checks),
         mistakes=mistakes,
         train=train,

@@ -74,6 +74,6 @@ def trained(solver: Solver, iterations: int) -> Array:
 
 
 @functools.cache
-def reference_losses(iterations: int) -> tuple[float, ...]:
+def reference_losses(iterations: int) -> Array:
     """Return the losses with the project's layers."""
-    return tuple(losses(iterations).tolist())
+    return losses(iterations)

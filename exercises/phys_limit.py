@@ -6,53 +6,54 @@ import numpy as np
 
 from exercises import hand
 from exercises.exercise import Mistake
-from exercises.layers import Example, Letters, layer_exercise
+from exercises.layers import Example, Letters, Option, layer_exercise
 from netlib.blob import Array
 
-BEYOND = "self.beyond = np.maximum(x - self.upper, 0) - np.maximum(self.lower - x, 0)"
+NO_LIMIT = 100  # smaller than the limits of a DoF that has none
 DX = "top[0].diff / len(slope) * slope"
 
-MISTAKES = (
-    Mistake(
-        "An angle below its lower limit is also out of limits: v = max(lower - x, 0) + max(x - upper, 0).",
-        (BEYOND, "self.beyond = np.maximum(x - self.upper, 0)"),
-    ),
-    Mistake(
-        "Violations of lower limits are subtracted from those of upper limits. v counts both as positive.",
-        ("v = np.abs(self.beyond)", "v = self.beyond"),
-    ),
-    Mistake(
-        "The sum is not divided by the number of poses N.",
-        ("top[0].data[...] = total / len(x)", "top[0].data[...] = total"),
-    ),
-    Mistake(
-        "The gradient below a lower limit is negative: v grows as x decreases.",
-        (DX, "top[0].diff / len(slope) * np.abs(slope)"),
-    ),
-    Mistake(
-        "backward ignores top[0].diff (dL), the loss weight of the prototxt.",
-        (DX, "slope / len(slope)"),
+LOWER_LIMIT_IGNORED = Mistake(
+    "An angle below its lower limit is also out of limits: v = max(lower - x, 0) + max(x - upper, 0).",
+    (
+        "self.beyond = np.maximum(x - self.upper, 0) - np.maximum(self.lower - x, 0)",
+        "self.beyond = np.maximum(x - self.upper, 0)",
     ),
 )
+VIOLATIONS_CANCEL = Mistake(
+    "Violations of lower limits are subtracted from those of upper limits. v counts both as positive.",
+    ("v = np.abs(self.beyond)", "v = self.beyond"),
+)
+NOT_DIVIDED_BY_N = Mistake(
+    "The sum is not divided by the number of poses N.",
+    ("top[0].data[...] = total / len(x)", "top[0].data[...] = total"),
+)
+SIGN_IGNORED = Mistake(
+    "The gradient below a lower limit is negative: v grows as x decreases.",
+    (DX, "top[0].diff / len(slope) * np.abs(slope)"),
+)
+DL_IGNORED = Mistake(
+    "backward ignores top[0].diff (dL), the loss weight of the prototxt.",
+    (DX, "slope / len(slope)"),
+)
+MISTAKES = (LOWER_LIMIT_IGNORED, VIOLATIONS_CANCEL, NOT_DIVIDED_BY_N, SIGN_IGNORED, DL_IGNORED)
 
 
-def _arm_like() -> Array:
-    """Return two hands in the initial pose except two angles beyond a limit and two
-    exactly at one.
-    """
-    skeleton = hand.NYU
-    limited = np.flatnonzero(~skeleton.fixed & (skeleton.upper < 100))
+def _at_limits() -> Array:
+    """Return two poses (2, 47), zero except two angles beyond a limit and two exactly at one."""
+    lower, upper = hand.NYU.lower, hand.NYU.upper
+    limited = np.flatnonzero(~hand.NYU.fixed & (upper < NO_LIMIT))
     above, below, at_upper, at_lower = limited[:4]
     x = np.zeros((2, 47))
-    x[0, above] = skeleton.upper[above] + 0.25
-    x[1, below] = skeleton.lower[below] - 0.5
-    x[0, at_upper] = skeleton.upper[at_upper]
-    x[1, at_lower] = skeleton.lower[at_lower]
+    x[0, above] = upper[above] + 0.25
+    x[1, below] = lower[below] - 0.5
+    x[0, at_upper] = upper[at_upper]
+    x[1, at_lower] = lower[at_lower]
     return x
 
 
-def _poses(count: int, seed: int) -> Array:
-    return np.asarray(np.random.default_rng(seed).normal(0, 1, (count, 47)))
+def _random(seed: int) -> Array:
+    """Return two random poses (2, 47)."""
+    return np.asarray(np.random.default_rng(seed).normal(0, 1, (2, 47)))
 
 
 TO_DO = {
@@ -61,28 +62,24 @@ TO_DO = {
     "backward": "If propagate_down[0], write every element of bottom[0].diff: dL / N times ±1 (L1) or ±2 v (L2), 0 "
     "within the limits. dL is top[0].diff.",
 }
-LETTERS = Letters(("x",), ("L",), axes={"x": "nd", "L": ""})
-EXAMPLES = [
-    Example("", (_arm_like(),), on_kinks=True),
-    Example("", (_poses(2, 1),)),
-    Example("norm: L2", (_arm_like(),), "norm: L2", on_kinks=True),
-    Example("norm: L2", (_poses(2, 2),), "norm: L2"),
-    Example("norm: L2", option="norm: L2", caffe="phys_limit"),
-]
-HINTS = {
-    "norm: L2": "Each v is squared before the sum, so dx is dL / N times 2 v, with the sign of the violation."
-}
+LETTERS = Letters({"x": "n d"}, {"L": ""})
+EXAMPLES = (Example(bottoms=(_at_limits(),), on_kinks=True), Example(bottoms=(_random(1),)))
+SQUARED = Option(
+    "norm: L2",
+    "Each v is squared before the sum, so dx is dL / N times 2 v, with the sign of the violation.",
+    Example("norm: L2", (_at_limits(),), on_kinks=True),
+    Example("norm: L2", (_random(2),)),
+    Example("norm: L2", caffe="phys_limit"),
+)
 
 EXERCISE = layer_exercise(
-    "phys_limit",
     "PhysLimit",
     title="PhysLimit: a loss on angles beyond their limits",
     chapter=10,
-    file="layers/hand/phys_limit.py",
     block="phys_limit_param",
     to_do=TO_DO,
     letters=LETTERS,
     examples=EXAMPLES,
-    hints=HINTS,
+    options=(SQUARED,),
     mistakes=MISTAKES,
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,7 @@ from netlib.snapshots import snapshot, weights
 from netlib.solver import Solver
 
 BEFORE, AFTER = 4, 4  # iterations before the snapshot and after it
-AXES = {"loss": ("iteration",), "averaged loss": (), "iter": (), "w": ("i",)}
+AXES = {"loss": "iteration", "averaged loss": "", "iter": "", "w": "i"}
 FIXED = 'base_lr: 0.1 lr_policy: "fixed"'
 SAME = """
 layer { name: "x" type: "DummyData" top: "x" top: "t" dummy_data_param { shape { dim: 4 dim: 2 } shape { dim: 4 dim: 2 }
@@ -35,32 +35,33 @@ layer {{ name: "loss" type: "EuclideanLoss" bottom: "y2" bottom: "t" top: "loss"
 DROPOUT = 'layer { name: "drop" type: "Dropout" bottom: "y" top: "y" }'
 
 
-def interrupted(part: Part, make: Callable[[int], Solver], iterations: int, folder: Path) -> Solver:
-    """Return a new solver, with other weights and random numbers, restored from the snapshot of a
-    trained solver.
+def interrupted(
+    part: Part, new_solver: Callable[[int], Solver], iterations: int, folder: Path
+) -> Solver:
+    """Train a solver with seed 1, and return one with seed 2 restored from its snapshot.
+
+    ``new_solver`` returns a solver for a seed of its weights and random numbers; the snapshot is
+    written into the folder.
     """
-    first = make(1)
+    first = new_solver(1)
     first.step(iterations)
     names = folder / "at.caffemodel.h5", folder / "at.solverstate.h5"
     snapshot.write_pair(weights.image(first.net, names[0]), part.state_of(first, names[0]), *names)
-    second = make(2)
+    second = new_solver(2)
     part.restore_state(second, names[1])
     return second
 
 
-def _found(solver: Solver) -> Values:
-    """Return the state of a solver and its losses over AFTER more iterations."""
-    at, course = solver.iter, np.full(AFTER, np.nan)
-    with contextlib.suppress(DivergenceError):  # of an inconsistent state
+def _continued(solver: Solver) -> Values:
+    """Return the iteration of a solver, its losses over AFTER more iterations, and its averaged
+    loss and weights after them.
+    """
+    found = {"iter": np.array(solver.iter), "loss": np.full(AFTER, np.nan)}
+    with contextlib.suppress(DivergenceError):  # of an inconsistent state; later losses stay NaN
         for i in range(AFTER):
-            course[i : i + 1] = network.trained(solver, 1)
-    param = solver.net.params["ip"][0].data
-    return {
-        "iter": np.array(at),
-        "loss": course,
-        "averaged loss": np.array(solver.loss),
-        "w": param.ravel().copy(),
-    }
+            (found["loss"][i],) = network.trained(solver, 1)
+    w = solver.net.params["ip"][0].data
+    return found | {"averaged loss": np.array(solver.loss), "w": w.ravel().copy()}
 
 
 def _case(title: str, data: str, options: str = FIXED, middle: str = "") -> Case:
@@ -68,35 +69,26 @@ def _case(title: str, data: str, options: str = FIXED, middle: str = "") -> Case
     previous case.
     """
 
-    def result(train: Callable[[Callable[[int], Solver], Path], Solver]) -> Values:
-        """Return what is compared of the solver that ``train`` returns, given a function
-        that makes one.
-        """
-        with tempfile.TemporaryDirectory(prefix="exercise.") as folder:
-            text = data.replace("rows.txt", _rows(Path(folder))) + REST % middle
-
-            def make(seed: int) -> Solver:
-                return network.solver_of(text, options, seed=seed)
-
-            return _found(train(make, Path(folder)))
+    @contextlib.contextmanager
+    def prepared() -> Iterator[tuple[Callable[[int], Solver], Path]]:
+        """Prepare a training: a function that returns a new solver for a seed, and a folder."""
+        with tempfile.TemporaryDirectory(prefix="exercise.") as name:
+            folder = Path(name)
+            text = data.replace("rows.txt", _rows(folder)) + REST % middle
+            yield lambda seed: network.solver_of(text, options, seed=seed), folder
 
     def resumed(part: Part) -> Values:
-        return result(lambda make, folder: interrupted(part, make, BEFORE, folder))
+        with prepared() as (new_solver, folder):
+            return _continued(interrupted(part, new_solver, BEFORE, folder))
 
-    def uninterrupted(make: Callable[[int], Solver], folder: Path) -> Solver:
-        solver = make(1)
-        solver.step(BEFORE)
-        return solver
+    def uninterrupted() -> Values:
+        with prepared() as (new_solver, _):
+            solver = new_solver(1)
+            solver.step(BEFORE)
+            return _continued(solver)
 
-    return Case(
-        title,
-        resumed,
-        lambda: result(uninterrupted),
-        "the uninterrupted run has",
-        AXES,
-        0,
-        "restore_state",
-    )
+    source = "the uninterrupted run has"
+    return Case(title, resumed, uninterrupted, source, AXES, 0, "restore_state")
 
 
 def _rows(folder: Path) -> str:
@@ -113,36 +105,41 @@ target[...] = weights_of.legacy_shape(array, target.shape)"""
 MIXED_UP = """each = len(solver.history[0])
 target = solver.history[i // each][i % each]
 target[...] = weights_of.legacy_shape(array, target.shape)"""
+ITERATION_LOST = Mistake(
+    "The iteration is not restored: solver.iter = state.iter. The learning rate and Adam's bias correction "
+    "depend on it.",
+    ("solver.iter = state.iter", ""),
+)
+HISTORY_LOST = Mistake(
+    "The history is not restored: the momentum starts from 0, which slows the training for some iterations. "
+    "Copy state.history into solver.history.",
+    ("target[...] = weights_of.legacy_shape(array, target.shape)", "pass"),
+)
+HISTORIES_MIXED_UP = Mistake(
+    "The histories are assigned to the wrong parameters. state_of writes, and restore_state reads, the first "
+    "histories of all parameters, then the second ones: entry i is history i // count of parameter i % count.",
+    (COPY, MIXED_UP),
+)
+LAYER_STATES_LOST = Mistake(
+    "The states of the layers are not restored: the next row of the data and the random number generators. "
+    "Save layer_states() and restore it with _restore_layers.",
+    ("_restore_layers(solver, path, _states_of_rank(solver, state))", ""),
+)
+AVERAGED_LOSSES_LOST = Mistake(
+    "The losses averaged for display, solver.smoothed, are not restored, so the displayed values differ from those "
+    "of an uninterrupted run. Write into the deque: a list in its place grows.",
+    ('solver.smoothed.extend(state.extra.get("smoothed", []))', ""),
+    (
+        'solver.smoothed.extend(state.extra.get("smoothed", []))',
+        'solver.smoothed = state.extra["smoothed"]',
+    ),
+)
 MISTAKES = (
-    Mistake(
-        "The iteration is not restored: solver.iter = state.iter. The learning rate and Adam's bias correction "
-        "depend on it.",
-        ("solver.iter = state.iter", ""),
-    ),
-    Mistake(
-        "The history is not restored: the momentum starts from 0, which slows the training for some iterations. "
-        "Copy state.history into solver.history.",
-        ("target[...] = weights_of.legacy_shape(array, target.shape)", "pass"),
-    ),
-    Mistake(
-        "The histories are assigned to the wrong parameters. state_of writes, and restore_state reads, the first "
-        "histories of all parameters, then the second ones: entry i is history i // count of parameter i % count.",
-        (COPY, MIXED_UP),
-    ),
-    Mistake(
-        "The states of the layers are not restored: the next row of the data and the random number generators. "
-        "Save layer_states() and restore it with _restore_layers.",
-        ("_restore_layers(solver, path, _states_of_rank(solver, state))", ""),
-    ),
-    Mistake(
-        "The losses averaged for display, solver.smoothed, are not restored, so the displayed values differ from those "
-        "of an uninterrupted run. Write into the deque: a list in its place grows.",
-        ('solver.smoothed.extend(state.extra.get("smoothed", []))', ""),
-        (
-            'solver.smoothed.extend(state.extra.get("smoothed", []))',
-            'solver.smoothed = state.extra["smoothed"]',
-        ),
-    ),
+    ITERATION_LOST,
+    HISTORY_LOST,
+    HISTORIES_MIXED_UP,
+    LAYER_STATES_LOST,
+    AVERAGED_LOSSES_LOST,
 )
 
 
@@ -151,11 +148,11 @@ def _train(part: Part, iterations: int) -> Array:
     half = iterations // 2
     with network.frames() as folder:
 
-        def make(seed: int) -> Solver:
+        def new_solver(seed: int) -> Solver:
             return network.solver_of(network.net_text(folder), seed=seed)
 
-        first = network.trained(make(1), half)
-        second = interrupted(part, make, half, folder)
+        first = network.trained(new_solver(1), half)
+        second = interrupted(part, new_solver, half, folder)
         return np.concatenate([first, network.trained(second, iterations - half)])
 
 

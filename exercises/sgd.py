@@ -12,15 +12,16 @@ from netlib import updates
 from netlib.blob import Array
 from netlib.proto.messages import SolverParameter
 
+BATCH = 8  # rows of NET
 UPDATES = 8  # recorded from each of Caffe's trainings
 WEIGHTS = {"b of conv": ("conv", 1), "w of ip2": ("ip2", 0), "b of ip2": ("ip2", 1)}
 AXES = {
-    "w": ("update", "i"),
-    "h": ("update", "i"),
-    "g (after the update)": ("update", "i"),
-    "b of conv": ("update", "o"),
-    "w of ip2": ("update", "o", "i"),
-    "b of ip2": ("update", "o"),
+    "w": "update i",
+    "h": "update i",
+    "g (after the update)": "update i",
+    "b of conv": "update o",
+    "w of ip2": "update o i",
+    "b of ip2": "update o",
 }
 NET = """
 layer { name: "in" type: "Input" top: "data" top: "label"
@@ -39,16 +40,17 @@ TRAININGS = {  # run with Caffe by tests/caffe/solvers
 }
 
 
-def followed(part: Part, momentum: float, rates: Sequence[float], decay: float = 0.0) -> Values:
-    """Return w, h and g after each of a few updates."""
+def few_updates(part: Part, momentum: float, rates: Sequence[float], decay: float = 0.0) -> Values:
+    """Return w, h and g (T, 3) after each of the T updates, one for each rate."""
     rng = np.random.default_rng(0)
     p = SolverParameter(base_lr=0.5, momentum=momentum, weight_decay=decay)
-    w, h, found = rng.normal(size=3), np.zeros(3), []
+    w, h, course = rng.normal(size=3), np.zeros(3), []
     for t, rate in enumerate(rates):
         g = rng.normal(size=3)
         part._sgd(p, w, g, rate, [h], t + 1)
-        found.append((w.copy(), h.copy(), g))
-    return dict(zip(("w", "h", "g (after the update)"), map(np.array, zip(*found))))
+        course.append((w.copy(), h.copy(), g))
+    ws, hs, gs = map(np.array, zip(*course))
+    return {"w": ws, "h": hs, "g (after the update)": gs}
 
 
 def caffes_training(part: Part, name: str) -> Values:
@@ -57,29 +59,32 @@ def caffes_training(part: Part, name: str) -> Values:
     """
     arrays = recorded.everything()
     solver = network.solver_of(NET, TRAININGS[name])
+    solver.update.rule = part._sgd
     for layer, blobs in solver.net.params.items():
         for i, param in enumerate(blobs):
             param.data[...] = arrays[f"training/init/{layer}/{i}"]
-    found: dict[str, list[Array]] = {title: [] for title in WEIGHTS}
-    solver.update.rule = part._sgd
+    course: dict[str, list[Array]] = {title: [] for title in WEIGHTS}
     for t in range(UPDATES):
         for blob in ("data", "label"):
-            rows = np.roll(arrays[f"training/{blob}"], -8 * t, axis=0)
-            solver.net.blobs[blob].data[...] = rows[:8]
+            rows = np.roll(arrays[f"training/{blob}"], -BATCH * t, axis=0)
+            solver.net.blobs[blob].data[...] = rows[:BATCH]
         solver.step(1)
         for title, (layer, i) in WEIGHTS.items():
-            found[title].append(solver.net.params[layer][i].data.copy())
-    return {title: np.array(steps) for title, steps in found.items()}
+            course[title].append(solver.net.params[layer][i].data.copy())
+    return {title: np.array(steps) for title, steps in course.items()}
 
 
-def _by_hand(title: str, momentum: float, *rates: float, decay: float = 0.0) -> Case:
+def _by_rule(title: str, momentum: float, *rates: float, decay: float = 0.0) -> Case:
+    """Return the case of a few updates, compared with the project's rule."""
+
     def run(part: Part) -> Values:
-        return followed(part, momentum, rates, decay)
+        return few_updates(part, momentum, rates, decay)
 
     return Case(title, run, lambda: run(updates), "the reference rule has", AXES, 1e-12, "_sgd")
 
 
 def _by_caffe(name: str) -> Case:
+    """Return the case of one of TRAININGS, compared with the weights that Caffe recorded."""
     arrays = recorded.everything()
     wanted = {
         title: arrays[f"training/{name}/{layer}/{i}"] for title, (layer, i) in WEIGHTS.items()
@@ -95,36 +100,33 @@ def _by_caffe(name: str) -> Case:
     )
 
 
-ADD = """h *= p.momentum
-h += rate * g"""
 SGD = """h *= p.momentum
 h += rate * g
 w -= h"""
-MISTAKES = (
-    Mistake(
-        "The rate is applied when w is changed, as in PyTorch. In Caffe it is part of the history, h <- m h + r g:"
-        " when the rate decreases, earlier gradients keep the rate they were added with.",
-        (SGD, "h[...] = p.momentum * h + g\nw -= rate * h"),
-    ),
-    Mistake(
-        "The update ascends. The gradient points towards a larger loss, so subtract h.",
-        ("w -= h", "w += h"),
-    ),
-    Mistake(
-        "The new h is lost: h = ... creates a new array; the next update uses the old one. Write into it: h[...] ="
-        " ...",
-        (SGD, "h = p.momentum * h + rate * g\nw -= h"),
-    ),
-    Mistake(
-        "The new w is lost: w = ... creates a new array, and the net keeps the old one. Write into it: w -= h.",
-        ("w -= h", "w = w - h"),
-    ),
-    Mistake(
-        "g is modified. The rule must not change it: debugging output and clipping use it; compute rate * g in the"
-        " expression.",
-        (ADD, "h *= p.momentum\ng *= rate\nh += g"),
-    ),
+RATE_APPLIED_LATE = Mistake(
+    "The rate is applied when w is changed, as in PyTorch. In Caffe it is part of the history, h <- m h + r g:"
+    " when the rate decreases, earlier gradients keep the rate they were added with.",
+    (SGD, "h[...] = p.momentum * h + g\nw -= rate * h"),
 )
+ASCENT = Mistake(
+    "The update ascends. The gradient points towards a larger loss, so subtract h.",
+    ("w -= h", "w += h"),
+)
+NEW_H_LOST = Mistake(
+    "The new h is lost: h = ... creates a new array; the next update uses the old one. Write into it: h[...] ="
+    " ...",
+    (SGD, "h = p.momentum * h + rate * g\nw -= h"),
+)
+NEW_W_LOST = Mistake(
+    "The new w is lost: w = ... creates a new array, and the net keeps the old one. Write into it: w -= h.",
+    ("w -= h", "w = w - h"),
+)
+G_CHANGED = Mistake(
+    "g is modified. The rule must not change it: debugging output and clipping use it; compute rate * g in the"
+    " expression.",
+    ("h *= p.momentum\nh += rate * g", "h *= p.momentum\ng *= rate\nh += g"),
+)
+MISTAKES = (RATE_APPLIED_LATE, ASCENT, NEW_H_LOST, NEW_W_LOST, G_CHANGED)
 
 
 def _train(part: Part, iterations: int) -> Array:
@@ -139,10 +141,15 @@ TO_DO = {
 }
 
 FEW_UPDATES = (
-    _by_hand("momentum 0, one rate", 0, 0.1, 0.1, 0.1),
-    _by_hand("momentum 0.9, one rate", 0.9, 0.1, 0.1, 0.1, 0.1),
-    _by_hand("momentum 0.9, a decreasing rate", 0.9, 0.1, 0.1, 0.01, 0.01),
-    _by_hand("momentum 0.9, weight_decay 0.1, already added to g", 0.9, 0.1, 0.1, decay=0.1),
+    _by_rule("momentum 0, one rate", 0, 0.1, 0.1, 0.1),
+    _by_rule("momentum 0.9, one rate", 0.9, 0.1, 0.1, 0.1, 0.1),
+    _by_rule("momentum 0.9, a decreasing rate", 0.9, 0.1, 0.1, 0.01, 0.01),
+    _by_rule("momentum 0.9, weight_decay 0.1, already added to g", 0.9, 0.1, 0.1, decay=0.1),
+)
+
+CHECKS = (
+    Check("values: a few updates of three weights", FEW_UPDATES),
+    Check("values: a small net, trained with Caffe", tuple(map(_by_caffe, TRAININGS))),
 )
 
 EXERCISE = Exercise(
@@ -152,10 +159,7 @@ EXERCISE = Exercise(
     file="netlib/updates.py",
     to_do=TO_DO,
     end="def _nesterov(",
-    checks=(
-        Check("values: a few updates of three weights", FEW_UPDATES),
-        Check("values: a small net, trained with Caffe", tuple(map(_by_caffe, TRAININGS))),
-    ),
+    checks=CHECKS,
     mistakes=MISTAKES,
     train=_train,
 )

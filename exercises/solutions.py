@@ -20,6 +20,7 @@ from netlib.files import atomic
 from netlib.files.paths import exists
 
 CHECK = Path(__file__).with_name("check.py")
+SPARE_S = 2  # check.py ends itself so much after the limit
 
 
 def show_all(command: str) -> None:
@@ -64,21 +65,22 @@ def check(
     """
     path = path or place(exercise)
     if not exists(path):
-        start_it = f"; run {command} {exercise.name} --start to create it" * (
-            path == place(exercise)
-        )
-        raise ExerciseError(f"{path}: not found{start_it}")
+        start_it = f"; run {command} {exercise.name} --start to create it"
+        raise ExerciseError(f"{path}: not found{start_it if path == place(exercise) else ''}")
     print(printable(f"{exercise.title} ({path})"), flush=True)
-    words = [
-        sys.executable,
-        str(CHECK),
-        exercise.name,
-        str(path),
-        str(iterations),
-        str(int(limit_s) + 2),
-    ]
+    passed = _passes(exercise, path, iterations, limit_s)
+    if passed:
+        print(f"Everything is correct. For comparison, the project's file: {exercise.file}")
+    return passed
+
+
+def _passes(exercise: Exercise, path: Path, iterations: int, limit_s: float) -> bool:
+    """Run check.py, which prints the steps, in a process; returns whether the file passed."""
+    words = (exercise.name, path, iterations, int(limit_s) + SPARE_S)
     try:
-        status = subprocess.run(words, timeout=limit_s, check=False).returncode
+        status = subprocess.run(
+            [sys.executable, CHECK, *map(str, words)], timeout=limit_s, check=False
+        ).returncode
     except subprocess.TimeoutExpired:
         raise ExerciseError(
             f"{path}: not finished after {limit_s:g} s; look for an endless loop, or use a larger "
@@ -89,8 +91,6 @@ def check(
         raise ExerciseError(
             f"{path}: the check ended with {how}: the code crashed, or ended the process"
         )
-    if status == PASSED:
-        print(f"Everything is correct. For comparison, the project's file: {exercise.file}")
     return status == PASSED
 
 

@@ -11,26 +11,27 @@ MEAN = """for y in top[1:]:
     bottom[0].diff[...] += y.diff
 bottom[0].diff[...] /= len(top)"""
 
-MISTAKES = (
-    Mistake(
-        "dx contains only the gradient of the last top: every iteration of the loop overwrites the previous one. L "
-        "depends on x through all tops, so their gradients are summed.",
-        ("bottom[0].diff[...] += y.diff", "bottom[0].diff[...] = y.diff"),
-    ),
-    Mistake("dx is the mean of the gradients. By the chain rule it is their sum.", (SUM, MEAN)),
-    Mistake(
-        "The gradient of the first top is counted twice: it is assigned first, then added with the others.",
-        ("top[1:]", "top"),
-    ),
-    Mistake(
-        "x is not divided among the readers: each gets all of it.",
-        ("bottom[0].data", "bottom[0].data / len(top)"),
-    ),
-    Mistake(
-        "Copy into every top, not only the first: for y in top.",
-        ("y.data[...] = bottom[0].data", "top[0].data[...] = bottom[0].data"),
-    ),
+DX_ASSIGNED = Mistake(
+    "dx contains only the gradient of the last top: every iteration of the loop overwrites the previous one. L "
+    "depends on x through all tops, so their gradients are summed.",
+    ("bottom[0].diff[...] += y.diff", "bottom[0].diff[...] = y.diff"),
 )
+DX_AVERAGED = Mistake(
+    "dx is the mean of the gradients. By the chain rule it is their sum.", (SUM, MEAN)
+)
+FIRST_COUNTED_TWICE = Mistake(
+    "The gradient of the first top is counted twice: it is assigned first, then added with the others.",
+    ("top[1:]", "top"),
+)
+DATA_DIVIDED = Mistake(
+    "x is not divided among the readers: each gets all of it.",
+    ("bottom[0].data", "bottom[0].data / len(top)"),
+)
+ONE_TOP_COPIED = Mistake(
+    "Copy into every top, not only the first: for y in top.",
+    ("y.data[...] = bottom[0].data", "top[0].data[...] = bottom[0].data"),
+)
+MISTAKES = (DX_ASSIGNED, DX_AVERAGED, FIRST_COUNTED_TWICE, DATA_DIVIDED, ONE_TOP_COPIED)
 
 TO_DO = {
     "reshape": "Give every top the shape of bottom[0].",
@@ -38,21 +39,17 @@ TO_DO = {
     "backward": "If propagate_down[0], write bottom[0].diff: the sum of the diffs of all tops. It contains "
     "old values, so assign the first and add the others.",
 }
-LETTERS = Letters(
-    ("x",), ("y_0", "y_1", "y_2"), axes={"x": "nc", "y_0": "nc", "y_1": "nc", "y_2": "nc"}
+LETTERS = Letters({"x": "n c"}, {"y_0": "n c", "y_1": "n c", "y_2": "n c"})
+EXAMPLES = (
+    Example(bottoms=(numbers(2, 3),), tops=2),
+    Example(bottoms=(numbers(3, 2, seed=1),), tops=3),
+    Example(caffe="split_explicit", tops=3),
 )
-EXAMPLES = [
-    Example("", (numbers(2, 3),), tops=2),
-    Example("", (numbers(3, 2, seed=1),), tops=3),
-    Example("", caffe="split_explicit", tops=3),
-]
 
 EXERCISE = layer_exercise(
-    "split",
     "Split",
     title="Split: one blob for several readers",
     chapter=5,
-    file="layers/common/split.py",
     to_do=TO_DO,
     letters=LETTERS,
     examples=EXAMPLES,

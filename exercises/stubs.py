@@ -23,6 +23,7 @@ def stub(exercise: Exercise, command: str) -> str:
         node.name: node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.FunctionDef)
     }
     to_do = {functions[name.split(".")[-1]]: task for name, task in exercise.to_do.items()}
+    # from the last on: the lines above keep their numbers
     for function in sorted(to_do, key=lambda function: -function.lineno):
         first, *rest = function.body
         body = rest[0] if ast.get_docstring(function) is not None else first
@@ -32,14 +33,11 @@ def stub(exercise: Exercise, command: str) -> str:
 
 
 def _instead(task: str, indent: int) -> list[str]:
-    space = " " * indent
-    parts = [
-        textwrap.wrap(part, WIDTH - indent, break_long_words=False) for part in task.split("\n")
-    ]
-    return [
-        *(f"{space}# {line}" for part in parts for line in part),
-        f"{space}raise NotImplementedError",
-    ]
+    """Return the lines in place of a body: the task as a comment, and an error."""
+    space, comment = " " * indent, []
+    for paragraph in task.split("\n"):
+        comment += textwrap.wrap(paragraph, WIDTH - indent, break_long_words=False)
+    return [*(f"{space}# {line}" for line in comment), f"{space}raise NotImplementedError"]
 
 
 def bugs(exercise: Exercise, command: str) -> list[str]:
@@ -53,4 +51,5 @@ def bugs(exercise: Exercise, command: str) -> list[str]:
 
 
 def _cut(exercise: Exercise, text: str) -> str:
+    """Return the source up to the end of the exercise."""
     return text.partition(exercise.end)[0].rstrip() + "\n" if exercise.end else text

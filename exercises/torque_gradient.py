@@ -10,13 +10,12 @@ from layers.hand.kinematics import Kinematics
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 
-AXES = {"dtheta": ("pose", "dof"), "dX (after backward)": ("pose", "joint", "xyz")}
-STEP = 1e-6
-FINGER = hand.FINGER
-BOTTOM_DIFF = recorded.everything()["hand_model/bottom_diff_f64"]
+AXES = {"dtheta": "pose dof", "dX (after backward)": "pose joint xyz"}
+STEP = 1e-6  # of the differences, in rad or in units of length
 
 
 def _run(part: Part, skeleton: Skeleton, inputs: Array, dX: Array) -> Values:
+    """Return dtheta (N, D) of dX (N, K, 3), which backward must not change."""
     kinematics = part.Kinematics(skeleton)
     given = dX.copy()
     return {
@@ -25,28 +24,29 @@ def _run(part: Part, skeleton: Skeleton, inputs: Array, dX: Array) -> Values:
     }
 
 
-def _differences(inputs: Array, dX: Array) -> Values:
-    """Compute dtheta by central differences of sum dX . X."""
-    kinematics = Kinematics(FINGER)
+def _differences(dX: Array) -> Values:
+    """Return dtheta (2, D) of the finger by central differences of sum dX . X, dX (2, 3, 3)."""
+    kinematics = Kinematics(hand.FINGER)
 
     def value(moved: Array) -> Array:
         return np.asarray((kinematics.forward(moved).joints * dX).sum(axis=(1, 2)))
 
-    found = np.zeros(inputs.shape)
-    for d, step in enumerate(np.eye(inputs.shape[1]) * STEP):
-        above, below = value(inputs + step), value(inputs - step)
-        found[:, d] = (above - below) / (2 * STEP)
-    return {"dtheta": found, "dX (after backward)": dX}
+    poses = hand.POSES
+    dtheta = np.zeros(poses.shape)
+    for d, step in enumerate(np.eye(poses.shape[1]) * STEP):
+        above, below = value(poses + step), value(poses - step)
+        dtheta[:, d] = (above - below) / (2 * STEP)
+    return {"dtheta": dtheta, "dX (after backward)": dX}
 
 
 def _by_differences(title: str, *joints: int) -> Case:
-    """Return the case of forces on some joints of the finger."""
-    inputs, dX = hand.POSES, np.zeros((2, 3, 3))
+    """Return the case of forces on some joints of the finger, in its two poses."""
+    dX = np.zeros((2, 3, 3))
     dX[:, joints] = np.random.default_rng(1).normal(size=(2, len(joints), 3))
     return Case(
         title,
-        lambda part: _run(part, FINGER, inputs, dX),
-        lambda: _differences(inputs, dX),
+        lambda part: _run(part, hand.FINGER, hand.POSES, dX),
+        lambda: _differences(dX),
         "finite differences give",
         AXES,
         1e-7,
@@ -54,39 +54,43 @@ def _by_differences(title: str, *joints: int) -> Case:
     )
 
 
-def _caffe(part: Part) -> Values:
+def _nyus_dtheta(part: Part) -> Values:
+    """Return dtheta (N, D) of the paper's hand for the recorded poses and top diffs."""
     arrays = recorded.everything()
     dX = arrays["hand_model/top_diff"].astype(np.float64)
     found = _run(part, hand.NYU, arrays["hand_model/bottom"], dX.reshape(len(dX), -1, 3))
     return {"dtheta": found["dtheta"]}
 
 
-MISTAKES = (
-    Mistake(
-        "The cross product has the wrong order: a torque is lever x force, (X - P) x f.",
-        ("np.cross(X[:, j] - P, force[:, j])", "np.cross(force[:, j], X[:, j] - P)"),
-    ),
-    Mistake(
-        "The child's torque is about the child, not about its parent: add (X_c - X_j) x force_c.",
-        ("torque[:, j] + np.cross(lever, force[:, j])", "torque[:, j]"),
-    ),
-    Mistake(
-        "A DoF may drive several motions; its gradient is the sum over them: dtheta[:, dof] += ...",
-        (
-            "dtheta[:, motion.dof] += (a * generalized_force).sum(axis=1)",
-            "dtheta[:, motion.dof] = (a * generalized_force).sum(axis=1)",
-        ),
-    ),
-    Mistake(
-        "The joints are visited from the root to the tips. Visit children before parents: "
-        "reversed(skeleton.order).",
-        ("reversed(sk.order)", "sk.order"),
-    ),
-    Mistake(
-        "dX is modified: it belongs to the next layer. Sum the forces in a copy.",
-        ("np.array(dX, dtype=np.float64)", "dX"),
+def _recorded_dtheta() -> Values:
+    return {"dtheta": recorded.everything()["hand_model/bottom_diff_f64"]}
+
+
+CROSS_EXCHANGED = Mistake(
+    "The cross product has the wrong order: a torque is lever x force, (X - P) x f.",
+    ("np.cross(X[:, j] - P, force[:, j])", "np.cross(force[:, j], X[:, j] - P)"),
+)
+LEVER_IGNORED = Mistake(
+    "The child's torque is about the child, not about its parent: add (X_c - X_j) x force_c.",
+    ("torque[:, j] + np.cross(lever, force[:, j])", "torque[:, j]"),
+)
+DOF_ASSIGNED = Mistake(
+    "A DoF may drive several motions; its gradient is the sum over them: dtheta[:, dof] += ...",
+    (
+        "dtheta[:, motion.dof] += (a * generalized_force).sum(axis=1)",
+        "dtheta[:, motion.dof] = (a * generalized_force).sum(axis=1)",
     ),
 )
+PARENTS_FIRST = Mistake(
+    "The joints are visited from the root to the tips. Visit children before parents: "
+    "reversed(skeleton.order).",
+    ("reversed(sk.order)", "sk.order"),
+)
+DX_CHANGED = Mistake(
+    "dX is modified: it belongs to the next layer. Sum the forces in a copy.",
+    ("np.array(dX, dtype=np.float64)", "dX"),
+)
+MISTAKES = (CROSS_EXCHANGED, LEVER_IGNORED, DOF_ASSIGNED, PARENTS_FIRST, DX_CHANGED)
 
 TO_DO = {
     "Kinematics.backward": "Return dtheta (N, len(skeleton.initial)) in self.dtype. Begin with force = a float64 "
@@ -102,8 +106,11 @@ FORCES = (
     _by_differences("a force on the tip alone", 2),
     _by_differences("forces on all joints", 0, 1, 2),
 )
-NYUS_HAND = Case(
-    "NYU's hand", _caffe, lambda: {"dtheta": BOTTOM_DIFF}, "Caffe has", AXES, 1e-11, "backward"
+NYUS_HAND = Case("NYU's hand", _nyus_dtheta, _recorded_dtheta, "Caffe has", AXES, 1e-11, "backward")
+
+CHECKS = (
+    Check("gradient: a finger, against finite differences", FORCES),
+    Check("gradient: Caffe's recorded hand poses", (NYUS_HAND,)),
 )
 
 EXERCISE = Exercise(
@@ -112,10 +119,7 @@ EXERCISE = Exercise(
     chapter=9,
     file="layers/hand/kinematics.py",
     to_do=TO_DO,
-    checks=(
-        Check("gradient: a finger, against finite differences", FORCES),
-        Check("gradient: Caffe's recorded hand poses", (NYUS_HAND,)),
-    ),
+    checks=CHECKS,
     mistakes=MISTAKES,
     train=hand.losses,
 )

@@ -12,16 +12,23 @@ The errors are those of 256 held-out frames and of up to 256 training frames.
 from __future__ import annotations
 
 import argparse
+import itertools
 import re
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 import netlib
 from docs.making.figures.drawing import PLACE, write
-from docs.making.figures.whole import HALF_CUBE_MM, Point, errors_over_time, hands_over_time
-from handpose.synthetic.generator import Generator, Split
+from docs.making.figures.whole import (
+    HALF_CUBE_MM,
+    Progress,
+    errors_over_time,
+    hands_over_time,
+    rendered,
+)
 from netlib.blob import Array
 from netlib.files.paths import ROOT
 from netlib.proto import prototxt, schema
@@ -33,18 +40,6 @@ BATCH, HELD_OUT = 64, 256
 FRAMES, FEW, ITERATIONS = 4096, 64, 1000
 DRAWN = [0, 1, 4, 5]  # held-out frames in the picture
 SOLVER = 'type: "Adam" base_lr: 0.0005 momentum: 0.9 momentum2: 0.999 lr_policy: "poly" power: 1 random_seed: 1'
-
-
-def rendered(split: Split, count: int) -> tuple[Array, Array, Array]:
-    """Crops (N, 1, 128, 128), joints (N, 31, 3) in half-cubes, centres (N, 3) of the first
-    frames of a split.
-    """
-    generator = Generator(seed=0, split=split)
-    blocks = [generator.block(number) for number in range(-(-count // 64))]  # of 64 frames
-    depth = np.concatenate([block.depth for block in blocks])
-    joints = np.concatenate([block.joint for block in blocks]).reshape(-1, 31, 3)
-    center = np.concatenate([block.center_uvd for block in blocks])
-    return depth[:count], joints[:count], center[:count]
 
 
 def paper_net(batch: int) -> str:
@@ -72,44 +67,47 @@ def error_mm(joints: Array, truth: Array) -> float:
     return float(HALF_CUBE_MM * np.linalg.norm(joints - truth, axis=2).mean())
 
 
-def train(count: int, iterations: int) -> list[Point]:
+def new_solver(iterations: int) -> netlib.Solver:
+    """The solver of the paper's training net."""
+    text = f"{SOLVER} max_iter: {iterations} net_param {{ {paper_net(BATCH)} }}"
+    tree = prototxt.parse(text, "five_minutes")
+    return netlib.Solver(schema.read(tree, SolverParameter, "five_minutes"))
+
+
+def shuffled(count: int) -> Iterator[int]:
+    """The indices of all frames in a random order, then in another one, without end."""
+    rng = np.random.default_rng(1)
+    while True:
+        yield from rng.permutation(count)
+
+
+def train(count: int, iterations: int) -> list[Progress]:
     """Render and train; prints the errors at the beginning, after a hundredth of the iterations
     and each tenth.
     """
     print(f"rendering {count} + {HELD_OUT} frames")
-    (depth, joints, _), (held_out, truth, _) = rendered("train", count), rendered("test", HELD_OUT)
-    tree = prototxt.parse(
-        f"{SOLVER} max_iter: {iterations} net_param {{ {paper_net(BATCH)} }}", "five_minutes"
-    )
-    solver = netlib.Solver(schema.read(tree, SolverParameter, "five_minutes"))
-    rng, points = np.random.default_rng(1), []
-    order: Array = np.zeros(0, dtype=int)
+    training, held_out = rendered("train", count), rendered("test", HELD_OUT)
+    solver, order, course = new_solver(iterations), shuffled(count), []
     for iteration in range(iterations + 1):
         if iteration == iterations // 100 or iteration % (iterations // 10) == 0:
-            predicted = predict(solver, held_out)
-            training_mm = error_mm(predict(solver, depth[:HELD_OUT]), joints[:HELD_OUT])
-            points.append(
-                Point(iteration, training_mm, error_mm(predicted, truth), predicted[DRAWN])
-            )
-            print(
-                "iteration {:4}   training frames {:5.1f} mm, held-out frames {:5.1f} mm".format(
-                    *points[-1]
-                )
-            )
-        while len(order) < BATCH:  # every frame once, in a new order
-            order = np.concatenate([order, rng.permutation(count)])
-        rows, order = order[:BATCH], order[BATCH:]
-        solver.net.blobs["depth"].data[...] = depth[rows]
-        solver.net.blobs["joint"].data[...] = joints[rows].reshape(BATCH, -1)
+            fitted = predict(solver, training.depth[:HELD_OUT])
+            training_mm = error_mm(fitted, training.joints[:HELD_OUT])
+            predicted = predict(solver, held_out.depth)
+            held_out_mm = error_mm(predicted, held_out.joints)
+            course.append(Progress(iteration, training_mm, held_out_mm, predicted[DRAWN]))
+            errors = f"training frames {training_mm:5.1f} mm, held-out frames {held_out_mm:5.1f} mm"
+            print(f"iteration {iteration:4}   {errors}")
         if iteration < iterations:
+            batch = list(itertools.islice(order, BATCH))
+            solver.net.blobs["depth"].data[...] = training.depth[batch]
+            solver.net.blobs["joint"].data[...] = training.joints[batch].reshape(BATCH, -1)
             solver.step(1)
-    return points
+    return course
 
 
-def draw(points: list[Point], path: Path) -> None:
+def draw(course: list[Progress], path: Path) -> None:
     """Draw held-out hands over the iterations."""
-    depth, joints, center = (array[DRAWN] for array in rendered("test", HELD_OUT))
-    write(hands_over_time(points, depth[:, 0], center, joints), path)
+    write(hands_over_time(course, rendered("test", HELD_OUT), DRAWN), path)
     print(f"wrote {path}")
 
 

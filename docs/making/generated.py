@@ -32,15 +32,12 @@ def code(name: str, *names: str) -> None:
     path = ROOT / name
     text = path.read_text(encoding="utf-8")
     pieces = [_source(text, one, name) for one in names] or [text.rstrip("\n")]
-    print(
-        "```python" if path.suffix == ".py" else f"```{path.suffix[1:]}",
-        "\n\n".join(pieces),
-        "```",
-        sep="\n",
-    )
+    language = "python" if path.suffix == ".py" else path.suffix[1:]
+    print(f"```{language}", "\n\n".join(pieces), "```", sep="\n")
 
 
 def _source(text: str, wanted: str, name: str) -> str:
+    """The source of a function, class, method or constant; ``name`` is that of the file."""
     tree = ast.parse(text)
     if wanted == "docstring":
         return f'"""{ast.get_docstring(tree, clean=False)}"""'
@@ -51,9 +48,8 @@ def _source(text: str, wanted: str, name: str) -> str:
             raise ValueError(f"{name} does not define {wanted}")
         statements = found.body if isinstance(found, ast.ClassDef) else []
     assert found is not None
-    first = min(
-        [found.lineno, *(decorator.lineno for decorator in getattr(found, "decorator_list", ()))]
-    )
+    decorators = getattr(found, "decorator_list", ())
+    first = min(node.lineno for node in (found, *decorators))
     return textwrap.dedent("\n".join(text.splitlines()[first - 1 : found.end_lineno]))
 
 
@@ -104,7 +100,7 @@ def joint_formats() -> None:
 def _joints_at(point: Point, key: FormatName) -> str:
     """The joints of a format that are this point."""
     joints = enumerate(FORMATS[key].joints.items())
-    return ", ".join(f"`{number} {name}`" for number, (name, at) in joints if at is point)
+    return ", ".join(f"`{number} {name}`" for number, (name, place) in joints if place is point)
 
 
 def _sum_of(point: Point) -> str:

@@ -48,19 +48,16 @@ def _cells(session: re.Match[str]) -> str:
     """The statements of a session; each that prints something ends a cell, each that raises
     an error is one.
     """
-    cells, source = "", ""
+    cells = [("", "")]  # options and source
     for example in doctest.DocTestParser().get_examples(session[1]):
         if example.exc_msg is not None:
-            cells += f"```python\n{source}```\n\n" * bool(source)
-            cells, source = (
-                f'{cells}```python tags=["raises-exception"]\n{example.source}```\n\n',
-                "",
-            )
+            cells += [(' tags=["raises-exception"]', example.source), ("", "")]
             continue
-        source += example.source
+        _, source = cells.pop()
+        cells.append(("", source + example.source))
         if example.want:
-            cells, source = f"{cells}```python\n{source}```\n\n", ""
-    return cells + f"```python\n{source}```\n" * bool(source)
+            cells.append(("", ""))
+    return "\n".join(f"```python{options}\n{source}```\n" for options, source in cells if source)
 
 
 if __name__ == "__main__":

@@ -50,16 +50,10 @@ def hand() -> str:
     packaged, nyu = BodySampler(prior_file.load(prior_file.PEOPLE_PRIOR)), BodySampler()
     arm = skeletons.load(ROOT / "docs" / "book" / "arm.prototxt")
     person = skeletons.load(ROOT / "prototxt" / "body" / "person.prototxt")
-    first = body("hand", packaged.skeleton, poses(packaged))
-    return page(
-        "The hand",
-        [
-            first,
-            body("nyu", nyu.skeleton, poses(nyu)),
-            body("arm", arm),
-            body("person", person, unit_mm=1200.0),
-        ],
-    )
+    ours = body("hand", packaged.skeleton, poses(packaged))
+    theirs = body("nyu", nyu.skeleton, poses(nyu))
+    others = [body("arm", arm), body("person", person, unit_mm=1200.0)]
+    return page("The hand", [ours, theirs, *others])
 
 
 PICTURE = np.array(
@@ -85,46 +79,46 @@ LAYERS: dict[str, tuple[str, str]] = {  # title: type and options
     ),
     "mean pooling 2 × 2, stride 2": ("Pooling", "pool: AVE kernel_size: 2 stride: 2"),
 }
-# Per output its inputs (input, element, share). Inputs are counted in the padded picture;
+# The inputs of an output, (input, element, share). Inputs are counted in the padded picture;
 # ``element`` is that of the kernel, -1 in pooling; ``share`` is that of an input in a mean, else 0.
-Windows = list[list[tuple[int, int, float]]]
+Window = list[tuple[int, int, float]]
 
 
 def windows() -> dict[str, Any]:
     """An entry for each of LAYERS."""
-    return {"layers": [_entry(title, kind, options) for title, (kind, options) in LAYERS.items()]}
+    return {"layers": [_layer(title, kind, options) for title, (kind, options) in LAYERS.items()]}
 
 
-def _entry(title: str, kind: str, options: str) -> dict[str, Any]:
+def _layer(title: str, kind: str, options: str) -> dict[str, Any]:
     """The padded picture, kernel and bias of a layer, dy, and the windows of the outputs.
 
     All arrays are lists, row by row.
     """
     pad = int(options.partition("pad: ")[2][:1] or 0)
-    padded, layer = np.pad(PICTURE, pad), SmallLayer(kind, options, PICTURE)
+    padded, y = np.pad(PICTURE, pad), SmallLayer(kind, options, PICTURE).y
+    w, b, is_maximum = None, None, "MAX" in options
     if kind == "Convolution":
         w, b = KERNEL.ravel().tolist(), [0]
-        inputs = _convolution_windows(options.replace(f" pad: {pad}", ""), padded)
+        windows = _convolution_windows(options.replace(f" pad: {pad}", ""), padded)
     else:
-        w, b = None, None
-        inputs = _pooling_windows(options)
-    dy = np.random.default_rng(10).integers(-2, 3, layer.y.size)
+        windows = _pooling_windows(options.replace("MAX", "AVE"), is_maximum)
+    dy = np.random.default_rng(10).integers(-2, 3, y.size)
     return {
         "title": title,
-        "maximum": "MAX" in options,
+        "maximum": is_maximum,
         "pad": pad,
-        "windows": inputs,
+        "windows": windows,
         "x": padded.ravel().tolist(),
         "w": w,
         "b": b,
         "dy": dy.tolist(),
-        "columns": {"x": padded.shape[1], "w": 3, "b": 1, "y": layer.y.shape[1]},
+        "columns": {"x": padded.shape[1], "w": 3, "b": 1, "y": y.shape[1]},
     }
 
 
-def _convolution_windows(options: str, padded: Array) -> Windows:
-    """The windows of a convolution without pad. In its kernel of the numbers 1 to 9, the
-    gradient of an input is the number of its element.
+def _convolution_windows(options: str, padded: Array) -> list[Window]:
+    """The window of each output of a convolution without pad. In its kernel of the numbers 1 to 9,
+    the gradient of an input is the number of its element.
     """
     numbered = np.arange(1, 10).reshape(3, 3)
     found = []
@@ -134,18 +128,19 @@ def _convolution_windows(options: str, padded: Array) -> Windows:
     return found
 
 
-def _pooling_windows(options: str) -> Windows:
-    """The windows of a pooling. In mean pooling, the gradient of an input is its share."""
-    is_maximum = "MAX" in options
+def _pooling_windows(options: str, is_maximum: bool) -> list[Window]:
+    """The window of each output of a mean pooling, where the gradient of an input is its share;
+    those of a maximum pooling are the same, without shares.
+    """
     found = []
-    for gradient in SmallLayer("Pooling", options.replace("MAX", "AVE"), PICTURE).gradients():
+    for gradient in SmallLayer("Pooling", options, PICTURE).gradients():
         inside = np.flatnonzero(gradient).tolist()
         found.append([(i, -1, 0.0 if is_maximum else float(gradient[i])) for i in inside])
     return found
 
 
 class SmallLayer:
-    """A net of one layer, with one picture in and one out."""
+    """A net of one layer, with one picture (H, W) in and one, y (Ho, Wo), out."""
 
     def __init__(
         self, kind: str, options: str, picture: Array, kernel: Array = KERNEL, bias: float = 0
@@ -169,14 +164,14 @@ class SmallLayer:
         self.y: Array = self.net.blobs["y"].data[0, 0].copy()
 
     def backward(self, dy: Array) -> Array:
-        """dx. The diffs of the parameters are those of this pass."""
+        """dx (H, W) of dy (Ho, Wo). The diffs of the parameters are those of this pass."""
         self.net.clear_param_diffs()
         self.net.blobs["y"].diff[0, 0] = dy
         self.net.run_backward()
         return self.net.blobs["x"].diff[0, 0].copy()
 
     def gradients(self) -> list[Array]:
-        """For each output, in rows, its derivatives by all inputs, in rows."""
+        """For each output, row by row, its derivatives by all inputs (H W,)."""
         outputs = np.eye(self.y.size).reshape(-1, *self.y.shape)
         return [self.backward(one).ravel() for one in outputs]
 
@@ -211,21 +206,21 @@ def small_net() -> dict[str, Any]:
     return {
         "inputs": {name: list(values) for name, values in INPUTS.items()},
         "losses": {name: weight for _, weight, name in net.losses},
-        "layers": [_layer_entry(at, name_of) for at in net.connections],
+        "layers": [_step(step, name_of) for step in net.connections],
     }
 
 
-def _layer_entry(at: Connection, name_of: dict[int, str]) -> dict[str, Any]:
+def _step(step: Connection, name_of: dict[int, str]) -> dict[str, Any]:
     """A layer of the small net; ``name_of`` has the names of the blobs by their ids."""
-    layer = at.layer
+    layer = step.layer
     operation = layer.param.operation if layer.type == "Reduction" else ""
     return {
         "name": layer.name,
         "type": layer.type,
-        "bottom": [name_of[id(blob)] for blob in at.bottom],
-        "top": [name_of[id(blob)] for blob in at.top],
-        "backward": at.needs_backward,
-        "down": list(at.propagate_down),
+        "bottom": [name_of[id(blob)] for blob in step.bottom],
+        "top": [name_of[id(blob)] for blob in step.top],
+        "backward": step.needs_backward,
+        "down": list(step.propagate_down),
         "params": [np.asarray(blob.data).tolist() for blob in layer.blobs],
         "operation": operation,
     }

@@ -16,6 +16,7 @@ data --train 64 --test 480 --workers 1``, then ``tools/show_data.py data/test.tx
 
 from __future__ import annotations
 
+import itertools
 import re
 import shutil
 import sys
@@ -63,8 +64,8 @@ def live_page(browser: Browser, frames: int = 90) -> bytes:
     tracker = load_tracker(NYU)
     header = tracker.header("takes/both")
     messages, reader = Messages(header), GestureReader(header.skeleton)
-    recording = zip(SyntheticRecording("two_hands", NYU), range(frames))
-    tracked = [(frame.depth, tracker.step(frame).with_gestures(reader)) for frame, _ in recording]
+    recording = itertools.islice(SyntheticRecording("two_hands", NYU), frames)
+    tracked = [(frame.depth, tracker.step(frame).with_gestures(reader)) for frame in recording]
     with (
         LiveServer("127.0.0.1", 0, messages.header, page(header)) as server,
         browser.new_page(viewport=SIZE, color_scheme="light") as tab,
@@ -72,15 +73,14 @@ def live_page(browser: Browser, frames: int = 90) -> bytes:
         tab.goto(server.page_url)
         for depth, found in tracked:
             server.put(VIEWS_PATH, messages.view(messages.record(found), depth, found))
-            tab.locator("#state").filter(
-                has_text=re.compile(rf"^frame {found.number}, ")
-            ).wait_for()
+            shown = re.compile(rf"^frame {found.number}, ")
+            tab.locator("#state").filter(has_text=shown).wait_for()
         tab.evaluate("live.view.camera.rotate(-40, 15), live.view.draw(2)")
         return tab.screenshot()
 
 
 def write_frames() -> None:
-    """Depth (64, 1, 128, 128) in 1/127 of a half-cube, joints (64, 31, 3) in half-cubes."""
+    """Write depth (64, 1, 128, 128) in 1/127 of a half-cube, joints (64, 31, 3) in half-cubes."""
     from handpose.synthetic.generator import Generator
 
     block = Generator(seed=0, split="train").block(0)
@@ -89,16 +89,20 @@ def write_frames() -> None:
     np.savez_compressed(ROOT / "docs" / "book" / "frames.npz", depth=depth, joints=joints)
 
 
-if __name__ == "__main__":
+def write_picture(name: str) -> None:
+    """Write docs/images/NAME.png, the picture of a page."""
     from playwright.sync_api import sync_playwright
 
+    chromium = shutil.which("chromium")
+    with sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+        picture = {"hand_page": hand_page, "live_page": live_page}[name](browser)
+    atomic.replace_bytes(ROOT / "docs" / "images" / f"{name}.png", picture)
+
+
+if __name__ == "__main__":
     for name in sys.argv[1:]:
         if name == "frames":
             write_frames()
-            continue
-        with sync_playwright() as driver:
-            opened = driver.chromium.launch(
-                executable_path=shutil.which("chromium"), args=["--no-sandbox"]
-            )
-            picture = {"hand_page": hand_page, "live_page": live_page}[name](opened)
-        atomic.replace_bytes(ROOT / "docs" / "images" / f"{name}.png", picture)
+        else:
+            write_picture(name)

@@ -24,7 +24,7 @@ def report(got: np.ndarray, method: str = "forward") -> list[str]:
         lambda part: {"y": part.result},
         lambda: {"y": RIGHT},
         "Caffe has",
-        {"y": "nc"},
+        {"y": "n c"},
         1e-8,
         method,
     )

@@ -17,7 +17,7 @@ BONES = (5.0, 2.0)
 
 
 def arm_joints(theta: Array) -> Array:
-    """Shoulder, elbow and wrist (3, 2) of the arm of chapter 8."""
+    """Shoulder, elbow and wrist (3, 2) of the arm of chapter 8, for its two angles in rad."""
     turns = np.cumsum(theta)
     directions = np.stack([np.cos(turns), np.sin(turns)], axis=1)
     steps = directions * np.array(BONES)[:, None]
@@ -25,7 +25,7 @@ def arm_joints(theta: Array) -> Array:
 
 
 def arm_torques(joints: Array, force: Array) -> Array:
-    """The torques of a force on the wrist about shoulder and elbow."""
+    """The torques (2,) of a force on the wrist about shoulder and elbow."""
     levers = joints[2] - joints[:2]
     return np.array([x * force[1] - y * force[0] for x, y in levers])
 
@@ -107,20 +107,13 @@ def hand_joints() -> Any:
     front, side, names = figure.subplots(1, 3, gridspec_kw={"width_ratios": (4.4, 2.6, 2.2)})
     views = (front, 0, "x, mm", "from the camera"), (side, 2, "z, mm (away)", "from the side")
     for axes, across, xlabel, title in views:
-        at = xyz[:, [across, 1]]
+        points = xyz[:, [across, 1]]
+        number_style = {"fontsize": 6.5, "ha": "center", "va": "center_baseline", "zorder": 3}
         for j, (name, parent) in enumerate(zip(hand.joint_names, hand.parents)):
             if parent >= 0:
-                axes.plot(*at[[parent, j]].T, color=_colour(name), lw=2, zorder=1)
-            axes.plot(*at[j], "o", ms=11, color=_colour(name), mec="white", zorder=2)
-            axes.text(
-                *at[j],
-                str(j),
-                fontsize=6.5,
-                ha="center",
-                va="center_baseline",
-                color="white",
-                zorder=3,
-            )
+                axes.plot(*points[[parent, j]].T, color=_colour(name), lw=2, zorder=1)
+            axes.plot(*points[j], "o", ms=11, color=_colour(name), mec="white", zorder=2)
+            axes.text(*points[j], str(j), color="white", **number_style)
         axes.set(xlabel=xlabel, ylabel="y, mm", title=title, aspect="equal")
         axes.grid(alpha=0.25)
     names.axis("off")
@@ -139,6 +132,7 @@ def hand_joints() -> Any:
 
 
 def _colour(name: str) -> str:
+    """The colour of a joint: its finger's, or the palm's."""
     finger = name.split("_", maxsplit=1)[0]
     return PALM if name.endswith("_mcp") and finger != "thumb" else FINGERS.get(finger, PALM)
 

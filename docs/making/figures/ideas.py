@@ -190,9 +190,9 @@ def winners() -> Any:
     ):
         _grid(axes, left, 3.7, numbers, shade)
         axes.text(left, 3.95, title, fontsize=9)
-        for at in (1.4, 2.8):
-            axes.plot([left + at, left + at], [0.2, 3.7], color=INK, lw=2)
-            axes.plot([left, left + 3.5], [3.7 - at, 3.7 - at], color=INK, lw=2)
+        for offset in (1.4, 2.8):
+            axes.plot([left + offset, left + offset], [0.2, 3.7], color=INK, lw=2)
+            axes.plot([left, left + 3.5], [3.7 - offset, 3.7 - offset], color=INK, lw=2)
     return figure
 
 

@@ -13,8 +13,9 @@ from handpose.synthetic.generator import Generator
 from netlib.engine import Connection
 from netlib.files.paths import ROOT
 
-# from map to map, from blob to blob, at least for a blob; a pixel of a map is 1
-SHIFT, GAP, ROOM = 5, 30, 20
+# from map to map, from blob to blob, least width for a blob; a pixel of a map is 1
+SHIFT, GAP, MIN_WIDTH = 5, 30, 20
+NAME_Y, SIZE_Y, LAYER_Y = 102, -70, -5  # of the texts above, below and between the maps
 
 
 def stack() -> Any:
@@ -24,47 +25,46 @@ def stack() -> Any:
     net = netlib.Net(ROOT / "prototxt" / "nyu_deploy.prototxt", netlib.TEST, seed=0, engine="plain")
     figure = new_figure(9.6, 5.2)
     maps, costs = figure.subplots(2, 1, height_ratios=[5, 3])
-    connections = [at for at in net.connections if at.layer.spec.top != at.layer.spec.bottom]
-    _draw_maps(maps, connections)
-    _draw_costs(costs, [at for at in connections if at.layer.blobs])
+    steps = [step for step in net.connections if step.layer.spec.top != step.layer.spec.bottom]
+    _draw_maps(maps, steps)
+    _draw_costs(costs, [step for step in steps if step.layer.blobs])
     return figure
 
 
-def cost_of(at: Connection) -> tuple[int, int]:
+def cost_of(step: Connection) -> tuple[int, int]:
     """The parameters of a layer, biases included, and its multiplications for one picture."""
-    parameters = sum(blob.count for blob in at.layer.blobs)
-    values = int(np.prod(at.top[0].shape[1:]))
-    per_value = int(np.prod(at.layer.blobs[0].shape[1:]))
+    parameters = sum(blob.count for blob in step.layer.blobs)
+    values = int(np.prod(step.top[0].shape[1:]))
+    per_value = int(np.prod(step.layer.blobs[0].shape[1:]))
     return parameters, per_value * values
 
 
-def _draw_maps(axes: Any, connections: list[Connection]) -> None:
+def _draw_maps(axes: Any, steps: list[Connection]) -> None:
+    """Draw the maps of each top from left to right, with an arrow for the layer before each."""
     from matplotlib.patches import Rectangle
 
     left = end = 0.0
-    for at in connections:
-        shape = at.top[0].shape[1:]
+    for step in steps:
+        shape = step.top[0].shape[1:]
         count, height, width = _drawn_as(shape)
-        wide = width + SHIFT * (count - 1)
-        room = max(wide, ROOM)
+        maps_width = width + SHIFT * (count - 1)
+        room = max(maps_width, MIN_WIDTH)
         middle = left + room / 2
-        begin = left + (room - wide) / 2
+        begin = middle - maps_width / 2
         for i in reversed(range(count)):
             corner = (begin + SHIFT * i, SHIFT * i - height / 2)
             axes.add_patch(
                 Rectangle(corner, width, height, facecolor=PALE_DATA, edgecolor=FIRST, lw=0.7)
             )
-        name, size = at.layer.spec.top[0], "×".join(map(str, shape))
-        axes.text(middle, 102, name, ha="center", va="bottom", fontsize=9, weight="bold")
-        axes.text(middle, -70, size, ha="center", va="top", fontsize=8.5)
-        if at is not connections[0]:
-            axes.annotate(
-                "", (begin - 3, 0), (end + 3, 0), arrowprops={"arrowstyle": "->", "lw": 0.8}
-            )
-            axes.text(
-                (begin + end) / 2, -5, _title_of(at.layer), ha="center", va="top", fontsize=7.5
-            )
-        end, left = begin + wide, left + room + GAP
+        name, size = step.layer.spec.top[0], "×".join(map(str, shape))
+        axes.text(middle, NAME_Y, name, ha="center", va="bottom", fontsize=9, weight="bold")
+        axes.text(middle, SIZE_Y, size, ha="center", va="top", fontsize=8.5)
+        if step is not steps[0]:
+            arrow = {"arrowstyle": "->", "lw": 0.8}
+            axes.annotate("", (begin - 3, 0), (end + 3, 0), arrowprops=arrow)
+            between, title = (begin + end) / 2, _title_of(step.layer)
+            axes.text(between, LAYER_Y, title, ha="center", va="top", fontsize=7.5)
+        end, left = begin + maps_width, left + room + GAP
     axes.set(xlim=(-5, left - GAP + 5), ylim=(-88, 116), aspect="equal")
     axes.axis("off")
 
@@ -76,11 +76,12 @@ def _drawn_as(shape: tuple[int, ...]) -> tuple[int, float, float]:
     """
     if len(shape) == 3:
         return shape[0], float(shape[1]), float(shape[2])
-    wide = 3 if shape[0] == 93 else max(1, shape[0] // 128)
-    return 1, shape[0] / wide, float(wide)
+    columns = 3 if shape[0] == 93 else max(1, shape[0] // 128)
+    return 1, shape[0] / columns, float(columns)
 
 
 def _title_of(layer: netlib.Layer) -> str:
+    """What a layer connects: its kernel, or everything."""
     if layer.type == "Convolution":
         return f"{layer.param.kernel_size[0]}×{layer.param.kernel_size[0]}"
     if layer.type == "Pooling":
@@ -88,8 +89,9 @@ def _title_of(layer: netlib.Layer) -> str:
     return {"InnerProduct": "all\nto all", "HandModel": "hand\nmodel"}.get(layer.type, "")
 
 
-def _draw_costs(axes: Any, connections: list[Connection]) -> None:
-    costs = np.array([cost_of(at) for at in connections]).T
+def _draw_costs(axes: Any, steps: list[Connection]) -> None:
+    """Draw each layer's share of all parameters and of all multiplications."""
+    costs = np.array([cost_of(step) for step in steps]).T
     for values, name, colour, shift in zip(
         costs, ("parameters", "multiplications"), (FIRST, SECOND), (-0.2, 0.2)
     ):
@@ -98,9 +100,8 @@ def _draw_costs(axes: Any, connections: list[Connection]) -> None:
         for place, share, value in zip(places, shares, values):
             axes.text(place, share + 1, f"{value:,}", ha="center", fontsize=8, color=colour)
     axes.set(ylim=(0, 62), ylabel="% of all")
-    axes.set_xticks(
-        range(len(connections)), [at.layer.spec.top[0] for at in connections], fontsize=8
-    )
+    names = [step.layer.spec.top[0] for step in steps]
+    axes.set_xticks(range(len(steps)), names, fontsize=8)
     axes.legend(fontsize=8, loc="upper right")
     axes.spines[["top", "right"]].set_visible(False)
 

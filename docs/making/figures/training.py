@@ -48,17 +48,22 @@ def initial() -> Any:
     figure = new_figure(6.5, 3.0)
     axes = figure.add_subplot()
     for factor, name, colour in ((1, "Xavier, 1/I", FIRST), (2, "He, 2/I", SECOND)):
-        rng, deviations = np.random.default_rng(0), []
-        y = rng.normal(size=(1000, 512))
-        for _ in range(10):
-            y = np.maximum(y, 0) @ rng.normal(0, np.sqrt(factor / 512), (512, 512)).T
-            deviations.append(float(y.std()))
-        axes.semilogy(range(1, 11), deviations, "o-", color=colour, label=name)
+        axes.semilogy(range(1, 11), deviations(factor), "o-", color=colour, label=name)
     axes.set(xlabel="layer", ylabel="standard deviation", ylim=(0.01, 2))
     axes.set_title("ten layers of 512 with ReLU between them")
     axes.grid(alpha=0.3)
     axes.legend()
     return figure
+
+
+def deviations(factor: float) -> list[float]:
+    """The standard deviation of each layer's output for weights of the variance factor / inputs."""
+    rng, found = np.random.default_rng(0), []
+    y = rng.normal(size=(1000, 512))
+    for _ in range(10):
+        y = np.maximum(y, 0) @ rng.normal(0, np.sqrt(factor / 512), (512, 512)).T
+        found.append(y.std())
+    return found
 
 
 START = (10.0, 2.0)
@@ -141,23 +146,9 @@ def overfitting() -> Any:
     """Chapter 7's thirty rows of noise: the loss on them and on a thousand others, without
     and with decay.
     """
-    rng = np.random.default_rng(0)
-
-    def rows(count: int) -> tuple[Array, Array]:
-        x = rng.normal(size=(count, 20))
-        return x, x[:, 0] - x[:, 1] + rng.normal(size=count)
-
-    (x, t), (others, targets) = rows(30), rows(1000)
     figure = new_figure(8.0, 3.0)
     for axes, decay in zip(figure.subplots(1, 2, sharey=True), (0.0, 1.0)):
-        w, b, seen, unseen = np.zeros(20), 0.0, [], []
-        for _ in range(501):
-            residual = x @ w + b - t
-            seen.append(float(0.5 * (residual**2).mean()))
-            unseen.append(float(0.5 * ((others @ w + b - targets) ** 2).mean()))
-            dw = x.T @ residual / len(x) + decay * w
-            db = residual.mean() + decay * b
-            w, b = w - 0.1 * dw, b - 0.1 * db
+        seen, unseen = losses_on_noise(decay)
         axes.plot(range(1, 502), seen, color=FIRST, label="30 training rows")
         axes.plot(range(1, 502), unseen, color=SECOND, label="1,000 other rows")
         axes.set(xscale="log", xlabel="iteration", title=f"weight_decay: {decay:g}", ylim=(0, 2))
@@ -165,6 +156,26 @@ def overfitting() -> Any:
     figure.axes[0].set_ylabel("loss")
     figure.axes[0].legend(fontsize=8)
     return figure
+
+
+def losses_on_noise(decay: float) -> tuple[list[float], list[float]]:
+    """The losses on 30 training rows and on 1,000 others, before each of 501 steps down."""
+    rng = np.random.default_rng(0)
+
+    def rows(count: int) -> tuple[Array, Array]:
+        x = rng.normal(size=(count, 20))
+        return x, x[:, 0] - x[:, 1] + rng.normal(size=count)
+
+    (x, t), (other_x, other_t) = rows(30), rows(1000)
+    w, b, seen, unseen = np.zeros(20), 0.0, [], []
+    for _ in range(501):
+        residual = x @ w + b - t
+        seen.append(0.5 * (residual**2).mean())
+        unseen.append(0.5 * ((other_x @ w + b - other_t) ** 2).mean())
+        dw = x.T @ residual / len(x) + decay * w
+        db = residual.mean() + decay * b
+        w, b = w - 0.1 * dw, b - 0.1 * db
+    return seen, unseen
 
 
 def hinge() -> Any:
