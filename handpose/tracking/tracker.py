@@ -233,9 +233,9 @@ class Tracker:
         """Begin to follow the hands that the finder sees and that have a sure pose."""
         for track in self.tracks:
             track.look(found)
-        self.present.see(found.hands, self._taken(), time)
+        self.present.see(found.hands, found.view, self._taken(), time)
         for place in self.present.there:
-            place.was_followed |= self._was_followed(place, time)
+            place.is_sure |= self._was_followed(place, time)
         self._drop_less_present()
         for place in self.present.due(time):
             if len(self.tracks) == self.limit:
