@@ -1,9 +1,9 @@
-"""Hands that a finder sees and that have no sure pose: where they are, how evident they are, and when
-a pose is tried there again.
+"""Hands that a finder sees and that have no sure pose: where they are, how evident they are, and
+when a pose is tried there again.
 
-A finder also sees hands in heads, cups and keyboards, in every frame the same: a second look at a
-surface that did not change is no new evidence. So each look counts with the presence, and with more
-the more of the surface differs from that in the look before, beyond the camera's noise.
+A finder also sees hands in cups, keyboards and monitors, in every frame the same: a second look at
+a surface that did not change is no new evidence. If all of it differs from the look before, by more
+than the camera's noise, the place is twice as evident.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from handpose.estimate.finder import FoundHand
 from handpose.tracking.settings import PresentSettings
 from netlib.blob import Array
 
-# A change of depth is larger than so many times the median in the frame; 5 to 12 choose the same.
+# A change of depth is larger than so many times the median in the frame. With 8 to 12, the results
+# are the same; with 5, the noise on a dark chair is one.
 NOISES = 8.0
 NOISE_MM = 0.5  # minimum noise: readings are whole mm
-ENOUGH = 0.5  # share of a surface that changed, from which on it counts as another one
 
 
 class Taken(NamedTuple):
@@ -41,10 +41,10 @@ class PresentPlace:
     after ``pause``.
 
     presence  mean of the last looks
-    evidence  likewise, of the presence and the changes of the surface
+    changed   likewise, share of its surface that was another one than in the look before
     settings  tuned numbers
-    is_sure   True if it is reported also beside a hand with joints, or another sure one: once its
-              evidence was high, or if a hand was followed there shortly before
+    is_sure   True if it is reported also while another hand has joints: once its evidence was high,
+              or if a hand was followed there shortly before
     """
 
     id: int
@@ -52,17 +52,22 @@ class PresentPlace:
     time: float
     try_at: float
     presence: float
-    evidence: float
+    changed: float
     settings: PresentSettings
     pause: float
     is_sure: bool = False
 
-    def look(self, presence: float, evidence: float) -> None:
+    def look(self, presence: float, changed: float) -> None:
         """Add a look to the means."""
         weight = self.settings.look
         self.presence += weight * (presence - self.presence)
-        self.evidence += weight * (evidence - self.evidence)
+        self.changed += weight * (changed - self.changed)
         self.is_sure |= self.evidence >= self.settings.sure
+
+    @property
+    def evidence(self) -> float:
+        """The presence if nothing changes, twice as much if all does."""
+        return self.presence * (1 + self.changed)
 
     def wait(self, time: float, at_once: bool) -> None:
         """Let some time pass until the next try; little if it is to be ``at_once``."""
@@ -86,7 +91,7 @@ class Changes:
         self._noise = float(np.median(relative)) if read.any() else 0.0
 
     def share_at(self, place: Array, size_mm: float) -> float:
-        """The share of the surface at a place (3,) in mm that differs, within a cube of this size."""
+        """The share of the surface at a place (3,) in mm that differs, within this distance."""
         reach, z = np.array([size_mm / 2, -size_mm / 2, 0.0]), place[2]
         corners = self._camera.project([place - reach, place + reach])
         (left, top), (right, bottom) = corners[:, :2].astype(int).clip(0)
@@ -133,25 +138,20 @@ class PresentHands:
                 ),
                 None,
             )
-            presence, evidence = hand.presence, self._evidence(hand, changes)
+            presence, changed = hand.presence, changes.share_at(hand.middle, s.same_mm)
             if place is not None:
                 before.remove(place)
                 place.hand, place.time = hand, time
             elif presence >= self.min_presence:
                 id = next(self._ids)
-                place = PresentPlace(id, hand, time, time, presence, evidence, s, s.later_s)
+                place = PresentPlace(id, hand, time, time, presence, changed, s, s.later_s)
             else:
                 continue
-            place.look(presence, evidence)
+            place.look(presence, changed)
             self.places.append(place)
         for place in before:
             place.look(0.0, 0.0)
         self.places = sorted([*self.places, *before], key=lambda one: -one.presence)
-
-    def _evidence(self, hand: FoundHand, changes: Changes) -> float:
-        """The presence of a hand; one with the minimum becomes sure if all of it changes."""
-        changed = min(changes.share_at(hand.middle, self.settings.same_mm) / ENOUGH, 1.0)
-        return hand.presence + changed * max(self.settings.sure - self.min_presence, 0.0)
 
     @property
     def still_presence(self) -> float:
@@ -162,6 +162,15 @@ class PresentHands:
     def there(self) -> list[PresentPlace]:
         """Those that are present enough."""
         return [one for one in self.places if one.presence >= self.still_presence]
+
+    @property
+    def evident(self) -> list[PresentPlace]:
+        """Those to report, the sure ones first, without those that are much less evident than
+        another one.
+        """
+        there = sorted(self.there, key=lambda one: not one.is_sure)
+        least = self.settings.still * max((one.evidence for one in there), default=0.0)
+        return [one for one in there if one.is_sure or one.evidence >= least]
 
     def due(self, time: float) -> list[PresentPlace]:
         """Those seen in this frame whose pose is to be tried."""

@@ -69,8 +69,7 @@ class SureHands:
             if self._can_be_lost(one.id)
         ]
         is_beside = posed or frame.time - self._posed <= self.settings.follow.recent_s
-        sure = [one for one in frame.present if one.is_sure]
-        present = sure if sure or is_beside else frame.present
+        present = [one for one in frame.present if one.is_sure or not is_beside]
         return frame._replace(every=(*hands, *lost, *present))
 
     def _if_sure(self, hand: TrackedHand, time: float) -> TrackedHand:

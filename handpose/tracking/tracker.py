@@ -311,8 +311,7 @@ class Tracker:
             if track.is_decided:
                 track.sizes.take(track.best.estimate, time)
             every.append(tracked_hand(track, self.model, smooth=self.smooth))
-        likely = sorted(self.present.there, key=lambda place: not place.is_sure)
-        for place in likely[: self.limit - len(self.tracks)]:
+        for place in self.present.evident[: self.limit - len(self.tracks)]:
             x, y, z = place.hand.middle.tolist()
             is_seen = place.time == self._searched
             every.append(

@@ -65,27 +65,45 @@ def test_a_place_that_is_taken_is_no_further_hand() -> None:
     assert places_of(hands) == []
 
 
-def is_sure(presence: float, *frames: SideView) -> bool:
-    """Whether a place on the camera's axis is sure after a look at each frame."""
+MOVING = [surface(patch=600.0 + 20 * (n % 2)) for n in range(8)]
+
+
+def looked(frames: list[SideView], *places: tuple[float, float]) -> PresentHands:
+    """What is there after a look at each frame, in which the finder sees the same places."""
     hands = PresentHands(0.25, SETTINGS)
     for n, frame in enumerate(frames):
-        hands.see(seen((0, presence)), frame, [], n * STEP)
-    return hands.there[0].is_sure
+        hands.see(seen(*places), frame, [], n * STEP)
+    return hands
 
 
 def test_a_place_that_stays_the_same_is_sure_only_by_a_high_presence_which_it_had_once() -> None:
-    assert not is_sure(SETTINGS.sure - 0.05, *[STILL] * 50)
-    hands = PresentHands(0.3, SETTINGS)
-    hands.see(seen((0, SETTINGS.sure), (400, 0.4)), STILL, [], 0.0)
+    (place,) = looked([STILL] * 50, (0, SETTINGS.sure - 0.05)).there
+    assert not place.is_sure
+    hands = looked([STILL], (0, SETTINGS.sure), (400, 0.4))
     hands.see(seen((0, 0.4), (400, 0.8)), STILL, [], STEP)
     assert [one.id for one in hands.there if one.is_sure] == [0], "the mean of its looks counts"
 
 
 def test_a_place_whose_surface_changes_is_sure_by_a_lower_presence() -> None:
-    moving = [surface(patch=600.0 + 20 * (n % 2)) for n in range(8)]
-    assert is_sure(0.3, *moving) and not is_sure(0.3, *moving[:1])
+    (place,) = looked(MOVING, (0, 0.6 * SETTINGS.sure)).there
+    assert place.is_sure
     noisy = [surface(noise=3.0, seed=n) for n in range(8)]
-    assert not is_sure(SETTINGS.sure - 0.1, *noisy), "noise is no change"
+    (place,) = looked(noisy, (0, SETTINGS.sure - 0.1)).there
+    assert not place.is_sure and place.evidence < place.presence + 0.05, "noise is no change"
+
+
+@pytest.mark.parametrize(
+    ("frames", "ids"), [([STILL] * 8, [0, 1]), (MOVING, [0])], ids=["still", "moving"]
+)
+def test_a_still_place_is_reported_unless_a_more_present_one_moves(
+    frames: list[SideView], ids: list[int]
+) -> None:
+    """The first place is where some of the frames change."""
+    hands = looked(frames, (0, 0.31), (400, 0.3))
+    assert [one.id for one in hands.evident] == ids
+    for n in range(8, 16):
+        hands.see(seen((400, 0.3)), STILL, [], n * STEP)
+    assert [one.id for one in hands.evident] == [1], "alone in view"
 
 
 @pytest.mark.parametrize(
