@@ -18,9 +18,9 @@ Each hand is tracked from its last pose; while there are fewer than --hands, the
 for more. Handedness is decided in the first frames and size in the first seconds of a track, and
 both are kept. Angles and palm poses are smoothed, so bones keep their length; those of recordings
 also with the frames after them, up to two seconds later. --raw turns this off. A place below
---min-presence is no hand; beside a hand with joints, nor is one below 75% that never had a pose. A
-hand below --min-confidence is reported with its place, but without joints. --fit accurate takes
-about a third longer than fast. --serve shows the track in a browser as it is computed
+--min-presence is no hand; beside a hand with joints, nor is a still one below 75% that never had a
+pose. A hand below --min-confidence is reported with its place, but without joints. --fit accurate
+takes about a third longer than fast. --serve shows the track in a browser as it is computed
 (docs/live.md).
 
 Without an output option, FILE.json and a contact sheet FILE.png are written to the working folder,

@@ -69,7 +69,9 @@ class PresentSettings:
 
     # a hand this close to one that is followed, or to one of the search before, is the same
     same_mm: float = 110.0
-    still: float = 0.5  # part of the minimum presence, enough for a hand that was there before
+    # part of the minimum presence that is enough for a hand that was there before, and of the
+    # highest evidence that is enough for another hand
+    still: float = 0.5
     look: float = 0.5  # weight of the last look in the mean presence
     # Seconds between two runs of a slow step: a search for another hand, a pose at a place, a full
     # fit of an uncertain hand, a prediction that competes with the tracked pose; the same while
@@ -77,10 +79,10 @@ class PresentSettings:
     later_s: float = 0.2
     soon_s: float = 0.1
     max_pause_s: float = 4.0  # pauses at one place are doubled after each try
-    # A mean presence from which a place is a hand also beside a hand with joints. On two recordings
-    # of one hand (CVAR's P4 and P6), places without a hand, such as a keyboard, a head and a
-    # monitor, reach 0.67. A second hand laid into these recordings has 0.71 to 0.85 where its pose
-    # is not found, but down to 0.37 at a distance of 0.7 m.
+    # Evidence from which a place is a hand also beside a hand with joints. On two recordings of one
+    # hand (CVAR's P4 and P6), places on still things, such as a keyboard, reach a presence of 0.67.
+    # A second hand laid into these recordings has 0.71 to 0.85 where its pose is not found, but
+    # down to 0.37 at a distance of 0.7 m.
     sure: float = 0.75
     # Number of frames with joints that make a hand one that can be lost. In recordings of one hand
     # and of two, the hands that are lost have 17 or more, a hand that is found twice in its first

@@ -133,7 +133,7 @@ class TrackedHand:
     since       s, when a lost hand was reported last; NaN for others
     mask        (height, width) the pixels of a hand without a pose in the last frame in which a
                 finder looked for hands; None if unknown
-    is_sure     False if only a low presence says that it is a hand; then it is not reported beside
+    is_sure     False if there is little evidence that it is a hand; then it is not reported beside
                 one with a pose
     is_seen     False if a finder looked since, and did not see it
     """

@@ -233,9 +233,9 @@ class Tracker:
         """Begin to follow the hands that the finder sees and that have a sure pose."""
         for track in self.tracks:
             track.look(found)
-        self.present.see(found.hands, self._taken(), time)
+        self.present.see(found.hands, found.view, self._taken(), time)
         for place in self.present.there:
-            place.was_followed |= self._was_followed(place, time)
+            place.is_sure |= self._was_followed(place, time)
         self._drop_less_present()
         for place in self.present.due(time):
             if len(self.tracks) == self.limit:
@@ -311,8 +311,7 @@ class Tracker:
             if track.is_decided:
                 track.sizes.take(track.best.estimate, time)
             every.append(tracked_hand(track, self.model, smooth=self.smooth))
-        likely = sorted(self.present.there, key=lambda place: not place.is_sure)
-        for place in likely[: self.limit - len(self.tracks)]:
+        for place in self.present.evident[: self.limit - len(self.tracks)]:
             x, y, z = place.hand.middle.tolist()
             is_seen = place.time == self._searched
             every.append(
