@@ -20,11 +20,6 @@ from handpose.estimate.finder import FoundHand
 from handpose.tracking.settings import PresentSettings
 from netlib.blob import Array
 
-# A change of depth is larger than so many times the median in the frame. With 8 to 12, the results
-# are the same; with 5, the noise on a dark chair is one.
-NOISES = 8.0
-NOISE_MM = 0.5  # minimum noise: readings are whole mm
-
 
 class Taken(NamedTuple):
     """A place (3,) in mm where only a hand with a higher presence than ``hand_chance``
@@ -81,8 +76,8 @@ class Changes:
     If the camera moves, nothing differs by more than the rest.
     """
 
-    def __init__(self, frame: SideView, before: SideView) -> None:
-        self._camera = frame.camera
+    def __init__(self, frame: SideView, before: SideView, settings: PresentSettings) -> None:
+        self._camera, self._settings = frame.camera, settings
         both = np.stack([frame.readings, before.readings])
         self._nearest, self._farthest = both.min(axis=0), both.max(axis=0)
         read = self._nearest > 0
@@ -90,16 +85,17 @@ class Changes:
         relative = (self._farthest - self._nearest)[read] / self._farthest[read] ** 2
         self._noise = float(np.median(relative)) if read.any() else 0.0
 
-    def share_at(self, place: Array, size_mm: float) -> float:
-        """The share of the surface at a place (3,) in mm that differs, within this distance."""
+    def share_at(self, place: Array) -> float:
+        """The share of the surface of a hand at a place (3,) in mm that differs."""
+        s, size_mm = self._settings, self._settings.same_mm
         reach, z = np.array([size_mm / 2, -size_mm / 2, 0.0]), place[2]
         corners = self._camera.project([place - reach, place + reach])
         (left, top), (right, bottom) = corners[:, :2].astype(int).clip(0)
         window = np.s_[top : bottom + 1, left : right + 1]
         nearest, farthest = self._nearest[window], self._farthest[window]
         own = (nearest > max(z - size_mm, 0.0)) & (nearest < z + size_mm)
-        noise = np.maximum(self._noise * farthest**2, NOISE_MM)
-        return float((farthest - nearest > NOISES * noise)[own].mean()) if own.any() else 0.0
+        noise = np.maximum(self._noise * farthest**2, s.noise_mm)
+        return float((farthest - nearest > s.noises * noise)[own].mean()) if own.any() else 0.0
 
 
 class PresentHands:
@@ -119,7 +115,7 @@ class PresentHands:
     ) -> None:
         """Take the finder's hands of a frame, but those that are ``taken``."""
         s, frame = self.settings, view.of("right")
-        changes = Changes(frame, self._before or frame)
+        changes = Changes(frame, self._before or frame, s)
         self._before = frame
         before = [
             one
@@ -138,7 +134,7 @@ class PresentHands:
                 ),
                 None,
             )
-            presence, changed = hand.presence, changes.share_at(hand.middle, s.same_mm)
+            presence, changed = hand.presence, changes.share_at(hand.middle)
             if place is not None:
                 before.remove(place)
                 place.hand, place.time = hand, time

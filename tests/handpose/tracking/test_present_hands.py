@@ -117,8 +117,8 @@ def test_a_still_place_is_reported_unless_a_more_present_one_moves(
     ids=["farther", "behind another", "moved camera", "noise"],
 )
 def test_the_share_of_a_surface_that_changed(after: SideView, share: float) -> None:
-    changes = Changes(after, surface(noise=1.0))
-    assert changes.share_at(np.array([0.0, 0, 600]), 100.0) == pytest.approx(share, abs=0.05)
+    changes = Changes(after, surface(noise=1.0), PresentSettings(same_mm=100.0))
+    assert changes.share_at(np.array([0.0, 0, 600])) == pytest.approx(share, abs=0.05)
 
 
 def tries(hands: PresentHands, frames: int, at_once: bool, there: int = 1) -> list[int]:
