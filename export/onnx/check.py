@@ -93,7 +93,7 @@ def differences(
     rows that its layer selects from onnxruntime's: of confidences that are equal up to rounding,
     either may come first. Raises NetlibError.
     """
-    detectors = [at.layer.spec for at in net.connections if at.layer.type == "DetectionOutput"]
+    detectors = [layer.spec for layer in net.layers if layer.type == "DetectionOutput"]
     selected = {spec.top[0] for spec in detectors}
     before_selection = [name for spec in detectors for name in spec.bottom]
     file = _session(_with_outputs(image, before_selection))
@@ -191,10 +191,10 @@ def _with_outputs(image: bytes, names: Iterable[str]) -> bytes:
         return image
     onnx = package("onnx")
     model = onnx.load_from_string(image)
-    there = [output.name for output in model.graph.output]
+    names.difference_update(output.name for output in model.graph.output)
     for node in model.graph.node:
         for name in node.output:
-            if name in names and name not in there:
+            if name in names:
                 typed = onnx.helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, None)
                 model.graph.output.append(typed)
     return bytes(model.SerializeToString())
