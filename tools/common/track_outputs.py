@@ -180,8 +180,8 @@ class Outputs:
         # created later, but checked now
         for name in filter(None, (self._args.video, self._args.sheet)):
             outputs.check_place(Path(name))
-        every = (*self._writers, self._video, self._live)
-        named = [output for output in every if output is not None]
+        possible = (*self._writers, self._video, self._live)
+        named = [output for output in possible if output is not None]
         with contextlib.ExitStack() as stack:
             for output in named:
                 stack.enter_context(output)
