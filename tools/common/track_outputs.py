@@ -30,8 +30,8 @@ from handpose.output.live.page import page
 from handpose.output.live.server import LiveServer, checked_token
 from handpose.output.tracks.writing import TrackWriter, open_writer
 from handpose.tracking.track import TrackedFrame, TrackHeader
-from netlib.errors import NetlibError, reason_of
-from netlib.files import atomic
+from netlib.errors import NetlibError
+from netlib.files import atomic, reading
 from netlib.files.paths import real
 from tools.common import arguments, outputs
 from tools.common.arguments import name_in
@@ -313,12 +313,12 @@ class LiveOutput:
 def _written(path: Path, server: LiveServer) -> Iterator[None]:
     """A file with the addresses of a server within the block. Raises NetlibError."""
     addresses = {"page": server.page_url, "frames": server.lines_url, "token": server.token}
-    try:
-        with atomic.replacing(path) as fresh:
-            fresh.chmod(0o600)
-            fresh.write_text(json.dumps(addresses, indent=1) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise NetlibError(f"{path}: cannot write the addresses: {reason_of(error)}") from error
+    with (
+        reading.refused(path, "the addresses", NetlibError, "write"),
+        atomic.replacing(path) as fresh,
+    ):
+        fresh.chmod(0o600)
+        fresh.write_text(json.dumps(addresses, indent=1) + "\n", encoding="utf-8")
     try:
         yield
     finally:
