@@ -19,7 +19,7 @@ import numpy as np
 
 from netlib.blob import Array
 from netlib.distributed.ranks import Ranks, Request, moving
-from netlib.errors import DataError, DivergenceError, WeightsError, reason_of
+from netlib.errors import DivergenceError, WeightsError, reason_of
 from netlib.net import Net
 from netlib.proto.messages import SolverParameter
 from netlib.snapshots import hdf5_format, snapshot
@@ -140,9 +140,7 @@ class Snapshots:
                 )
         weights_path, state_path = self.paths(solver.iter)
         ranks = solver.ranks
-        others: list[dict[str, Any]] = []
-        if ranks.count > 1:
-            others = ranks.everyone(snapshot.as_plain(solver.net.layer_states()))[1:]
+        others = ranks.everyone(snapshot.as_plain(solver.net.layer_states()))[1:]
 
         def write() -> None:
             kind = "HDF5" if solver.param.snapshot_format == "HDF5" else "binary proto"
@@ -264,9 +262,12 @@ def _states_of_rank(solver: Training, state: SolverState) -> list[dict[str, Any]
     return nets
 
 
-def undo_of(nets: Sequence[Net]) -> Callable[[], None]:
-    """Return a function that restores the current data positions, random generators and moving
-    averages of the nets.
+@contextlib.contextmanager
+def undone_after(kind: type[Exception], nets: Sequence[Net]) -> Iterator[Callable[[], None]]:
+    """Context manager: after an error of this kind, restore the data positions, random generators
+    and moving averages that the nets had before.
+
+    Yields the function that does so.
     """
     before = [net.layer_states() for net in nets]
     means = [(array, array.copy()) for net in nets for array in moving(net)]
@@ -277,20 +278,9 @@ def undo_of(nets: Sequence[Net]) -> Callable[[], None]:
         for array, values in means:
             array[...] = values
 
-    return undo
-
-
-@contextlib.contextmanager
-def undone_without_data(nets: Sequence[Net]) -> Iterator[Callable[[], None]]:
-    """Context manager: if data end, undo the part of an iteration that was made, so that a
-    resume repeats it.
-
-    Yields the function that does so.
-    """
-    undo = undo_of(nets)
     try:
         yield undo
-    except DataError:
+    except kind:
         undo()
         raise
 
@@ -298,12 +288,11 @@ def undone_without_data(nets: Sequence[Net]) -> Iterator[Callable[[], None]]:
 def _restore_layers(solver: Training, path: str | Path, states: list[dict[str, Any]]) -> None:
     """Restore the states of all layers, or of none. Raises WeightsError."""
     nets = [solver.net, *solver.test_nets]
-    undo = undo_of(nets)
     try:
-        for net, of_layers in zip(nets, states):
-            net.restore_layer_states(of_layers)
+        with undone_after(Exception, nets):
+            for net, of_layers in zip(nets, states):
+                net.restore_layer_states(of_layers)
     except Exception as error:  # a Python layer can raise anything
-        undo()
         raise WeightsError(
             f"{path}: the state of a layer cannot be restored: {reason_of(error)}"
         ) from error
