@@ -135,7 +135,7 @@ def _note(package: str) -> None:
 def agrees(what: str, found: Array, expected: Array, tolerance: float = TOLERANCE) -> bool:
     """Whether a peer's values are ours; if not, print a note: it is not timed."""
     largest = max(np.abs(expected).max(), 1e-30)
-    error = float(np.abs(found.reshape(-1) - expected.reshape(-1)).max() / largest)
+    error = float(np.abs(np.ravel(found) - np.ravel(expected)).max() / largest)
     if error < tolerance:
         return True
     say(

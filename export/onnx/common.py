@@ -203,7 +203,7 @@ def dropout(graph: Graph, at: Place) -> list[str]:
             "sample_weights_test draws random numbers, which cannot be exported",
             "sample_weights_test",
         )
-    return [graph.affine(at.values[0], float(at.layer.scale_of_all), 0)]
+    return [graph.affine(at.values[0], float(at.layer.all_scale), 0)]
 
 
 def softmax(graph: Graph, at: Place) -> list[str]:
