@@ -108,14 +108,14 @@ class Graph:
         self.layer_dict[name] = layer
         if layer.blobs:
             self.params[name] = layer.blobs
-        if layer.blobs and name != spec.name:
-            log.warning(
-                "%s: a second layer is called %r; its parameters are those of %r here, in Caffe those "
-                "of the first are loaded twice",
-                schema.position_of(spec),
-                spec.name,
-                name,
-            )
+            if name != spec.name:
+                log.warning(
+                    "%s: a second layer is called %r; its parameters are those of %r here, in Caffe those "
+                    "of the first are loaded twice",
+                    schema.position_of(spec),
+                    spec.name,
+                    name,
+                )
         self.layer_hook.after_setup(layer, seed)
 
     def _connect(self, layer: Layer, bottom: Blobs, top: Blobs) -> None:

@@ -187,7 +187,7 @@ class Solver(Training):
             self._call(self.on_step)
             for _ in range(iterations):
                 # if data end, a resume repeats the iteration
-                with undone_after(DataError, [self.net, *self.test_nets]) as undo:
+                with undone_after(DataError, self.nets) as undo:
                     if self.test_is_due():
                         self.test_all()
                         if self.ranks.asked(self.requested) == "stop":

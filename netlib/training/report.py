@@ -58,7 +58,7 @@ def lack_of_loss(net: Net) -> Iterator[str]:
     named = [
         (layer, name)
         for layer, name, _ in outputs
-        if any("loss" in word.lower() for word in (name, layer.name, type(layer).__name__))
+        if "loss" in f"{name} {layer.name} {type(layer).__name__}".lower()
     ]
     if net.losses:
         for layer, name in named:
