@@ -113,8 +113,9 @@ def _check_objects(file: h5py.File, refused: Callable[[str], NetlibError]) -> No
     while waiting:
         group = waiting.pop()
         for name in group:
-            link, where = group.get(name, getlink=True), f"{group.name.rstrip('/')}/{name}"
+            link = group.get(name, getlink=True)
             if isinstance(link, h5py.ExternalLink):
+                where = f"{group.name.rstrip('/')}/{name}"
                 raise refused(
                     f"{where!r} is a link into another file, {link.filename!r}, which is not followed; "
                     "expected all in one file"

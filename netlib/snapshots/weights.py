@@ -151,10 +151,9 @@ def _separated(net: Graph, norm: Layer, five: Sequence[Array], found: Found, wha
             "and a bias of its own; the net expects 3: give the layer batch_norm_param { scale_bias: true }, or add a "
             "layer Scale with bias_term: true after it"
         )
-    is_older = five[4].size == 1 < five[0].size
-    mean, variance, factor, gain, bias = (
-        five[i] for i in ((2, 3, 4, 0, 1) if is_older else range(5))
-    )
+    if five[4].size == 1 < five[0].size:  # older
+        five = [*five[2:], *five[:2]]
+    mean, variance, factor, gain, bias = five
     if outer := list(found.get(scale.name, {}).values()):  # Intel's nets have both
         gain, bias = outer[0] * gain, outer[0] * bias + outer[-1]
     return {
