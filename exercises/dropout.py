@@ -11,7 +11,7 @@ bottom[0].diff[...] = top[0].diff * self.factor"""
 NOT_SCALED = Mistake(
     "The values kept are not scaled. In phase TRAIN they are x / (1 - p), which preserves the mean, so TEST "
     "needs no scaling.",
-    ("(drawn >= least) * self.in_training", "(drawn >= least).astype(self.dtype)"),
+    ("(drawn >= least) * self.kept_scale", "(drawn >= least).astype(self.dtype)"),
 )
 MASK_INVERTED = Mistake(
     "The mask is inverted: p, the dropout_ratio, is the fraction dropped, so a value is kept where drawn >= "
@@ -35,7 +35,7 @@ MISTAKES = (NOT_SCALED, MASK_INVERTED, DROPPED_GRADIENT_KEPT, MASK_DRAWN_AGAIN, 
 TO_DO = {
     "reshape": "Give top[0] the shape of bottom[0].",
     "forward": "Write top[0].data: y = x factor, and store self.factor for backward. If not self.active it is "
-    "self.in_test, else (drawn >= least) * self.in_training, with a new draw each time:\n"
+    "self.all_scale, else (drawn >= least) * self.kept_scale, with a new draw each time:\n"
     "drawn = self.rng.integers(0, 1 << 16, bottom[0].shape, dtype=np.uint16), least = round(p 65536), p = "
     "self.param.dropout_ratio. Draw exactly like this, so that the results can be compared.",
     "backward": "If propagate_down[0], write bottom[0].diff: dx = dy factor, with the factor of the last forward.",

@@ -100,11 +100,8 @@ def _rows(folder: Path) -> str:
     return str(folder / "rows.txt")
 
 
-COPY = """target = solver.history[i % count][i // count]
-target[...] = weights_of.legacy_shape(array, target.shape)"""
-MIXED_UP = """each = len(solver.history[0])
-target = solver.history[i // each][i % each]
-target[...] = weights_of.legacy_shape(array, target.shape)"""
+COPY = "zip(state.history, _histories(solver))"
+MIXED_UP = "zip(state.history, [array for arrays in solver.history for array in arrays])"
 ITERATION_LOST = Mistake(
     "The iteration is not restored: solver.iter = state.iter. The learning rate and Adam's bias correction "
     "depend on it.",
@@ -117,7 +114,7 @@ HISTORY_LOST = Mistake(
 )
 HISTORIES_MIXED_UP = Mistake(
     "The histories are assigned to the wrong parameters. state_of writes, and restore_state reads, the first "
-    "histories of all parameters, then the second ones: entry i is history i // count of parameter i % count.",
+    "histories of all parameters, then the second ones: use _histories in both.",
     (COPY, MIXED_UP),
 )
 LAYER_STATES_LOST = Mistake(
@@ -160,15 +157,16 @@ FALLING = 'base_lr: 0.1 lr_policy: "step" stepsize: 3 gamma: 0.5'
 MOMENTUM = f"{FIXED} momentum: 0.9"
 TO_DO = {
     "state_of": "Return the SolverState of the solver: its iteration, steps_taken(solver.param, "
-    "solver.iter), str(learned_net), the histories in one list, and extra_state(solver, others). "
+    "solver.iter), str(learned_net), the histories in one list (_histories), and extra_state(solver, others). "
     "solver.history holds a list of histories per parameter; the file holds the first "
     "histories of all parameters, then the second ones, as in Caffe.",
     "extra_state": "Return, as plain values (snapshot.as_plain), what Caffe's format cannot store: solver "
     "(_course), smoothed (the averaged losses), layers (layer_states() of solver.net and of each test net); "
     "and ranks, the list of others, if there are any.",
     "restore_state": "Read the state (snapshot.read_state), find its weights (snapshot.weights_of(path, state)), "
-    "restore all of it: the weights, solver.history (write into its arrays), solver.iter, solver.smoothed (a "
-    "deque: clear() and extend() it), the states of the layers (_restore_layers, with those of _states_of_rank).\n"
+    "restore all of it: the weights, solver.history (write into the arrays of _histories), solver.iter, "
+    "solver.smoothed (a deque: clear() and extend() it), the states of the layers (_restore_layers, with those of "
+    "_states_of_rank).\n"
     "writes, _, _ = weights_of.fitting(solver.net, weights, strict=True), then "
     "weights_of.write(writes), copies weights. (The project's function also checks the histories and logs.)",
 }

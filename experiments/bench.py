@@ -14,6 +14,7 @@ time divided by ours (above 1: this project is faster). A package that is not in
 from __future__ import annotations
 
 import argparse
+import contextlib
 import functools
 import os
 import sys
@@ -86,13 +87,11 @@ def run(args: argparse.Namespace) -> int:
             work = Workload(NETS[name], Path(folder))
             jobs = dict(peers_of(name, work, args.threads))
             own, *theirs = medians([work.run, *jobs.values()], args.rounds, args.cpu)
+            line = f"{name:20}{1e3 * own:9.2f}"
             for peer, found in zip(jobs, theirs):
-                print(
-                    f"{name:20}{1e3 * own:9.2f}  {peer:<24}{1e3 * found:9.2f}{found / own:7.2f}",
-                    flush=True,
-                )
+                print(f"{line}  {peer:<24}{1e3 * found:9.2f}{found / own:7.2f}", flush=True)
             if not jobs:
-                print(f"{name:20}{1e3 * own:9.2f}", flush=True)
+                print(line, flush=True)
     return DONE
 
 
@@ -135,9 +134,8 @@ def _note(package: str) -> None:
 
 def agrees(what: str, found: Array, expected: Array, tolerance: float = TOLERANCE) -> bool:
     """Whether a peer's values are ours; if not, print a note: it is not timed."""
-    error = float(
-        np.abs(found.reshape(-1) - expected.reshape(-1)).max() / max(np.abs(expected).max(), 1e-30)
-    )
+    largest = max(np.abs(expected).max(), 1e-30)
+    error = float(np.abs(np.ravel(found) - np.ravel(expected)).max() / largest)
     if error < tolerance:
         return True
     say(
@@ -229,31 +227,41 @@ def _torch_training(name: str, work: Workload, threads: int) -> Iterator[tuple[s
 
     torch.set_num_threads(threads)
     net = work.net
-    dropout = [layer for layer in net.layers if layer.type == "Dropout"]
-    for layer in dropout:
-        layer.active = False  # type: ignore[attr-defined]
-    net.run_forward()
-    net.clear_param_diffs()
-    net.run_backward()
-    for layer in dropout:
-        layer.active = True  # type: ignore[attr-defined]
+    with _without_dropout(net):
+        net.run_forward()
+        net.clear_param_diffs()
+        net.run_backward()
     read = [top for layer in net.layers if not layer.spec.bottom for top in layer.spec.top]
     inputs = {blob: torch.from_numpy(net.blobs[blob].data.copy()) for blob in read}
-    for layout in ("eager", "channels_last"):
-        format = torch.channels_last if layout == "channels_last" else torch.contiguous_format
-        graph = TorchNet(net).eval().to(memory_format=format)
-        own = {blob: x.to(memory_format=format) if x.ndim == 4 else x for blob, x in inputs.items()}
+    layouts = {"eager": torch.contiguous_format, "channels_last": torch.channels_last}
+    for layout, format_ in layouts.items():
+        graph = TorchNet(net).eval().to(memory_format=format_)
+        own = {
+            blob: x.to(memory_format=format_) if x.ndim == 4 else x for blob, x in inputs.items()
+        }
         graph(**own).backward()
         pairs = [
             (key, param.grad.numpy(), net.params[key[0]][key[1]].diff)
             for key, param in graph.pairs.items()
         ]
-        if all(
-            agrees(f"PyTorch {layout}, {name}, gradient {key}", theirs, ours, OF_GRADIENTS)
-            for key, theirs, ours in pairs
-        ):
+        what = f"PyTorch {layout}, {name}, gradient"
+        if all(agrees(f"{what} {key}", theirs, ours, OF_GRADIENTS) for key, theirs, ours in pairs):
             optimiser = torch.optim.SGD(graph.parameters(), lr=0.0001, momentum=0.9)
             yield f"PyTorch {layout}", functools.partial(_torch_step, graph.train(), own, optimiser)
+
+
+@contextlib.contextmanager
+def _without_dropout(net: Net) -> Iterator[None]:
+    """Context manager: dropout keeps all values, as its random numbers are not those of a peer."""
+    layers: list[Any] = [layer for layer in net.layers if layer.type == "Dropout"]
+    active = [layer for layer in layers if layer.active]
+    for layer in active:
+        layer.active = False
+    try:
+        yield
+    finally:
+        for layer in active:
+            layer.active = True
 
 
 def _torch_step(graph: Any, inputs: dict[str, Any], optimiser: Any) -> None:

@@ -28,16 +28,16 @@ from netlib.solver import Solver
 FILLER = 'weight_filler { type: "msra" }'
 
 
-class Text:
+class NetBuilder:
     """The layers of a net.
 
     Every method adds layers behind the blob ``bottom`` and returns the name of the top.
 
-    norm_in_place  whether BatchNorm behind a convolution is in place
+    batch_norm_in_place  whether BatchNorm behind a convolution is in place
     """
 
     def __init__(self, *shape: int) -> None:
-        self.norm_in_place = True
+        self.batch_norm_in_place = True
         self.lines: list[str] = []
         self.input("data", *shape)
 
@@ -68,25 +68,25 @@ class Text:
         pad: int = 0,
         group: int = 1,
         relu: bool = True,
-        norm: bool = False,
+        batch_norm: bool = False,
     ) -> str:
         """Convolution, with BatchNorm and Scale in place of a bias, and a ReLU."""
         options = (
             f"num_output: {count} kernel_size: {kernel} stride: {stride} pad: {pad} group: {group}"
         )
-        bias = "bias_term: false" if norm else ""
+        bias = "bias_term: false" if batch_norm else ""
         top = self.add(
             "Convolution", [bottom], f"convolution_param {{ {options} {bias} {FILLER} }}"
         )
-        if norm:
-            top = self.norm_and_scale(top, top if self.norm_in_place else "")
+        if batch_norm:
+            top = self.batch_norm(top, top if self.batch_norm_in_place else "")
         return self.relu(top) if relu else top
 
-    def normed(self, bottom: str) -> str:
+    def batch_norm_relu(self, bottom: str) -> str:
         """BatchNorm, and behind it in place Scale and ReLU."""
-        return self.relu(self.norm_and_scale(bottom))
+        return self.relu(self.batch_norm(bottom))
 
-    def norm_and_scale(self, bottom: str, top: str = "") -> str:
+    def batch_norm(self, bottom: str, top: str = "") -> str:
         """BatchNorm, and behind it in place Scale."""
         top = self.add("BatchNorm", [bottom], top=top)
         return self.add("Scale", [top], "scale_param { bias_term: true }", top=top)
@@ -106,196 +106,12 @@ class Text:
             "InnerProduct", [bottom], f"inner_product_param {{ num_output: {count} {FILLER} }}"
         )
 
-    def norm(self, bottom: str) -> str:
+    def lrn(self, bottom: str) -> str:
         """Local response normalization with AlexNet's options."""
         return self.add("LRN", [bottom], "lrn_param { local_size: 5 alpha: 0.0001 beta: 0.75 }")
 
 
-# Each function adds the layers of a net, whose input is "data", and returns the name of its output.
-
-
-def _caffenet(net: Text) -> str:
-    x = net.norm(net.pool(net.conv("data", 96, 11, stride=4), 3, 2))
-    x = net.norm(net.pool(net.conv(x, 256, 5, pad=2, group=2), 3, 2))
-    x = net.conv(net.conv(x, 384, 3, pad=1), 384, 3, pad=1, group=2)
-    x = net.pool(net.conv(x, 256, 3, pad=1, group=2), 3, 2)
-    return net.product(net.relu(net.product(net.relu(net.product(x, 4096)), 4096)), 1000)
-
-
-def _googlenet(net: Text) -> str:
-    x = net.norm(net.pool(net.conv("data", 64, 7, stride=2, pad=3), 3, 2))
-    x = net.pool(net.norm(net.conv(net.conv(x, 64, 1), 192, 3, pad=1)), 3, 2)
-    for number, (a, b, c, d, e, f) in enumerate(INCEPTION):
-        if number in (2, 7):
-            x = net.pool(x, 3, 2)
-        one, three = net.conv(x, a, 1), net.conv(net.conv(x, b, 1), c, 3, pad=1)
-        five, pooled = (
-            net.conv(net.conv(x, d, 1), e, 5, pad=2),
-            net.conv(net.pool(x, 3, 1, pad=1), f, 1),
-        )
-        x = net.add("Concat", [one, three, five, pooled])
-    return net.product(net.pool(x, 0, 1, kind="AVE"), 1000)
-
-
-def _squeezenet(net: Text) -> str:
-    x = net.pool(net.conv("data", 64, 3, stride=2), 3, 2)
-    for number, few in enumerate((16, 16, 32, 32, 48, 48, 64, 64)):
-        if number in (2, 4):
-            x = net.pool(x, 3, 2)
-        x = net.conv(x, few, 1)
-        x = net.add("Concat", [net.conv(x, 4 * few, 1), net.conv(x, 4 * few, 3, pad=1)])
-    return net.pool(net.conv(x, 1000, 1), 0, 1, kind="AVE")
-
-
-def _mobilenet_v1(net: Text) -> str:
-    x, channels = net.conv("data", 32, 3, stride=2, pad=1, norm=True), 32
-    for count in (64, 128, 128, 256, 256, *(512,) * 6, 1024, 1024):
-        stride = 2 if count > channels > 32 else 1
-        x = net.conv(x, channels, 3, stride=stride, pad=1, group=channels, norm=True)
-        x, channels = net.conv(x, count, 1, norm=True), count
-    return net.product(net.pool(x, 0, 1, kind="AVE"), 1000)
-
-
-def _mobilenet_v2(net: Text) -> str:
-    net.norm_in_place = False
-    x, channels = net.conv("data", 32, 3, stride=2, pad=1, norm=True), 32
-    for wider, count, repeats, first in (
-        (1, 16, 1, 1),
-        (6, 24, 2, 2),
-        (6, 32, 3, 2),
-        (6, 64, 4, 2),
-        (6, 96, 3, 1),
-        (6, 160, 3, 2),
-        (6, 320, 1, 1),
-    ):
-        for stride in (first, *(1,) * (repeats - 1)):
-            wide = channels * wider
-            y = net.conv(x, wide, 1, norm=True) if wider > 1 else x
-            y = net.conv(y, wide, 3, stride=stride, pad=1, group=wide, norm=True)
-            y = net.conv(y, count, 1, norm=True, relu=False)
-            x = net.add("Eltwise", [x, y]) if stride == 1 and channels == count else y
-            channels = count
-    return net.product(net.pool(net.conv(x, 1280, 1, norm=True), 0, 1, kind="AVE"), 1000)
-
-
-def _resnet50(net: Text) -> str:
-    x = net.pool(net.conv("data", 64, 7, stride=2, pad=3, norm=True), 3, 2)
-    for number, (few, blocks) in enumerate(((64, 3), (128, 4), (256, 6), (512, 3))):
-        for block in range(blocks):
-            stride = 2 if number and not block else 1
-            y = net.conv(net.conv(x, few, 1, stride=stride, norm=True), few, 3, pad=1, norm=True)
-            y = net.conv(y, 4 * few, 1, norm=True, relu=False)
-            x = x if block else net.conv(x, 4 * few, 1, stride=stride, norm=True, relu=False)
-            x = net.relu(net.add("Eltwise", [x, y]))
-    return net.product(net.pool(x, 0, 1, kind="AVE"), 1000)
-
-
-def _vgg16(net: Text) -> str:
-    x = "data"
-    for count, repeats in ((64, 2), (128, 2), (256, 3), (512, 3), (512, 3)):
-        for _ in range(repeats):
-            x = net.conv(x, count, 3, pad=1)
-        x = net.pool(x, 2, 2)
-    return net.product(net.relu(net.product(net.relu(net.product(x, 4096)), 4096)), 1000)
-
-
-def _densenet121(net: Text) -> str:
-    net.norm_in_place = False
-    x, channels = net.pool(net.conv("data", 64, 7, stride=2, pad=3, norm=True), 3, 2), 64
-    for number, repeats in enumerate((6, 12, 24, 16)):
-        if number:
-            channels //= 2
-            x = net.pool(net.conv(net.normed(x), channels, 1, relu=False), 2, 2, kind="AVE")
-        for _ in range(repeats):
-            y = net.conv(net.conv(net.normed(x), 128, 1, norm=True), 32, 3, pad=1, relu=False)
-            x, channels = net.add("Concat", [x, y]), channels + 32
-    return net.product(net.pool(net.normed(x), 0, 1, kind="AVE"), 1000)
-
-
-def _unet(net: Text) -> str:
-    x = "data"
-    passed: list[str] = []
-    for count in (32, 64, 128, 256):
-        passed.append(net.conv(net.conv(x, count, 3, pad=1), count, 3, pad=1))
-        x = net.pool(passed[-1], 2, 2)
-    x = net.conv(x, 512, 3, pad=1)
-    for count in (256, 128, 64, 32):
-        options = f"num_output: {count} kernel_size: 2 stride: 2 {FILLER}"
-        wider = net.add("Deconvolution", [x], f"convolution_param {{ {options} }}")
-        x = net.conv(
-            net.conv(net.add("Concat", [wider, passed.pop()]), count, 3, pad=1), count, 3, pad=1
-        )
-    return net.conv(x, 2, 1, relu=False)
-
-
-def _small(net: Text) -> str:
-    """As the second net of MTCNN, which runs for each face."""
-    x = net.pool(net.conv("data", 28, 3), 3, 2)
-    x = net.conv(net.pool(net.conv(x, 48, 3), 3, 2), 64, 2)
-    return net.product(net.relu(net.product(x, 128)), 6)
-
-
-def _three_dimensional(net: Text) -> str:
-    x = net.conv(net.conv("data", 16, 3, pad=1), 32, 3, stride=2, pad=1)
-    return net.conv(net.conv(x, 32, 3, pad=1), 64, 3, stride=2, pad=1)
-
-
-def _activated(kind: str) -> Callable[[Text], str]:
-    """Convolutions with another activation than ReLU."""
-
-    def layers(net: Text) -> str:
-        x = "data"
-        for count in (16, 32, 32):
-            x = net.add(kind, [net.conv(x, count, 3, pad=1, relu=False)])
-        return x
-
-    return layers
-
-
-def _dilated(net: Text) -> str:
-    x = net.conv("data", 64, 3, pad=1)
-    for dilation in (2, 4, 4):
-        options = f"num_output: 64 kernel_size: 3 pad: {dilation} dilation: {dilation} {FILLER}"
-        x = net.relu(net.add("Convolution", [x], f"convolution_param {{ {options} }}"))
-    return x
-
-
-def _lstm(net: Text) -> str:
-    """One stream of 100 steps."""
-    net.input("cont", 100, 1)
-    filler = 'weight_filler { type: "uniform" min: -0.2 max: 0.2 }'
-    options = f"recurrent_param {{ num_output: 128 {filler} }}"
-    return net.add("LSTM", ["data", "cont"], options)
-
-
-def _lenet(net: Text) -> str:
-    x = net.pool(
-        net.conv(net.pool(net.conv("data", 20, 5, relu=False), 2, 2), 50, 5, relu=False), 2, 2
-    )
-    return net.product(net.relu(net.product(x, 500)), 10)
-
-
-def _cifar10(net: Text) -> str:
-    x = net.relu(net.pool(net.conv("data", 32, 5, pad=2, relu=False), 3, 2))
-    x = net.pool(net.conv(x, 32, 5, pad=2), 3, 2, kind="AVE")
-    x = net.pool(net.conv(x, 64, 5, pad=2), 3, 2, kind="AVE")
-    return net.product(net.product(x, 64), 10)
-
-
-def _vgg(net: Text) -> str:
-    x = "data"
-    for count in (64, 128):
-        x = net.pool(net.conv(net.conv(x, count, 3, pad=1), count, 3, pad=1), 2, 2)
-    return net.product(net.relu(net.product(x, 256)), 10)
-
-
-def _residual(net: Text) -> str:
-    x = net.conv("data", 32, 3, pad=1, norm=True)
-    y = net.conv(net.conv(x, 32, 3, pad=1, norm=True), 32, 3, pad=1, norm=True, relu=False)
-    x = net.relu(net.add("Eltwise", [x, y]))
-    return net.product(net.pool(x, 0, 1, kind="AVE"), 10)
-
-
+# GoogLeNet's modules: outputs of the convolutions, in the order of _googlenet
 INCEPTION = (
     (64, 96, 128, 16, 32, 32),
     (128, 128, 192, 32, 96, 64),
@@ -307,6 +123,198 @@ INCEPTION = (
     (256, 160, 320, 32, 128, 128),
     (384, 192, 384, 48, 128, 128),
 )
+# MobileNet v2's blocks: factor of the width inside, outputs, repeats, stride of the first
+BOTTLENECKS = (
+    (1, 16, 1, 1),
+    (6, 24, 2, 2),
+    (6, 32, 3, 2),
+    (6, 64, 4, 2),
+    (6, 96, 3, 1),
+    (6, 160, 3, 2),
+    (6, 320, 1, 1),
+)
+
+# Each function adds the layers of a net, whose input is "data", and returns the name of its output.
+
+
+def _caffenet(net: NetBuilder) -> str:
+    x = net.lrn(net.pool(net.conv("data", 96, 11, stride=4), 3, 2))
+    x = net.lrn(net.pool(net.conv(x, 256, 5, pad=2, group=2), 3, 2))
+    x = net.conv(net.conv(x, 384, 3, pad=1), 384, 3, pad=1, group=2)
+    x = net.pool(net.conv(x, 256, 3, pad=1, group=2), 3, 2)
+    return net.product(net.relu(net.product(net.relu(net.product(x, 4096)), 4096)), 1000)
+
+
+def _googlenet(net: NetBuilder) -> str:
+    x = net.lrn(net.pool(net.conv("data", 64, 7, stride=2, pad=3), 3, 2))
+    x = net.pool(net.lrn(net.conv(net.conv(x, 64, 1), 192, 3, pad=1)), 3, 2)
+    for number, (a, b, c, d, e, f) in enumerate(INCEPTION):
+        if number in (2, 7):
+            x = net.pool(x, 3, 2)
+        one = net.conv(x, a, 1)
+        three = net.conv(net.conv(x, b, 1), c, 3, pad=1)
+        five = net.conv(net.conv(x, d, 1), e, 5, pad=2)
+        pooled = net.conv(net.pool(x, 3, 1, pad=1), f, 1)
+        x = net.add("Concat", [one, three, five, pooled])
+    return net.product(net.pool(x, 0, 1, kind="AVE"), 1000)
+
+
+def _squeezenet(net: NetBuilder) -> str:
+    x = net.pool(net.conv("data", 64, 3, stride=2), 3, 2)
+    for number, few in enumerate((16, 16, 32, 32, 48, 48, 64, 64)):
+        if number in (2, 4):
+            x = net.pool(x, 3, 2)
+        x = net.conv(x, few, 1)
+        one, three = net.conv(x, 4 * few, 1), net.conv(x, 4 * few, 3, pad=1)
+        x = net.add("Concat", [one, three])
+    return net.pool(net.conv(x, 1000, 1), 0, 1, kind="AVE")
+
+
+def _mobilenet_v1(net: NetBuilder) -> str:
+    x, channels = net.conv("data", 32, 3, stride=2, pad=1, batch_norm=True), 32
+    for count in (64, 128, 128, 256, 256, *(512,) * 6, 1024, 1024):
+        stride = 2 if count > channels > 32 else 1
+        x = net.conv(x, channels, 3, stride=stride, pad=1, group=channels, batch_norm=True)
+        x, channels = net.conv(x, count, 1, batch_norm=True), count
+    return net.product(net.pool(x, 0, 1, kind="AVE"), 1000)
+
+
+def _mobilenet_v2(net: NetBuilder) -> str:
+    net.batch_norm_in_place = False
+    x, channels = net.conv("data", 32, 3, stride=2, pad=1, batch_norm=True), 32
+    for wider, count, repeats, first in BOTTLENECKS:
+        for stride in (first, *(1,) * (repeats - 1)):
+            wide = channels * wider
+            y = net.conv(x, wide, 1, batch_norm=True) if wider > 1 else x
+            y = net.conv(y, wide, 3, stride=stride, pad=1, group=wide, batch_norm=True)
+            y = net.conv(y, count, 1, batch_norm=True, relu=False)
+            x = net.add("Eltwise", [x, y]) if stride == 1 and channels == count else y
+            channels = count
+    return net.product(net.pool(net.conv(x, 1280, 1, batch_norm=True), 0, 1, kind="AVE"), 1000)
+
+
+def _resnet50(net: NetBuilder) -> str:
+    x = net.pool(net.conv("data", 64, 7, stride=2, pad=3, batch_norm=True), 3, 2)
+    for number, (few, blocks) in enumerate(((64, 3), (128, 4), (256, 6), (512, 3))):
+        for block in range(blocks):
+            stride = 2 if number and not block else 1
+            y = net.conv(
+                net.conv(x, few, 1, stride=stride, batch_norm=True), few, 3, pad=1, batch_norm=True
+            )
+            y = net.conv(y, 4 * few, 1, batch_norm=True, relu=False)
+            x = x if block else net.conv(x, 4 * few, 1, stride=stride, batch_norm=True, relu=False)
+            x = net.relu(net.add("Eltwise", [x, y]))
+    return net.product(net.pool(x, 0, 1, kind="AVE"), 1000)
+
+
+def _vgg16(net: NetBuilder) -> str:
+    x = "data"
+    for count, repeats in ((64, 2), (128, 2), (256, 3), (512, 3), (512, 3)):
+        for _ in range(repeats):
+            x = net.conv(x, count, 3, pad=1)
+        x = net.pool(x, 2, 2)
+    return net.product(net.relu(net.product(net.relu(net.product(x, 4096)), 4096)), 1000)
+
+
+def _densenet121(net: NetBuilder) -> str:
+    net.batch_norm_in_place = False
+    x, channels = net.pool(net.conv("data", 64, 7, stride=2, pad=3, batch_norm=True), 3, 2), 64
+    for number, repeats in enumerate((6, 12, 24, 16)):
+        if number:
+            channels //= 2
+            x = net.pool(
+                net.conv(net.batch_norm_relu(x), channels, 1, relu=False), 2, 2, kind="AVE"
+            )
+        for _ in range(repeats):
+            y = net.conv(
+                net.conv(net.batch_norm_relu(x), 128, 1, batch_norm=True), 32, 3, pad=1, relu=False
+            )
+            x, channels = net.add("Concat", [x, y]), channels + 32
+    return net.product(net.pool(net.batch_norm_relu(x), 0, 1, kind="AVE"), 1000)
+
+
+def _unet(net: NetBuilder) -> str:
+    x = "data"
+    passed: list[str] = []
+    for count in (32, 64, 128, 256):
+        passed.append(net.conv(net.conv(x, count, 3, pad=1), count, 3, pad=1))
+        x = net.pool(passed[-1], 2, 2)
+    x = net.conv(x, 512, 3, pad=1)
+    for count in (256, 128, 64, 32):
+        options = f"num_output: {count} kernel_size: 2 stride: 2 {FILLER}"
+        wider = net.add("Deconvolution", [x], f"convolution_param {{ {options} }}")
+        x = net.add("Concat", [wider, passed.pop()])
+        x = net.conv(net.conv(x, count, 3, pad=1), count, 3, pad=1)
+    return net.conv(x, 2, 1, relu=False)
+
+
+def _small(net: NetBuilder) -> str:
+    """As the second net of MTCNN, which runs for each face."""
+    x = net.pool(net.conv("data", 28, 3), 3, 2)
+    x = net.conv(net.pool(net.conv(x, 48, 3), 3, 2), 64, 2)
+    return net.product(net.relu(net.product(x, 128)), 6)
+
+
+def _three_dimensional(net: NetBuilder) -> str:
+    x = net.conv(net.conv("data", 16, 3, pad=1), 32, 3, stride=2, pad=1)
+    return net.conv(net.conv(x, 32, 3, pad=1), 64, 3, stride=2, pad=1)
+
+
+def _activated(kind: str) -> Callable[[NetBuilder], str]:
+    """Convolutions with another activation than ReLU."""
+
+    def layers(net: NetBuilder) -> str:
+        x = "data"
+        for count in (16, 32, 32):
+            x = net.add(kind, [net.conv(x, count, 3, pad=1, relu=False)])
+        return x
+
+    return layers
+
+
+def _dilated(net: NetBuilder) -> str:
+    x = net.conv("data", 64, 3, pad=1)
+    for dilation in (2, 4, 4):
+        options = f"num_output: 64 kernel_size: 3 pad: {dilation} dilation: {dilation} {FILLER}"
+        x = net.relu(net.add("Convolution", [x], f"convolution_param {{ {options} }}"))
+    return x
+
+
+def _lstm(net: NetBuilder) -> str:
+    """One stream of 100 steps."""
+    net.input("cont", 100, 1)
+    filler = 'weight_filler { type: "uniform" min: -0.2 max: 0.2 }'
+    options = f"recurrent_param {{ num_output: 128 {filler} }}"
+    return net.add("LSTM", ["data", "cont"], options)
+
+
+def _lenet(net: NetBuilder) -> str:
+    x = net.pool(net.conv("data", 20, 5, relu=False), 2, 2)
+    x = net.pool(net.conv(x, 50, 5, relu=False), 2, 2)
+    return net.product(net.relu(net.product(x, 500)), 10)
+
+
+def _cifar10(net: NetBuilder) -> str:
+    x = net.relu(net.pool(net.conv("data", 32, 5, pad=2, relu=False), 3, 2))
+    x = net.pool(net.conv(x, 32, 5, pad=2), 3, 2, kind="AVE")
+    x = net.pool(net.conv(x, 64, 5, pad=2), 3, 2, kind="AVE")
+    return net.product(net.product(x, 64), 10)
+
+
+def _vgg(net: NetBuilder) -> str:
+    x = "data"
+    for count in (64, 128):
+        x = net.pool(net.conv(net.conv(x, count, 3, pad=1), count, 3, pad=1), 2, 2)
+    return net.product(net.relu(net.product(x, 256)), 10)
+
+
+def _residual(net: NetBuilder) -> str:
+    x = net.conv("data", 32, 3, pad=1, batch_norm=True)
+    y = net.conv(
+        net.conv(x, 32, 3, pad=1, batch_norm=True), 32, 3, pad=1, batch_norm=True, relu=False
+    )
+    x = net.relu(net.add("Eltwise", [x, y]))
+    return net.product(net.pool(x, 0, 1, kind="AVE"), 10)
 
 
 # ------------------------------------------------------------------------------ the paper's network
@@ -364,12 +372,12 @@ class Example:
 
 
 def ordinary(
-    name: str, layers: Callable[[Text], str], *shape: int, trains: bool = False
+    name: str, layers: Callable[[NetBuilder], str], *shape: int, trains: bool = False
 ) -> Example:
     """A net with random inputs; in training, with labels of ten classes and SoftmaxWithLoss."""
 
     def text(folder: Path) -> str:
-        net = Text(*shape)
+        net = NetBuilder(*shape)
         output = layers(net)
         if trains:
             net.input("label", shape[0])
@@ -433,15 +441,7 @@ class Workload:
         else:
             self.net = Net(self.path, netlib.TEST, seed=1, engine=engine)
             fill(self.net, rng)
-        shapes = {name: self.net.blobs[name].shape for name in self.net.inputs}
-        self.inputs = {
-            name: rng.normal(size=shape).astype(np.float32)
-            if name == "data"
-            else rng.integers(0, 10, shape).astype(np.float32)
-            for name, shape in shapes.items()
-        }
-        if "cont" in self.inputs:  # no sequence ends
-            self.inputs["cont"].fill(1)
+        self.inputs = _random_inputs(self.net, rng)
         if example.batch:
             self.inputs = {"depth": hands(example.batch)[0]}
         if self.solver:
@@ -456,19 +456,31 @@ class Workload:
         return next(iter(self.net.forward(**self.inputs).values()))  # type: ignore[arg-type]
 
 
+def _random_inputs(net: Net, rng: np.random.Generator) -> dict[str, Array]:
+    """Data, and labels of ten classes; no sequence ends."""
+    inputs: dict[str, Array] = {}
+    for name in net.inputs:
+        shape = net.blobs[name].shape
+        values = rng.normal(size=shape) if name == "data" else rng.integers(0, 10, shape)
+        inputs[name] = values.astype(np.float32)
+    if "cont" in inputs:
+        inputs["cont"].fill(1)
+    return inputs
+
+
 def fill(net: Net, rng: np.random.Generator) -> None:
     """Fill the statistics of BatchNorm layers, the gains of Scale layers, and the biases with
     random numbers.
     """
     for layer in net.layers:
-        for number, param in enumerate(layer.blobs):
-            if layer.type == "BatchNorm":
-                param.data[...] = (
-                    rng.normal(0, 0.1, param.shape),
-                    rng.uniform(0.5, 1.5, param.shape),
-                    1,
-                )[number]
-            elif layer.type == "Scale" or number:
-                param.data[...] = (layer.type == "Scale" and number == 0) + rng.normal(
-                    0, 0.1, param.shape
-                )
+        arrays = [param.data for param in layer.blobs]
+        if layer.type == "BatchNorm":
+            mean, variance, factor = arrays
+            mean[...] = rng.normal(0, 0.1, mean.shape)
+            variance[...] = rng.uniform(0.5, 1.5, variance.shape)
+            factor[...] = 1
+            continue
+        if layer.type == "Scale":
+            arrays[0][...] = rng.normal(1, 0.1, arrays[0].shape)
+        for bias in arrays[1:]:
+            bias[...] = rng.normal(0, 0.1, bias.shape)

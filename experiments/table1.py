@@ -138,12 +138,7 @@ def run(args: argparse.Namespace) -> int:
     if args.network == FITTED:
         _fitted_angles(files["train"], lists["train"], skeleton)
         lists = {split: _companions(path) / path.name for split, path in lists.items()}
-    net = derived_net(args.network, recipe, lists)
-    limit = (
-        ""
-        if (args.limit_weight, args.limit_norm) == (1, "L1")
-        else f"_{args.limit_norm}_{args.limit_weight:g}"
-    )
+    net, limit = derived_net(args.network, recipe, lists), _limit_name(args)
     if limit:
         set_limit(net, args.limit_weight, args.limit_norm)
     length = args.iterations or recipe.length
@@ -154,21 +149,13 @@ def run(args: argparse.Namespace) -> int:
     if status != DONE:
         return status
     predictions = predict_all(trained(f"{prefix}_net.prototxt", f"{prefix}_iter_{length}{WEIGHTS}"))
-    exact = None if args.setting == "nyu" else column(files["test"], "dof", len(skeleton.initial))
-    bones = (
-        column(files["test"], "bones", len(skeleton.bones))
-        if args.setting == "many_hands"
-        else None
-    )
-    with ProgressBar(len(predictions.joints), what="angles") as progress:
-        inputs = angles_of(predictions, skeleton, progress)
     row = {
         "network": args.network + limit,
         "recipe": args.recipe,
         "iterations": str(length),
         "seed": str(args.seed),
     }
-    row |= scores(predictions, inputs, fitted, exact, bones, skeleton)
+    row |= _scores_of(predictions, args.setting, files["test"], fitted, skeleton)
     say(
         f"{len(predictions.joints)} test frames of {data} ({predictions.made_from}); errors in mm of 14 joints"
     )
@@ -176,12 +163,20 @@ def run(args: argparse.Namespace) -> int:
     return DONE
 
 
+def _limit_name(args: argparse.Namespace) -> str:
+    """What the name of a network has behind it for another PhysLimit than that of the paper."""
+    if (args.limit_weight, args.limit_norm) == (1, "L1"):
+        return ""
+    return f"_{args.limit_norm}_{args.limit_weight:g}"
+
+
 def _files(path: Path, setting: str) -> list[Path]:
     try:
         return hdf5.read_list(str(path), None)
     except DataError as error:
-        how = f"make_synthetic.py --recipe {setting} --out {path.parent} --train {nyu.TRAIN_FRAMES} --test 4096"
-        how = "prepare_nyu.py NYU_ROOT" if setting == "nyu" else how
+        how = "prepare_nyu.py NYU_ROOT"
+        if setting != "nyu":
+            how = f"make_synthetic.py --recipe {setting} --out {path.parent} --train {nyu.TRAIN_FRAMES} --test 4096"
         raise DataError(f"{error}; make it with 'python tools/{how}'") from None
 
 
@@ -211,29 +206,31 @@ def derived_net(network: str, recipe: Recipe, lists: dict[str, Path]) -> Message
     """
     net = prototxt.parse_file(PROTOTXT / NETWORKS[network])
     for layer in layers_of(net):
-        kind = text_of(layer, "type")
-        if kind == "HDF5Data":
-            phase = text_of(_part(layer, "include"), "phase")
-            block = _part(layer, "hdf5_data_param")
-            source = Scalar("string", str(lists[phase.lower()].absolute()), block.position)
-            _put(
-                block,
-                f"source: {source} batch_size: {recipe.batch if phase == 'TRAIN' else TEST_BATCH}",
-            )
-        if kind == "EuclideanLoss" and recipe.robust:
-            loss_weight = ROBUST_WEIGHT * float(text_of(layer, "loss_weight"))
+        if layer.text("type") == "HDF5Data":
+            _set_data(layer, recipe, lists)
+        elif recipe.robust and layer.text("type") == "EuclideanLoss":
+            loss_weight = ROBUST_WEIGHT * float(layer.text("loss_weight"))
             _put(layer, f'type: "SmoothL1Loss" loss_weight: {loss_weight} {ROBUST}')
-        if text_of(layer, "name") == "FC2" and recipe.robust:
+        elif recipe.robust and layer.text("name") == "FC2":
             _put(_part(layer, "inner_product_param"), 'weight_filler { type: "xavier" }')
     if recipe.robust:
-        dropout = [id(layer) for layer in layers_of(net) if text_of(layer, "type") == "Dropout"]
+        dropout = [id(layer) for layer in layers_of(net) if layer.text("type") == "Dropout"]
         net.fields = [field for field in net.fields if id(field.value) not in dropout]
     return net
 
 
+def _set_data(layer: Message, recipe: Recipe, lists: dict[str, Path]) -> None:
+    """Let a layer read the files of the list for its phase."""
+    phase = _part(layer, "include").text("phase")
+    block = _part(layer, "hdf5_data_param")
+    source = Scalar("string", str(lists[phase.lower()].absolute()), block.position)
+    batch = recipe.batch if phase == "TRAIN" else TEST_BATCH
+    _put(block, f"source: {source} batch_size: {batch}")
+
+
 def set_limit(net: Message, loss_weight: float, norm: str) -> None:
     """Change the weight and norm of the net's PhysLimit. Raises NetlibError if it has none."""
-    found = [layer for layer in layers_of(net) if text_of(layer, "type") == "PhysLimit"]
+    found = [layer for layer in layers_of(net) if layer.text("type") == "PhysLimit"]
     if not found:
         raise NetlibError(
             "this network has no PhysLimit; expected one with it for --limit-weight and --limit-norm"
@@ -248,11 +245,6 @@ def layers_of(net: Message) -> Iterator[Message]:
         for field in net.fields
         if field.name == "layer" and isinstance(field.value, Message)
     )
-
-
-def text_of(message: Message, name: str) -> str:
-    """The value of a field, as written; empty if it is missing."""
-    return next((value.text for value in message.values(name) if isinstance(value, Scalar)), "")
 
 
 def _part(message: Message, name: str) -> Message:
@@ -323,8 +315,9 @@ def train(
             f"{model}: its snapshots are of another net; remove them, or choose another --work"
         )
     atomic.replace_text(model, str(net))
-    first = [Path(f"{prefix}_components{WEIGHTS}")] if components else []
+    first: list[Path] = []
     if components:
+        first = [Path(f"{prefix}_components{WEIGHTS}")]
         write_components(first[0], components)
     own = {
         "net": model,
@@ -375,18 +368,15 @@ def _solver(recipe: Recipe, **own: object) -> Message:
     """The recipe's solver with other fields, without tests and snapshots."""
     solver = prototxt.parse_file(recipe.solver)
     kept = [
-        f
-        for f in solver.fields
-        if not f.name.startswith(("test_", "snapshot")) and f.name not in own
+        field
+        for field in solver.fields
+        if not field.name.startswith(("test_", "snapshot")) and field.name not in own
     ]
-    written = {
-        name: Scalar("string", value.as_posix(), solver.position)
-        if isinstance(value, Path)
-        else value
-        for name, value in own.items()
-    }
-    added = prototxt.parse("\n".join(f"{name}: {value}" for name, value in written.items())).fields
-    return Message([*kept, *added], solver.position)
+    for name, value in own.items():
+        if isinstance(value, Path):
+            value = Scalar("string", value.as_posix(), solver.position)
+        kept += prototxt.parse(f"{name}: {value}").fields
+    return Message(kept, solver.position)
 
 
 def _newest(prefix: Path) -> Path | None:
@@ -418,6 +408,18 @@ def angles_of(
     ).inputs
 
 
+def _scores_of(
+    predictions: Predictions, setting: str, files: Sequence[Path], fitted: Array, skeleton: Skeleton
+) -> dict[str, str]:
+    """The scores of the predictions for the test files of a setting."""
+    exact = None if setting == "nyu" else column(files, "dof", len(skeleton.initial))
+    has_people = setting == "many_hands"
+    bones = column(files, "bones", len(skeleton.bones)) if has_people else None
+    with ProgressBar(len(predictions.joints), what="angles") as progress:
+        inputs = angles_of(predictions, skeleton, progress)
+    return scores(predictions, inputs, fitted, exact, bones, skeleton)
+
+
 def scores(
     predictions: Predictions,
     inputs: Array,
@@ -441,17 +443,20 @@ def scores(
 
     errors, figures = errors_of(predictions.joints), figures_of(predictions, skeleton)
     row = {"error": f"{errors.mean():.2f}"}
-    cubes = np.round(2 * predictions.half_cube)
-    for cube in np.unique(cubes)[::-1] if len(np.unique(cubes)) == 2 else ():
-        row[f"cube of {cube:.0f}"] = f"{errors[cubes == cube].mean():.2f}"
+    edges = np.round(2 * predictions.half_cube)
+    cubes = np.unique(edges)
+    if len(cubes) == 2:
+        for edge in cubes[::-1]:
+            row[f"cube of {edge:.0f}"] = f"{errors[edges == edge].mean():.2f}"
     for name, truth in (("fitted angles", fitted), ("exact angles", exact)):
-        row[name] = (
-            "–" if truth is None else f"{angles.angle_errors(skeleton, inputs, truth).mean():.2f}°"
-        )
+        row[name] = "–"
+        if truth is not None:
+            row[name] = f"{angles.angle_errors(skeleton, inputs, truth).mean():.2f}°"
     row["out of limits"] = f"{figures['out_of_limits']:.1%}" if "out_of_limits" in figures else "–"
     row["max <= 40"] = f"{figures['within_40_mm']:.1%}"
     if bones is not None and predictions.dof is not None:
         size = np.abs(bones).sum(axis=1, keepdims=True) / np.abs(skeleton.bones).sum()
+        hand = kinematics_of(skeleton)
         for name, own in (("scaled hand", skeleton.bones * size), ("person's bones", bones)):
-            row[name] = f"{errors_of(kinematics_of(skeleton).joints(inputs, own)).mean():.2f}"
+            row[name] = f"{errors_of(hand.joints(inputs, own)).mean():.2f}"
     return row

@@ -183,10 +183,7 @@ class Blob:
         """Return ``shape``. Raises ValueError or OutOfMemoryError if no array can have it."""
         if min(shape, default=0) < 0 or len(shape) > MAX_AXES:
             raise ValueError(f"a blob cannot have the shape {shape}")
-        if (
-            max(math.prod(n for n in shape if n), max(shape, default=0)) * self.dtype.itemsize
-            >= 2**63
-        ):
+        if math.prod(n for n in shape if n) * self.dtype.itemsize >= 2**63:
             raise OutOfMemoryError(
                 f"a blob cannot have the shape {shape}: no computer has so much memory"
             )

@@ -19,6 +19,7 @@ skips an element, or overwrites where it must add, fails.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -154,12 +155,13 @@ def gradients(
     def value() -> float:
         return float(sum((w * y.data).sum() for w, y in zip(weights, run(arrays)[1])))
 
-    def differences(array: Array) -> Callable[[], Array]:
-        return lambda: _differences(array, value)
+    def tops_now() -> list[Array]:
+        return [y.data.copy() for y in run(arrays)[1]]
 
-    def doubt(array: Array) -> Callable[[tuple[int, ...]], str]:
-        return lambda place: _doubt(
-            array, place, value, lambda: [y.data.copy() for y in run(arrays)[1]]
+    def gradient(kind: str, number: int, analytic: Array, array: Array) -> Gradient:
+        differences = partial(_differences, array, value)
+        return Gradient(
+            kind, number, analytic, differences, partial(_doubt, array, value, tops_now)
         )
 
     for blob in bottom:
@@ -171,9 +173,9 @@ def gradients(
     layer.backward(top, wanted, bottom)
     for i, (blob, array) in enumerate(zip(bottom, arrays)):
         if wanted[i]:
-            yield Gradient("bottom", i, blob.diff.copy(), differences(array), doubt(array))
+            yield gradient("bottom", i, blob.diff.copy(), array)
     for i, param in enumerate(layer.blobs):
-        yield Gradient("parameter", i, param.diff - 1, differences(param.data), doubt(param.data))
+        yield gradient("parameter", i, param.diff - 1, param.data)
 
 
 def _differences(array: Array, value: Callable[[], float]) -> Array:
@@ -192,9 +194,9 @@ def _differences(array: Array, value: Callable[[], float]) -> Array:
 
 def _doubt(
     array: Array,
-    place: tuple[int, ...],
     value: Callable[[], float],
     tops: Callable[[], list[Array]],
+    place: tuple[int, ...],
 ) -> str:
     """Why the difference at a place may be wrong: tops rounded to float32, or a kink
     within the step.

@@ -108,14 +108,14 @@ class Graph:
         self.layer_dict[name] = layer
         if layer.blobs:
             self.params[name] = layer.blobs
-        if layer.blobs and name != spec.name:
-            log.warning(
-                "%s: a second layer is called %r; its parameters are those of %r here, in Caffe those "
-                "of the first are loaded twice",
-                schema.position_of(spec),
-                spec.name,
-                name,
-            )
+            if name != spec.name:
+                log.warning(
+                    "%s: a second layer is called %r; its parameters are those of %r here, in Caffe those "
+                    "of the first are loaded twice",
+                    schema.position_of(spec),
+                    spec.name,
+                    name,
+                )
         self.layer_hook.after_setup(layer, seed)
 
     def _connect(self, layer: Layer, bottom: Blobs, top: Blobs) -> None:
@@ -154,7 +154,7 @@ class Graph:
 
     def _top(self, layer: Layer, index: int) -> Blob:
         name, bottom = layer.spec.top[index], layer.spec.bottom
-        if name in self.blobs and name != (bottom[index] if index < len(bottom) else None):
+        if name in self.blobs and name not in bottom[index : index + 1]:
             raise layer.fail(
                 f"top blob {name!r} is already written by layer {self._writers[name]!r}; give it another name, or that "
                 f"of the bottom in the same place ({index}) to run in place"
@@ -168,15 +168,13 @@ class Graph:
 
     def _weigh(self, layer: Layer, top: Blobs) -> None:
         """Register the losses of the layer."""
-        weights = layer.spec.loss_weight
-        if weights and len(weights) != len(top):
-            raise layer.fail(f"has {len(top)} tops, but {len(weights)} loss_weight")
-        for i, blob in enumerate(top):
-            weight = weights[i] if weights else (layer.loss_weight if i == 0 else 0.0)
+        given = layer.spec.loss_weight
+        if given and len(given) != len(top):
+            raise layer.fail(f"has {len(top)} tops, but {len(given)} loss_weight")
+        names = [*layer.spec.top, *[AUTOMATIC] * len(top)]
+        for blob, weight, name in zip(top, given or [layer.loss_weight], names):
             if weight:
-                self.losses.append(
-                    (blob, weight, layer.spec.top[i] if i < len(layer.spec.top) else AUTOMATIC)
-                )
+                self.losses.append((blob, weight, name))
 
     # ------------------------------------------------------------------------------------ gradients
 
@@ -212,25 +210,28 @@ class Graph:
         writers: dict[Blob, Connection] = {}
         for at in self.connections:
             for blob, name in zip(at.top, at.layer.spec.top):
-                below, needs = writers.get(blob), ("", "")
-                signs = below is not None and below.layer.reads_signs
-                if below is not None and below.layer.reads_top:
-                    needs = "which", "needs: it"
-                elif signs and not at.layer.keeps_signs:
-                    needs = "of which", "needs the signs: where they change it"
-                if below is not None and below.needs_backward and needs[0]:
-                    log.warning(
-                        "%s: layer %r overwrites blob %r, %s the gradient of layer %r %s will be wrong, as in "
-                        "Caffe; give the top another name",
-                        schema.position_of(at.layer.spec),
-                        at.layer.name,
-                        name,
-                        needs[0],
-                        below.layer.name,
-                        needs[1],
-                    )
-                if not signs or not at.layer.keeps_signs:
+                below = writers.get(blob)
+                if below is not None and below.needs_backward:
+                    _warn_of_overwritten(below.layer, at.layer, name)
+                if below is None or not (below.layer.reads_signs and at.layer.keeps_signs):
                     writers[blob] = at
+
+
+def _warn_of_overwritten(below: Layer, layer: Layer, name: str) -> None:
+    """Warn if a layer overwrites a top of ``below`` that its gradient needs."""
+    if below.reads_top:
+        needs = "which the gradient of layer %r needs: it"
+    elif below.reads_signs and not layer.keeps_signs:
+        needs = "of which the gradient of layer %r needs the signs: where they change it"
+    else:
+        return
+    log.warning(
+        f"%s: layer %r overwrites blob %r, {needs} will be wrong, as in Caffe; give the top another name",
+        schema.position_of(layer.spec),
+        layer.name,
+        name,
+        below.name,
+    )
 
 
 def _automatic_tops(layer: Layer) -> int:
@@ -257,13 +258,11 @@ def _check_counts(layer: Layer) -> None:
     ):
         given = len(names) + (_automatic_tops(layer) if what == "top" else 0)
         if given < least or (most is not None and len(names) > most):
-            wanted = (
-                f"{least}"
-                if most == least
-                else f"at least {least}"
-                if most is None
-                else f"{least} to {most}"
-            )
+            wanted = f"{least} to {most}"
+            if most is None:
+                wanted = f"at least {least}"
+            elif most == least:
+                wanted = f"{least}"
             raise layer.fail(f"has {len(names)} {what}s, {layer.type} takes {wanted}")
     if not layer.in_place:
         for name in set(layer.spec.bottom) & set(layer.spec.top):

@@ -5,6 +5,7 @@ and the place.
 from __future__ import annotations
 
 import sysconfig
+import traceback
 from contextlib import AbstractContextManager
 from pathlib import Path
 from types import TracebackType
@@ -54,12 +55,10 @@ class LayerErrors(AbstractContextManager[None]):
 
 def _place(trace: TracebackType) -> str:
     """`` (file:line)`` of the innermost call in a file of the user or of this project."""
-    calls = [trace]
-    while (inner := calls[-1].tb_next) is not None:
-        calls.append(inner)
-    own = [call for call in calls[1:] if not call.tb_frame.f_code.co_filename.startswith(LIBRARIES)]
+    calls = traceback.extract_tb(trace)
+    own = [call for call in calls[1:] if not call.filename.startswith(LIBRARIES)]
     at = (own or calls)[-1]
-    return f" ({Path(at.tb_frame.f_code.co_filename).name}:{at.tb_lineno})"
+    return f" ({Path(at.filename).name}:{at.lineno})"
 
 
 def lacking(layer: Layer, what: str, error: Exception) -> OutOfMemoryError:

@@ -234,7 +234,6 @@ class Net(Graph):
 
     def _set_inputs(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Write the input blobs; reshape the net once if any shape is new."""
-        reshaped = False
         for name, array in arrays.items():
             if name not in self.inputs:
                 raise NetlibError(
@@ -249,8 +248,7 @@ class Net(Graph):
             if array.shape != blob.shape:
                 self._pass.is_reshaped = False
                 blob.reshape(array.shape)
-                reshaped = True
-        if reshaped:
+        if not self._pass.is_reshaped:
             self.reshape()
         for name, array in arrays.items():
             self.engine.copy(array, self.blobs[name].data)

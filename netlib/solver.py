@@ -29,7 +29,7 @@ from netlib.net import Net, next_seed
 from netlib.proto import schema
 from netlib.proto.messages import NetParameter, NetState, SolverParameter
 from netlib.training import report, solver_parameter
-from netlib.training.resume import Snapshots, Training, restore_state, undone_without_data
+from netlib.training.resume import Snapshots, Training, restore_state, undone_after
 from netlib.updates import Update, learning_rate, steps_taken
 
 log = logging.getLogger("netlib")
@@ -186,7 +186,8 @@ class Solver(Training):
         with self.ranks.together():
             self._call(self.on_step)
             for _ in range(iterations):
-                with undone_without_data([self.net, *self.test_nets]) as undo:
+                # if data end, a resume repeats the iteration
+                with undone_after(DataError, self.nets) as undo:
                     if self.test_is_due():
                         self.test_all()
                         if self.ranks.asked(self.requested) == "stop":

@@ -212,14 +212,14 @@ def steps_taken(p: SolverParameter, iteration: int) -> int:
     return taken
 
 
-POLICIES: dict[str, Callable[[SolverParameter, int], float]] = {
-    "fixed": lambda p, i: p.base_lr,
-    "step": lambda p, i: p.base_lr * p.gamma ** steps_taken(p, i),
-    "exp": lambda p, i: p.base_lr * p.gamma**i,
-    "inv": lambda p, i: p.base_lr * (1 + p.gamma * i) ** -p.power,
-    "multistep": lambda p, i: p.base_lr * p.gamma ** steps_taken(p, i),
-    "poly": lambda p, i: p.base_lr * (1 - min(i, p.max_iter) / p.max_iter) ** p.power,
-    "sigmoid": lambda p, i: p.base_lr * float(scipy.special.expit(p.gamma * (i - p.stepsize))),
+POLICIES: dict[str, Callable[[SolverParameter, int], float]] = {  # factors of base_lr
+    "fixed": lambda p, i: 1.0,
+    "step": lambda p, i: p.gamma ** steps_taken(p, i),
+    "exp": lambda p, i: p.gamma**i,
+    "inv": lambda p, i: (1 + p.gamma * i) ** -p.power,
+    "multistep": lambda p, i: p.gamma ** steps_taken(p, i),
+    "poly": lambda p, i: (1 - min(i, p.max_iter) / p.max_iter) ** p.power,
+    "sigmoid": lambda p, i: float(scipy.special.expit(p.gamma * (i - p.stepsize))),
 }
 
 
@@ -228,7 +228,7 @@ def learning_rate(p: SolverParameter, iteration: int) -> float:
     if iteration < p.rampup_interval:
         return p.rampup_lr + (p.base_lr - p.rampup_lr) * iteration / p.rampup_interval
     try:
-        return POLICIES[p.lr_policy](p, iteration)
+        return p.base_lr * POLICIES[p.lr_policy](p, iteration)
     except OverflowError:
         raise DivergenceError(
             f"iteration {iteration}: learning rate overflow with lr_policy {p.lr_policy!r}, gamma "

@@ -35,8 +35,8 @@ from export.onnx.graph import IR_VERSIONS, OPSET
 from export.onnx.net import load, onnx_image
 from handpose.body.nyu import CUBE_MM
 from handpose.estimate.nets import cube_of, hand_layer
-from netlib.errors import NetlibError, reason_of
-from netlib.files import atomic
+from netlib.errors import NetlibError
+from netlib.files import atomic, reading
 from netlib.net import Net
 from tools.common import outputs
 from tools.common.arguments import parser_of, pixels, whole
@@ -91,10 +91,8 @@ def run(args: argparse.Namespace) -> int:
     hand = hand_layer(net)
     cube_mm = None if hand is None else cube_of(hand.skeleton, args.cube)
     image = onnx_image(net, args.blob, cube_mm, args.opset)
-    try:
+    with reading.refused(args.out, "the file", NetlibError, "write"):
         atomic.replace(args.out, lambda temporary: temporary.write_bytes(image))
-    except OSError as error:
-        raise NetlibError(f"{args.out}: cannot write the file: {reason_of(error)}") from error
     say(f"wrote {args.out}: {len(image) / 1e6:.2f} MB")
     if not args.check:
         return DONE

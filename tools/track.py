@@ -142,29 +142,38 @@ def run(args: argparse.Namespace) -> int:
             min_confidence=0,
             min_presence=args.min_presence,
         )
-        summary, begun = Summary(predictor.skeleton), time.perf_counter()
-        outputs, status = Outputs(args, tracker.header(recording.name), recording.rate), DONE
-        at_once = recording.live or args.serve is not None
-        later = LaterFrames[Floats](tracker.model, args.min_confidence, at_once, tracker.settings)
-        try:
-            with Stopper() as stopper:
-                _track(seen, tracker, later, outputs, summary, stopper, args.frames)
-        except StoppedError:
-            say(
-                f"stopped after {summary.frames} frames" if summary.frames else "stopped",
-                file=sys.stderr,
-            )
-            status = 128 + stopper.signum
-        sources.print_new_remarks(seen)
-        if summary.frames:
-            seconds = time.perf_counter() - begun or 1e-3  # 0: a coarse clock
-            _say_summary(summary, seconds, later.sure_hands.note, outputs, talk, seen.doubt)
-            for doubt in summary.doubts if args.size is None else ():
-                say(f"warning: {recording.name}: {doubt}", file=sys.stderr)
-            if RATE_UNKNOWN in recording.remarks:
-                say(f"warning: {recording.name}: {RATE_UNKNOWN}", file=sys.stderr)
-        elif status == DONE:
-            raise DataError(f"{recording.name}: no frames were tracked")
+        return _track_recording(args, seen, tracker, talk)
+
+
+def _track_recording(
+    args: argparse.Namespace, seen: Inspection, tracker: Tracker, talk: TextIO
+) -> int:
+    """Track the frames, write the outputs, and print a summary and warnings; returns the exit
+    status. Raises NetlibError.
+    """
+    recording, status = seen.recording, DONE
+    summary, begun = Summary(tracker.predictor.skeleton), time.perf_counter()
+    outputs = Outputs(args, tracker.header(recording.name), recording.rate)
+    at_once = recording.live or args.serve is not None
+    later = LaterFrames[Floats](tracker.model, args.min_confidence, at_once, tracker.settings)
+    try:
+        with Stopper() as stopper:
+            _track(seen, tracker, later, outputs, summary, stopper, args.frames)
+    except StoppedError:
+        after = f" after {summary.frames} frames" if summary.frames else ""
+        say(f"stopped{after}", file=sys.stderr)
+        status = 128 + stopper.signum
+    sources.print_new_remarks(seen)
+    if summary.frames:
+        seconds = time.perf_counter() - begun or 1e-3  # 0: a coarse clock
+        _say_summary(summary, seconds, later.sure_hands.note, outputs, talk, seen.doubt)
+        warnings = summary.doubts if args.size is None else []
+        if RATE_UNKNOWN in recording.remarks:
+            warnings.append(RATE_UNKNOWN)
+        for warning in warnings:
+            say(f"warning: {recording.name}: {warning}", file=sys.stderr)
+    elif status == DONE:
+        raise DataError(f"{recording.name}: no frames were tracked")
     return status
 
 

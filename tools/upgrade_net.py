@@ -50,18 +50,18 @@ def main(argv: list[str] | None = None) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Upgrade the file."""
-    args.old = str(find(args.old, None))
-    content = files.read_bytes(args.old, "the net")
+    old = str(find(args.old, None))
+    content = files.read_bytes(old, "the net")
     if args.solver or _is_text(content):
-        tree = prototxt.parse_file(args.old)
+        tree = prototxt.parse_file(old)
         new = current_solver(tree) if args.solver else current_net(tree)
         image = str(new).encode("utf-8", "surrogateescape")
     else:
-        tree = wire.decode(content, AnyNetParameter, args.old)
+        tree = wire.decode(content, AnyNetParameter, old)
         new = current_net(tree)
         image = wire.encode(new, NetParameter)
     if new.fields == tree.fields:
-        say(f"{args.old}: already in the current format", file=sys.stderr)
+        say(f"{old}: already in the current format", file=sys.stderr)
     replace_bytes(Path(args.new), image)
     say(f"wrote {args.new}")
     return DONE

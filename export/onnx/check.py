@@ -93,29 +93,27 @@ def differences(
     rows that its layer selects from onnxruntime's: of confidences that are equal up to rounding,
     either may come first. Raises NetlibError.
     """
-    selected = {
-        at.layer.spec.top[0]: at.layer.spec.bottom
-        for at in net.connections
-        if at.layer.type == "DetectionOutput"
-    }
-    file = _session(
-        _with_outputs(image, [name for bottoms in selected.values() for name in bottoms])
-    )
+    detectors = [layer.spec for layer in net.layers if layer.type == "DetectionOutput"]
+    selected = {spec.top[0] for spec in detectors}
+    before_selection = [name for spec in detectors for name in spec.bottom]
+    file = _session(_with_outputs(image, before_selection))
     in_parts = _session(_with_outputs(image, net.blobs))
     exact, rng = _in_float64(net), np.random.default_rng(0)
-    outputs: dict[str, Difference] = dict.fromkeys(
-        (output.name for output in file.get_outputs()), Difference()
-    )
+    names = [output.name for output in file.get_outputs()]
+    outputs = dict.fromkeys(names, Difference())
     layers: dict[str, Difference] = {}
     for batch in batches:
         inputs: dict[str, Any] = {name: _random(net, name, batch, rng) for name in net.inputs}
         found = _run(file, inputs)
-        rounded, expected = (of.forward(blobs=outputs, **inputs) for of in (net, exact))
-        for name in outputs.keys() - selected.keys():
+        rounded = net.forward(blobs=names, **inputs)
+        expected = exact.forward(blobs=names, **inputs)
+        for name in outputs.keys() - selected:
             outputs[name] |= compared(found[name], rounded[name], expected[name])
         for name, of_layer in _of_layers(exact, inputs, _run(in_parts, inputs), rng):
             layers[name] = layers.get(name, Difference()) | of_layer
-    return outputs | {name: layers[name] for name in selected if name in outputs}, layers
+    for name in outputs.keys() & selected:
+        outputs[name] = layers[name]
+    return outputs, layers
 
 
 def _of_layers(
@@ -188,14 +186,15 @@ def _run(session: Any, inputs: Mapping[str, Array]) -> dict[str, Array]:
 
 def _with_outputs(image: bytes, names: Iterable[str]) -> bytes:
     """Make those of the named values outputs that operators compute."""
-    if not (names := set(names)):
+    names = set(names)
+    if not names:
         return image
     onnx = package("onnx")
     model = onnx.load_from_string(image)
-    there = [output.name for output in model.graph.output]
+    names.difference_update(output.name for output in model.graph.output)
     for node in model.graph.node:
         for name in node.output:
-            if name in names and name not in there:
+            if name in names:
                 typed = onnx.helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, None)
                 model.graph.output.append(typed)
     return bytes(model.SerializeToString())

@@ -203,7 +203,7 @@ def dropout(graph: Graph, at: Place) -> list[str]:
             "sample_weights_test draws random numbers, which cannot be exported",
             "sample_weights_test",
         )
-    return [graph.affine(at.values[0], float(at.layer.in_test), 0)]
+    return [graph.affine(at.values[0], float(at.layer.all_scale), 0)]
 
 
 def softmax(graph: Graph, at: Place) -> list[str]:
@@ -219,8 +219,8 @@ def eltwise(graph: Graph, at: Place) -> list[str]:
 
 
 def axpy(graph: Graph, at: Place) -> list[str]:
-    (a, x, y), axes = at.values, len(at.bottom[0])
-    if axes == 2:
+    a, x, y = at.values
+    if len(at.bottom[0]) == 2:
         a = graph.widened(a, 2, 0, len(at.bottom[1]))
     return [graph.op("Add", graph.op("Mul", a, x), y)]
 

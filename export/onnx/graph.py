@@ -165,22 +165,14 @@ class Graph:
 
         Values are named after their blobs, outputs first. Raises NetlibError, also without onnx.
         """
-        self.layer = "outputs"
-        names = {name: name for name in inputs}
-        for blob in outputs:
-            value = self.values[blob]
-            if value in names or value in self.constants:
-                value = self.op("Identity", value)
-            names[value] = blob
-        for blob, value in self.values.items():
-            if value not in names and value not in self.constants and blob not in names.values():
-                names[value] = blob
-        onnx, size = package("onnx"), sum(array.nbytes for array in self.constants.values())
+        names = self._names_of_values(inputs, outputs)
+        size = sum(array.nbytes for array in self.constants.values())
+        onnx = package("onnx")
         if size > MAX_BYTES:
             raise NetlibError(
                 f"net {name!r} has {size / 1e9:.1f} GB of weights; expected at most 2.1 GB, the limit of ONNX files"
             )
-        make, array_proto = onnx.helper, onnx.numpy_helper.from_array
+        make = onnx.helper
 
         def node(op: str, ins: Sequence[str], outs: Sequence[str], attributes: Any) -> Any:
             sides = ([names.get(value, value) for value in side] for side in (ins, outs))
@@ -197,7 +189,7 @@ class Graph:
             name or "net",
             infos(inputs),
             infos(outputs),
-            [array_proto(array, constant) for constant, array in self.constants.items()],
+            [onnx.numpy_helper.from_array(array, key) for key, array in self.constants.items()],
         )
         model = make.make_model(
             graph,
@@ -213,6 +205,23 @@ class Graph:
                 f"net {name!r}: its export is not valid ONNX: {reason_of(error)}"
             ) from error
         return bytes(model.SerializeToString())
+
+    def _names_of_values(self, inputs: Iterable[str], outputs: Iterable[str]) -> dict[str, str]:
+        """The names of values in the file: those of their blobs, of outputs first.
+
+        An output that is an input, a constant or another output gets a value of its own.
+        """
+        self.layer = "outputs"
+        names = {name: name for name in inputs}
+        for blob in outputs:
+            value = self.values[blob]
+            if value in names or value in self.constants:
+                value = self.op("Identity", value)
+            names[value] = blob
+        for blob, value in self.values.items():
+            if value not in self.constants and blob not in names.values():
+                names.setdefault(value, blob)
+        return names
 
 
 # adds a layer's operators; returns the names of its tops' values

@@ -26,6 +26,7 @@ from netlib.training.trained import trained
 
 Shapes = list[tuple[list[Shape], list[Shape]]]  # shapes of each layer's bottoms and tops
 
+_CONV = partial(vision.sliding, op="Conv")
 LAYERS: dict[str, Translation] = {
     "AbsVal": common.of_each("Abs"),
     "ArgMax": common.arg_max,
@@ -37,13 +38,13 @@ LAYERS: dict[str, Translation] = {
     "Bias": common.bias,
     "Clip": common.clip,
     "Concat": common.concat,
-    "Convolution": partial(vision.sliding, op="Conv"),
-    "ConvolutionDepthwise": partial(vision.sliding, op="Conv"),
+    "Convolution": _CONV,
+    "ConvolutionDepthwise": _CONV,
     "Crop": vision.crop,
     "Deconvolution": partial(vision.sliding, op="ConvTranspose"),
     "DeepHandModel": hand.hand_model,  # name in the released system
     "DetectionOutput": vision.detection_output,
-    "DepthwiseConvolution": partial(vision.sliding, op="Conv"),
+    "DepthwiseConvolution": _CONV,
     "Dropout": common.dropout,
     "ELU": common.elu,
     "Eltwise": common.eltwise,

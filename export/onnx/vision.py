@@ -102,7 +102,7 @@ def spp(graph: Graph, at: Place) -> list[str]:
     sizes, levels = at.sizes(at.bottom[0][2:]), []
     for level in range(at.layer.param.pyramid_height):
         kernel = [-(-n // 2**level) for n in sizes]
-        missing = [k * 2**level - n for k, n in zip(kernel, sizes)]
+        missing = [side * 2**level - n for side, n in zip(kernel, sizes)]
         before = [(m + 1) // 2 for m in missing]
         options: dict[str, Any] = {
             "kernel_shape": kernel,
@@ -175,35 +175,35 @@ def prior_box(graph: Graph, at: Place) -> list[str]:
 
 
 def detection_output(graph: Graph, at: Place) -> list[str]:
-    """Translate the selection with N items, K classes without the background and their k
-    best candidates.
+    """Translate the selection with N items, P priors, C classes, of which L have labels other than
+    the background's, and the B best candidates of each label.
 
     NonMaxSuppression has one set of boxes for all classes and no limit of its candidates, so it is
-    given N K items of one class with k boxes. What it selects is written as a flag for each of the
-    N x (K k) candidates, which are sorted by label and confidence. The flags that are set, in this
+    given N L items of one class with B boxes. What it selects is written as a flag for each of the
+    N x (L B) candidates, which are sorted by label and confidence. The flags that are set, in this
     order, are the rows.
     """
     layer = at.layer
     p, P, C = layer.param, layer.prior_count, layer.param.num_classes
     labels = [label for label in range(C) if label != p.background_label_id]
-    k = min(P, p.nms_param.top_k) if p.nms_param.top_k >= 0 else P
+    L = len(labels)
+    B = min(P, p.nms_param.top_k) if p.nms_param.top_k >= 0 else P
     if p.nms_param.eta < 1:
         raise layer.fail(
             "eta below 1 cannot be exported to ONNX; expected eta: 1 or no value", "nms_param"
         )
-    if not labels or not k or p.keep_top_k == 0:
+    if not labels or not B or p.keep_top_k == 0:
         raise layer.fail(
             "has no detections: no class except the background, or top_k or keep_top_k of 0"
         )
-    K = len(labels)
     by_class = graph.op("Transpose", graph.reshaped(at.values[1], ("N", P, C)), perm=[0, 2, 1])
     scores, best = graph.ops(
-        "TopK", 2, _of_labels(graph, by_class, labels, C), graph.constant([k], "k"), axis=2
+        "TopK", 2, _of_labels(graph, by_class, labels, C), graph.constant([B], "k"), axis=2
     )
-    scores = graph.reshaped(scores, ("N", K * k))
-    boxes = graph.reshaped(_boxes(graph, at, labels, best, k), ("N", K * k, 4))
-    flags = _not_suppressed(graph, at, boxes, scores, K, k)
-    if 0 < p.keep_top_k < K * k:
+    scores = graph.reshaped(scores, ("N", L * B))
+    boxes = graph.reshaped(_boxes(graph, at, labels, best, B), ("N", L * B, 4))
+    flags = _not_suppressed(graph, at, boxes, scores, L, B)
+    if 0 < p.keep_top_k < L * B:
         lowest = graph.constant(float(np.finfo(np.float32).min), "lowest")
         ranked = graph.op("Where", graph.op("Cast", flags, to=9), scores, lowest)  # BOOL
         _, first = graph.ops("TopK", 2, ranked, graph.constant([p.keep_top_k], "keep"), axis=1)
@@ -211,7 +211,7 @@ def detection_output(graph: Graph, at: Place) -> list[str]:
         flags = graph.op("ScatterElements", _zeros_like(graph, flags), first, kept, axis=1)
     at.top[0] = (1, 1, "detections", 7)
     rows = graph.op(
-        "Concat", _rows(graph, flags, boxes, scores, labels, k), _no_rows(graph, flags), axis=0
+        "Concat", _rows(graph, flags, boxes, scores, labels, B), _no_rows(graph, flags), axis=0
     )
     return [graph.op("Unsqueeze", rows, graph.constant([0, 1], "axes"))]
 
@@ -225,20 +225,20 @@ def _of_labels(graph: Graph, value: str, labels: list[int], classes: int) -> str
     )
 
 
-def _boxes(graph: Graph, at: Place, labels: list[int], best: str, k: int) -> str:
-    """Decode all locations and select those of the candidates: N K k boxes."""
+def _boxes(graph: Graph, at: Place, labels: list[int], best: str, B: int) -> str:
+    """Decode all locations and select those of the candidates: N L B boxes."""
     p, P, C = at.layer.param, at.layer.prior_count, at.layer.param.num_classes
     both = graph.reshaped(at.values[2], (2, P, 4))
     prior, variance = (graph.op("Gather", both, graph.constant(i, "index"), axis=0) for i in (0, 1))
     if p.share_location:
         change = graph.reshaped(at.values[0], ("N", P, 4))
-        index = graph.reshaped(best, ("N", len(labels) * k, 1))
+        index = graph.reshaped(best, ("N", len(labels) * B, 1))
     else:
         change = graph.op(
             "Transpose", graph.reshaped(at.values[0], ("N", P, C, 4)), perm=[0, 2, 1, 3]
         )
         change = _of_labels(graph, change, labels, C)
-        index = graph.reshaped(best, ("N", len(labels), k, 1))
+        index = graph.reshaped(best, ("N", len(labels), B, 1))
     if not p.variance_encoded_in_target:
         change = graph.op("Mul", change, variance)
     first, last = _halves(graph, prior)
@@ -265,23 +265,23 @@ def _halves(graph: Graph, boxes: str) -> list[str]:
     return graph.ops("Split", 2, boxes, graph.constant([2, 2], "parts"), axis=-1)
 
 
-def _not_suppressed(graph: Graph, at: Place, boxes: str, scores: str, K: int, k: int) -> str:
-    """Flags (N, K k): 1 for what non-maximum suppression keeps, else 0."""
+def _not_suppressed(graph: Graph, at: Place, boxes: str, scores: str, L: int, B: int) -> str:
+    """Flags (N, L B): 1 for what non-maximum suppression keeps, else 0."""
     p: Any = at.layer.param
     # an inverted box overlaps none here, but ONNX would exchange its corners
     if p.code_type != "CENTER_SIZE":
         first, last = _halves(graph, boxes)
         boxes = graph.op("Concat", first, graph.op("Max", first, last), axis=-1)
     limits = [
-        graph.constant([k], "k"),
+        graph.constant([B], "k"),
         graph.constant([min(p.nms_param.nms_threshold, 1.0)], "overlap"),
     ]
     if p.confidence_threshold is not None:
         limits.append(graph.constant([p.confidence_threshold], "threshold"))
     chosen = graph.op(
         "NonMaxSuppression",
-        graph.reshaped(boxes, ("N", k, 4)),
-        graph.reshaped(scores, ("N", 1, k)),
+        graph.reshaped(boxes, ("N", B, 4)),
+        graph.reshaped(scores, ("N", 1, B)),
         *limits,
     )
     # item, candidate
@@ -289,23 +289,23 @@ def _not_suppressed(graph: Graph, at: Place, boxes: str, scores: str, K: int, k:
     count = graph.sizes(places, 0, 1)
     ones = graph.op("Expand", graph.constant([1.0], "one"), count)
     flags = graph.op(
-        "ScatterND", _zeros_like(graph, graph.reshaped(scores, ("N", k))), places, ones
+        "ScatterND", _zeros_like(graph, graph.reshaped(scores, ("N", B))), places, ones
     )
-    return graph.reshaped(flags, ("N", K * k))
+    return graph.reshaped(flags, ("N", L * B))
 
 
 def _zeros_like(graph: Graph, value: str) -> str:
     return graph.op("Expand", graph.constant([0.0], "nought"), graph.op("Shape", value))
 
 
-def _rows(graph: Graph, flags: str, boxes: str, scores: str, labels: list[int], k: int) -> str:
+def _rows(graph: Graph, flags: str, boxes: str, scores: str, labels: list[int], B: int) -> str:
     """The rows (D, 7) of all flags that are set."""
     places = graph.op("Transpose", graph.op("NonZero", flags), perm=[1, 0])
     item, candidate = (
         graph.op("Gather", places, graph.constant([i], "column"), axis=1) for i in (0, 1)
     )
     label = graph.op(
-        "Gather", graph.constant(np.repeat(labels, k).astype(float), "labels"), candidate, axis=0
+        "Gather", graph.constant(np.repeat(labels, B).astype(float), "labels"), candidate, axis=0
     )
     score = graph.reshaped(graph.op("GatherND", scores, places), ("D", 1))
     return graph.op(

@@ -43,17 +43,16 @@ class Concat(Layer):
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         p, first = self.param, bottom[0].shape
-        axis = self.axis = self.canonical_axis(
-            p.axis if p.concat_dim is None else p.concat_dim, bottom[0]
-        )
+        given = p.axis if p.concat_dim is None else p.concat_dim
+        self.axis = axis = self.canonical_axis(given, bottom[0])
 
         def others(shape: tuple[int, ...]) -> tuple[int, ...]:
             return shape[:axis] + shape[axis + 1 :]
 
-        for name, shape in zip(self.spec.bottom, [x.shape for x in bottom]):
-            if len(shape) != len(first) or others(shape) != others(first):
+        for name, x in zip(self.spec.bottom, bottom):
+            if len(x.shape) != len(first) or others(x.shape) != others(first):
                 raise self.fail(
-                    f"bottom {name!r} {shape} and {self.spec.bottom[0]!r} {first} may differ only along axis {axis}"
+                    f"bottom {name!r} {x.shape} and {self.spec.bottom[0]!r} {first} may differ only along axis {axis}"
                 )
         self.batchwise = axis > 0
         sizes = [x.shape[axis] for x in bottom]

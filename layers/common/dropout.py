@@ -48,20 +48,20 @@ class Dropout(Layer):
         drops = self.phase == TRAIN or self.param.sample_weights_test
         self.active = drops and p > 0
         self.batchwise = p == 0 or not drops  # random numbers are drawn for the whole batch
-        scales_now = drops or self.param.scale_train
-        self.in_training = self.dtype.type(1 / (1 - p) if self.param.scale_train else 1)
-        self.in_test = self.dtype.type(1 if scales_now else 1 - p)
+        # what a kept value is multiplied by while some are dropped, and every value otherwise
+        self.kept_scale = self.dtype.type(1 / (1 - p) if self.param.scale_train else 1)
+        self.all_scale = self.dtype.type(1 if drops or self.param.scale_train else 1 - p)
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         top[0].reshape(bottom[0].shape)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        self.factor = self.in_test
+        self.factor = self.all_scale
         if self.active:
             # 16 bits: fast, and p to 1/65536
             drawn = self.rng.integers(0, 1 << 16, bottom[0].shape, dtype=np.uint16)
             least = min(round(self.param.dropout_ratio * (1 << 16)), (1 << 16) - 1)
-            self.factor = (drawn >= least) * self.in_training
+            self.factor = (drawn >= least) * self.kept_scale
         top[0].data[...] = bottom[0].data * self.factor
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:

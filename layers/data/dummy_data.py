@@ -6,6 +6,7 @@ top[i]  shape and values from ``dummy_data_param { shape { ... } data_filler { .
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from netlib.blob import Blobs
@@ -36,31 +37,37 @@ class DummyData(Layer):
     tops = (1, None)
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
-        p = self.param
-        older = {"num": p.num, "channels": p.channels, "height": p.height, "width": p.width}
-        shapes: list[tuple[int, ...]] = [s.dim for s in p.shape]
-        if any(older.values()):
-            if shapes:
-                raise self.fail(
-                    "has both shape and the older num, channels, height, width; expected one",
-                    "shape",
-                )
-            for what, sizes in older.items():
-                if len(sizes) not in (1, len(top)):
-                    raise self.fail(f"has {len(top)} tops, but {len(sizes)} of {what}", what)
-            for i in range(len(top)):
-                shapes.append(tuple(sizes[i % len(sizes)] for sizes in older.values()))
-        for what, given in (("shape", shapes), ("data_filler", p.data_filler)):
-            if len(given) not in (0 if what == "data_filler" else 1, 1, len(top)):
-                raise self.fail(f"has {len(top)} tops, but {len(given)} of {what}", what)
+        shapes = self._shapes(len(top))
+        self._require_one_or_each("shape", shapes, len(top))
+        given = self.param.data_filler or (Filler(),)
+        self._require_one_or_each("data_filler", given, len(top))
         for shape in shapes:
             if min(shape, default=0) < 0:
                 raise self.fail(f"shape {tuple(shape)} has a negative size", "shape")
-        fillers = p.data_filler or (Filler(),)
-        self.fillers = [fillers[i % len(fillers)] for i in range(len(top))]
+        self.fillers = [given[i % len(given)] for i in range(len(top))]
         for i, blob in enumerate(top):
             blob.reshape(shapes[i % len(shapes)])
             fill(blob.data, self.fillers[i], self.rng)
+
+    def _shapes(self, tops: int) -> list[tuple[int, ...]]:
+        """The shapes that the options give, in either form. Raises LayerError."""
+        p = self.param
+        shapes: list[tuple[int, ...]] = [shape.dim for shape in p.shape]
+        older = {"num": p.num, "channels": p.channels, "height": p.height, "width": p.width}
+        if not any(older.values()):
+            return shapes
+        if shapes:
+            raise self.fail(
+                "has both shape and the older num, channels, height, width; expected one", "shape"
+            )
+        for name, sizes in older.items():
+            self._require_one_or_each(name, sizes, tops)
+        return [tuple(sizes[i % len(sizes)] for sizes in older.values()) for i in range(tops)]
+
+    def _require_one_or_each(self, name: str, given: Sequence[object], tops: int) -> None:
+        """Raise LayerError unless an option has one value, or one for each top."""
+        if len(given) not in (1, tops):
+            raise self.fail(f"has {tops} tops, but {len(given)} of {name}", name)
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         """Shapes are set once, in setup."""

@@ -17,8 +17,7 @@ from pathlib import Path
 
 from netlib import files
 from netlib.blob import Blobs
-from netlib.errors import DataError, reason_of
-from netlib.files import hdf5
+from netlib.files import hdf5, reading
 from netlib.layer import ZeroGradient
 from netlib.proto.schema import numbered
 
@@ -74,12 +73,10 @@ class HDF5Output(ZeroGradient):
                 "run one iteration, with a batch of all items",
                 "file_name",
             )
-        try:
-            with hdf5.created(self.path) as file:
-                for name, x in zip(NAMES, bottom):
-                    file[name] = x.data.reshape(x.num, x.channels, x.height, x.width)
-        except OSError as error:
-            raise DataError(
-                f"{self.path}: cannot write the HDF5 file: {reason_of(error)}"
-            ) from error
+        with (
+            reading.refused(self.path, "the HDF5 file", verb="write"),
+            hdf5.created(self.path) as file,
+        ):
+            for name, x in zip(NAMES, bottom):
+                file[name] = x.data.reshape(x.num, x.channels, x.height, x.width)
         self.written = True

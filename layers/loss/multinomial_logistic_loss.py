@@ -28,8 +28,11 @@ class MultinomialLogisticLoss(LabelLoss):
 
     def _chosen(self, bottom: Blobs) -> tuple[tuple[Array, Array], Array]:
         """Index of the labels' probabilities, and their values."""
-        at = np.arange(self.shape[0]), labels_of.read(self, bottom, self.shape[1])[0]
-        return at, np.maximum(bottom[0].data.reshape(self.shape)[at], labels_of.MIN_PROBABILITY)
+        N, K = self.shape
+        labels, _ = labels_of.read(self, bottom, K)
+        at = np.arange(N), labels
+        p = bottom[0].data.reshape(N, K)
+        return at, np.maximum(p[at], labels_of.MIN_PROBABILITY)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         _, p = self._chosen(bottom)

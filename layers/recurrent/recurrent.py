@@ -38,7 +38,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from netlib.blob import Array, Blob, Blobs
+from netlib.blob import Array, Blobs
 from netlib.fillers import Filler
 from netlib.layer import Layer
 from netlib.proto.schema import UInt, numbered
@@ -72,7 +72,8 @@ class Recurrent(Layer):
     gates: ClassVar[int]  # G / D
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
-        D, exposed = self.param.num_output, self.state_count if self.param.expose_hidden else 0
+        D = self.param.num_output
+        exposed = self.state_count if self.param.expose_hidden else 0
         if D == 0:
             raise self.fail("num_output must be at least 1", "num_output")
         if len(bottom) - exposed not in (2, 3) or len(top) != 1 + exposed:
@@ -81,21 +82,25 @@ class Recurrent(Layer):
                 f"and {1 + exposed}",
                 "expose_hidden",
             )
-        self.has_static = len(bottom) - exposed == 3
+        self.first_exposed = len(bottom) - exposed  # number of the first bottom with states
+        self.has_static = self.first_exposed == 3
         self.steps = bottom[0].shape[0] if bottom[0].shape else 0
         self.states: list[Array] = []
         self._check_axes(bottom)
-        self.features = [math.prod(blob.shape[axes:]) for blob, axes in self._inputs(bottom)]
+        self.features = self._features(bottom)
         rows = self.gates * D
         self.w_x = self.new_param("w_x", (rows, self.features[0]), self.param.weight_filler)
         self.b = self.new_param("b", (rows,), self.param.bias_filler)
         if self.has_static:
-            self.w_s = self.new_param("w_s", (rows, self.features[1]), self.param.weight_filler)
+            self.w_s = self.new_param("w_s", (rows, self.features[2]), self.param.weight_filler)
         self.w_h = self.new_param("w_h", (rows, D), self.param.weight_filler)
 
-    def _inputs(self, bottom: Blobs) -> list[tuple[Blob, int]]:
-        """x, and static if present, each with the number of its axes that are not features."""
-        return [(bottom[0], 2)] + ([(bottom[2], 1)] if self.has_static else [])
+    def _features(self, bottom: Blobs) -> dict[int, int]:
+        """The numbers of features of x, and of static if present, by the index of the bottom."""
+        features = {0: math.prod(bottom[0].shape[2:])}
+        if self.has_static:
+            features[2] = math.prod(bottom[2].shape[1:])
+        return features
 
     def _check_axes(self, bottom: Blobs) -> None:
         """Check that T and N of all bottoms agree. Raises LayerError."""
@@ -117,7 +122,7 @@ class Recurrent(Layer):
                 f"bottom {names[2]!r} has shape {static}, expected ({N}, ...), the streams "
                 f"of {names[0]!r} {x}"
             )
-        for i in range(3 if self.has_static else 2, len(bottom)):
+        for i in range(self.first_exposed, len(bottom)):
             if bottom[i].shape != (1, N, self.param.num_output):
                 raise self.fail(
                     f"bottom {names[i]!r} has shape {bottom[i].shape}, "
@@ -126,12 +131,11 @@ class Recurrent(Layer):
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         self._check_axes(bottom)
-        for (blob, axes), features, index in zip(self._inputs(bottom), self.features, (0, 2)):
-            found = math.prod(blob.shape[axes:])
-            if found != features:
+        for i, found in self._features(bottom).items():
+            name, expected = self.spec.bottom[i], self.features[i]
+            if found != expected:
                 raise self.fail(
-                    f"bottom {self.spec.bottom[index]!r} has {found} features "
-                    f"{blob.shape}, its weights expect {features}"
+                    f"bottom {name!r} has {found} features {bottom[i].shape}, its weights expect {expected}"
                 )
         T, N = bottom[1].shape
         for y, steps in zip(top, [T] + [1] * (len(top) - 1)):
@@ -160,7 +164,7 @@ class Recurrent(Layer):
         if self.has_static:
             constant = constant + self.w_s.data @ bottom[2].data.reshape(N, -1).T
         # the steps of one stream are one product
-        z = w_x @ x.swapaxes(1, 2) if N > 1 else (x[:, 0] @ w_x.T)[..., None]
+        z = x[:, 0] @ w_x.T if N == 1 else w_x @ x.swapaxes(1, 2)
         np.add(z.reshape(out.shape), constant.reshape(*out.shape[1:-1], -1), out=out)
 
     def _cont(self, bottom: Blobs) -> list[Array | None]:
@@ -190,7 +194,7 @@ class Recurrent(Layer):
             self.w_s.diff[...] += total @ static.data.reshape(N, -1)
             if propagate_down[2]:
                 static.diff[...] = (total.T @ self.w_s.data).reshape(static.shape)
-        for i in range(3 if self.has_static else 2, len(bottom)):
+        for i in range(self.first_exposed, len(bottom)):
             if propagate_down[i]:
                 bottom[i].diff[...] = 0
 

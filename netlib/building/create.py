@@ -96,8 +96,6 @@ def _check_blocks(spec: LayerParameter, own: str = "") -> None:
 
     As in Caffe, those of other types than ``own`` are ignored.
     """
-    if set(spec.blocks) <= {own}:
-        return
     known = {own, *option_blocks()}
     tree = schema.tree_of(spec)
     for item in tree.fields if tree else []:

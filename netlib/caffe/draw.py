@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from netlib.caffe.proto import caffe_pb2
-from netlib.errors import NetlibError, reason_of
-from netlib.files import atomic
+from netlib.errors import NetlibError
+from netlib.files import atomic, reading
 
 LAYER_STYLE_DEFAULT = {"shape": "record", "fillcolor": "#6495ED", "style": "filled"}
 # layers in place
@@ -31,6 +31,7 @@ COLORS = {
 NOTHING = '""'  # an empty label
 Shapes = Mapping[str, Sequence[int]]  # of blobs, by their names
 GRAPHVIZ = "Graphviz (apt install graphviz, brew install graphviz)"
+_WITH_WEIGHTS = ("Convolution", "Deconvolution", "InnerProduct")
 _WORDS = ("node", "edge", "graph", "digraph", "subgraph", "strict")  # Graphviz's keywords
 
 
@@ -57,7 +58,7 @@ def get_edge_label(layer: Any) -> str:
 
 def get_layer_lr_mult(layer: Any) -> tuple[float, float]:
     """The lr_mult of weights and biases, default 1. Raises RuleError for layers without weights."""
-    if layer.type not in ("Convolution", "Deconvolution", "InnerProduct"):
+    if layer.type not in _WITH_WEIGHTS:
         raise RuleError(f"{layer.type} layers do not have a learning rate multiplier")
     given = [param.lr_mult for param in layer.param]
     if len(given) > 2:
@@ -85,7 +86,7 @@ def get_layer_label(layer: Any, rankdir: str, display_lrm: bool = False) -> str:
     elif layer.type in ("Convolution", "Deconvolution"):
         param = layer.convolution_param
         parts += _kernel([*param.kernel_size, 1][0], [*param.stride, 1][0], [*param.pad, 0][0])
-    if display_lrm and layer.type in ("Convolution", "Deconvolution", "InnerProduct"):
+    if display_lrm and layer.type in _WITH_WEIGHTS:
         weights, biases = get_layer_lr_mult(layer)
         if weights or biases:
             parts.append(f"lr mult: {weights:.1f}, {biases:.1f}")
@@ -247,7 +248,5 @@ def draw_net_to_file(
             f"{filename}: no suffix; expected one that names the format: .png, .svg, .pdf ..."
         )
     picture = draw_net(caffe_net, rankdir, ext, phase, display_lrm, shapes)
-    try:
+    with reading.refused(filename, "the image", NetlibError, "write"):
         atomic.replace(Path(filename), lambda file: file.write_bytes(picture))
-    except (OSError, ValueError) as error:
-        raise NetlibError(f"{filename}: cannot write the image: {reason_of(error)}") from error

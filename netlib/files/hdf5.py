@@ -53,15 +53,15 @@ def opened(
     def refused(why: str) -> NetlibError:
         return kind(f"{path}: cannot read {what}: {why}")
 
+    def failure(error: Exception, otherwise: str) -> NetlibError:
+        return refused(f"{'' if system_error_of(error) else otherwise}{reason_of(error)}")
+
     path = _checked(path, what, kind)
+    place = io.BytesIO(path.data) if isinstance(path, Content) else path
     try:
-        file = h5py.File(
-            io.BytesIO(path.data) if isinstance(path, Content) else path, "r", locking=False
-        )
+        file = h5py.File(place, "r", locking=False)
     except (OSError, RuntimeError) as error:
-        raise refused(
-            f"{'' if system_error_of(error) else 'damaged or truncated: '}{reason_of(error)}"
-        ) from error
+        raise failure(error, "damaged or truncated: ") from error
     try:
         with file:
             _check_objects(file, refused)
@@ -77,8 +77,7 @@ def opened(
         AttributeError,
         MemoryError,
     ) as error:
-        why = "" if system_error_of(error) else "damaged, or not as expected: "
-        raise refused(f"{why}{reason_of(error)}") from error
+        raise failure(error, "damaged, or not as expected: ") from error
 
 
 def sealed(image: bytes) -> bytes:
@@ -114,8 +113,9 @@ def _check_objects(file: h5py.File, refused: Callable[[str], NetlibError]) -> No
     while waiting:
         group = waiting.pop()
         for name in group:
-            link, where = group.get(name, getlink=True), f"{group.name.rstrip('/')}/{name}"
+            link = group.get(name, getlink=True)
             if isinstance(link, h5py.ExternalLink):
+                where = f"{group.name.rstrip('/')}/{name}"
                 raise refused(
                     f"{where!r} is a link into another file, {link.filename!r}, which is not followed; "
                     "expected all in one file"
@@ -185,6 +185,20 @@ def is_near(other: Path, path: Path) -> bool:
     return file.is_relative_to(folder) or folder.parent in (file.parent, file.parent.parent)
 
 
+def _rest_of(path: Path, rest: str) -> Path:
+    """The file that the attribute ``rest_in`` of a file names.
+
+    Raises DataError if it is not near that file.
+    """
+    other = Path(os.path.normpath(path.parent / rest))
+    if Path(rest).is_absolute() or not is_near(other, path):
+        raise DataError(
+            f"{path}: rest_in is {rest!r}; expected a relative name of a file in the same "
+            "folder or in one next to it, and no link to elsewhere"
+        )
+    return other
+
+
 class File:
     """Rows of some data sets of one HDF5 file.
 
@@ -200,32 +214,19 @@ class File:
 
     def __init__(self, path: Path, names: tuple[str, ...]) -> None:
         self.path = path
-        self.datasets: list[Rows] = []
         with contextlib.ExitStack() as stack:
             opens = [stack.enter_context(opened(path, "the HDF5 file"))]
             self.made_from = str(opens[0].attrs.get("made_from", "an unknown source"))
             self.sources = [Source(path, "the HDF5 file")]
             if rest := opens[0].attrs.get("rest_in"):
-                other = Path(os.path.normpath(path.parent / str(rest)))
-                if Path(str(rest)).is_absolute() or not is_near(other, path):
-                    raise DataError(
-                        f"{path}: rest_in is {str(rest)!r}; expected a relative name of a file in the same "
-                        "folder or in one next to it, and no link to elsewhere"
-                    )
+                other = _rest_of(path, str(rest))
                 opens.append(stack.enter_context(opened(other, f"the rest of {path}")))
                 self.sources.append(Source(other, "the HDF5 file"))
             self.names = tuple(dict.fromkeys(name for file in opens for name in file))
-            for name in names:
-                for source, file in zip(self.sources, opens):
-                    if isinstance(file.get(name), h5py.Dataset):
-                        self.datasets.append(Rows(source, file[name]))
-                        break
-                else:
-                    there = ", ".join(
-                        n for file in opens for n in file if isinstance(file.get(n), h5py.Dataset)
-                    )
-                    raise DataError(f"{path}: no data set {name!r}; it has {there or 'none'}")
-        counts = {name: d.shape[0] if d.shape else 0 for name, d in zip(names, self.datasets)}
+            self.datasets = [self._rows(name, opens) for name in names]
+        counts = {
+            name: rows.shape[0] if rows.shape else 0 for name, rows in zip(names, self.datasets)
+        }
         if len(set(counts.values())) > 1:
             raise DataError(
                 f"{path}: data sets of different length: {', '.join(f'{k} {v}' for k, v in counts.items())}"
@@ -233,6 +234,14 @@ class File:
         self.rows = counts[names[0]]
         if self.rows == 0:
             raise DataError(f"{path}: data set {names[0]!r} has no rows")
+
+    def _rows(self, name: str, opens: list[h5py.File]) -> Rows:
+        """The rows of a data set of the first file that has it. Raises DataError if none does."""
+        for source, file in zip(self.sources, opens):
+            if isinstance(file.get(name), h5py.Dataset):
+                return Rows(source, file[name])
+        there = [n for file in opens for n in file if isinstance(file.get(n), h5py.Dataset)]
+        raise DataError(f"{self.path}: no data set {name!r}; it has {', '.join(there) or 'none'}")
 
     def check(self) -> None:
         """Raise DataError if a file was changed since it was opened.
@@ -257,15 +266,13 @@ class Rows:
             )
         self.shape: tuple[int, ...] = dataset.shape or ()
         self.dtype: np.dtype[Any] = dataset.dtype
-        self._source, self._row = source, math.prod(self.shape[1:]) * self.dtype.itemsize
-        self._offset: int | None = dataset.id.get_offset()
-        # too small for a read per row
-        small = self._row < SMALL_ROW and dataset.nbytes <= IN_MEMORY
-        # a packed type, which the library converts
-        other = dataset.id.get_type() != h5py.h5t.py_create(self.dtype)
-        # no offset: chunked or compressed
-        held = self._offset is None or other or small or dataset.size == 0
-        self._held: Array | None = np.asarray(dataset[...]) if held else None
+        self._source = source
+        self._row = math.prod(self.shape[1:]) * self.dtype.itemsize  # bytes of a row
+        self._offset: int | None = dataset.id.get_offset()  # None: chunked or compressed
+        is_small = self._row < SMALL_ROW and dataset.nbytes <= IN_MEMORY
+        is_converted = dataset.id.get_type() != h5py.h5t.py_create(self.dtype)  # from packed bits
+        is_held = self._offset is None or is_converted or is_small or dataset.size == 0
+        self._held: Array | None = np.asarray(dataset[...]) if is_held else None
 
     def take(self, rows: Array, out: Array) -> None:
         """Copy the rows with these numbers, which must exist, into ``out``, in its dtype.
@@ -279,21 +286,20 @@ class Rows:
             else:
                 out[...] = self._held[rows]
             return
-        target = (
-            out
-            if out.dtype == self.dtype and out.flags.c_contiguous
-            else np.empty(out.shape, self.dtype)
-        )
-        view = target.reshape(-1).view(np.uint8).data
-        # ends of runs of consecutive rows
-        ends = [*(np.flatnonzero(np.diff(rows) != 1) + 1).tolist(), len(rows)]
-        begin = 0
-        for end in ends:
-            at = self._offset + int(rows[begin]) * self._row
-            self._source.read_into(view[begin * self._row : end * self._row], at)
-            begin = end
-        if target is not out:
+        is_direct = out.dtype == self.dtype and out.flags.c_contiguous
+        target = out if is_direct else np.empty(out.shape, self.dtype)
+        self._read(rows, target.reshape(-1).view(np.uint8).data)
+        if not is_direct:
             out[...] = target
+
+    def _read(self, rows: Array, target: memoryview) -> None:
+        """Read the bytes of rows into ``target``, each run of consecutive rows at once."""
+        first_of_runs = np.flatnonzero(np.diff(rows) != 1) + 1
+        begin = 0
+        for end in [*first_of_runs.tolist(), len(rows)]:
+            offset = self._offset + int(rows[begin]) * self._row
+            self._source.read_into(target[begin * self._row : end * self._row], offset)
+            begin = end
 
     def __getitem__(self, rows: Any) -> Array:
         """Return a row by number, or several by a slice or an array of numbers."""

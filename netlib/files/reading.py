@@ -48,12 +48,16 @@ def noted() -> Iterator[list[str | Path]]:
 
 
 @contextlib.contextmanager
-def refused(path: str | Path, what: str, kind: type[NetlibError] = DataError) -> Iterator[None]:
-    """Context manager: raise ``kind`` for a file, ``what`` in the message, that cannot be read."""
+def refused(
+    path: str | Path, what: str, kind: type[NetlibError] = DataError, verb: str = "read"
+) -> Iterator[None]:
+    """Context manager: raise ``kind`` for a file, ``what`` in the message, that cannot be read, or
+    with another ``verb`` written.
+    """
     try:
         yield
     except (OSError, ValueError, MemoryError) as error:  # ValueError: a name that no file can have
-        raise kind(f"{path}: cannot read {what}: {reason_of(error)}") from error
+        raise kind(f"{path}: cannot {verb} {what}: {reason_of(error)}") from error
 
 
 def opened(path: str | Path, what: str, kind: type[NetlibError] = DataError) -> FileIO:

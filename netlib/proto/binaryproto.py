@@ -12,7 +12,8 @@ import numpy as np
 
 from netlib import files
 from netlib.blob import Array
-from netlib.errors import DataError, WireError, reason_of
+from netlib.errors import DataError, WireError
+from netlib.files import reading
 from netlib.files.atomic import replace_bytes
 from netlib.proto import schema, wire
 from netlib.proto.messages import BlobProto, BlobShape
@@ -98,7 +99,6 @@ def write_blob(array: Array, path: str | Path) -> None:
     Raises DataError.
     """
     array = np.asarray(array)
-    try:
-        replace_bytes(Path(path), wire.encode(tree_of(array, older=array.ndim == 4), BlobProto))
-    except OSError as error:
-        raise DataError(f"{path}: cannot write the blob: {reason_of(error)}") from error
+    image = wire.encode(tree_of(array, older=array.ndim == 4), BlobProto)
+    with reading.refused(path, "the blob", verb="write"):
+        replace_bytes(Path(path), image)

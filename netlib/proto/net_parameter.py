@@ -70,12 +70,13 @@ def select_layers(param: NetParameter, state: NetState) -> list[LayerParameter]:
 
 def meets(state: NetState, rule: NetStateRule) -> bool:
     """Whether a state meets every condition of a rule."""
+    stages = set(state.stage)
     return (
         (rule.phase is None or rule.phase == state.phase)
         and (rule.min_level is None or state.level >= rule.min_level)
         and (rule.max_level is None or state.level <= rule.max_level)
-        and all(stage in state.stage for stage in rule.stage)
-        and not any(stage in state.stage for stage in rule.not_stage)
+        and stages.issuperset(rule.stage)
+        and stages.isdisjoint(rule.not_stage)
     )
 
 

@@ -64,9 +64,7 @@ def layer_type_list() -> list[str]:
 def class_of(type_name: str, bottoms: int) -> Any:
     """The class of a known layer type for this number of bottoms."""
     special = own_module("layers").BY_BOTTOMS
-    return (
-        special[type_name, bottoms] if (type_name, bottoms) in special else layer_types()[type_name]
-    )
+    return special.get((type_name, bottoms)) or layer_types()[type_name]
 
 
 class _OptionBlocks(UserDict[str, Any]):
@@ -82,11 +80,8 @@ class _OptionBlocks(UserDict[str, Any]):
 def _of_layer(block: str) -> Any:
     """The dataclass of a block of a layer type that reads it."""
     owners: Mapping[str, str] = own_module("layers").BLOCK_OWNERS
-    owner = (
-        owners[block]
-        if block in owners
-        else next(name for name in layer_types() if _block_of(name) == block)
-    )
+    named = (name for name in layer_types() if _block_of(name) == block)
+    owner = owners.get(block) or next(named)
     cls = layer_types()[owner]
     return cls.other_blocks.get(block, cls.param_type)
 

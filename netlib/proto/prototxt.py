@@ -94,12 +94,6 @@ class Bytes(Scalar):
         """The content decoded as UTF-8; invalid bytes become surrogates."""
         return self.content.decode("utf-8", "surrogateescape")
 
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Scalar) and (other.kind, other.text) == (self.kind, self.text)
-
-    def __hash__(self) -> int:
-        return hash((self.kind, self.text))
-
 
 @dataclass(frozen=True, eq=False)
 class Numbers:

@@ -183,9 +183,7 @@ class _Decoder:
     def type_of(self, begin: int, end: int) -> str:
         """The type of the layer between two offsets; empty if it has none."""
         at, found = begin, b""
-        for _ in range(MAX_FIELDS):
-            if at >= end:
-                break
+        while at < end:
             key, start = self.varint(at, end)
             stop = self.end_of(key & 7, key >> 3, start, end, at)
             if key == 2 << 3 | LENGTH:

@@ -104,7 +104,7 @@ def read_weights(path: str | Path | Content) -> Weights:
         for name, group in _layers(file["data"]):
             found[name] = {}
             for key in sorted(group):
-                if not key.isdecimal() or not key.isascii() or str(int(key)) != key:
+                if not key.isdecimal() or str(int(key)) != key:
                     raise WeightsError(
                         f"{path}: layer {name!r} has a parameter {key!r}; expected numbers from 0 on"
                     )

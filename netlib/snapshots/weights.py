@@ -75,7 +75,7 @@ def write(writes: Writes) -> None:
 
 
 def fitting(
-    net: Graph, source: str | Path | Content | Graph, strict: bool = False
+    net: Graph, source: str | Path | Content | Graph, strict: bool
 ) -> tuple[Writes, list[str], list[str]]:
     """Plan a copy: the writes, and what ``copy`` returns.
 
@@ -90,15 +90,15 @@ def fitting(
             f"{what}: it has no layer of net {net.name!r}; it has {_some(found)}, "
             f"the net has {_some(net.params)}"
         )
-    missing_layers = [n for n in dict.fromkeys(p.layer for p in net.learnable) if n not in shared]
+    own: dict[str, list[int]] = {}
+    for param in net.learnable:
+        own.setdefault(param.layer, []).append(param.index)
+    missing_layers = [name for name in own if name not in shared]
     if strict and missing_layers:
         raise WeightsError(
             f"{what}: no weights for layer {missing_layers[0]!r} of net {net.name!r}; "
             f"it has {_some(found)}"
         )
-    own: dict[str, list[int]] = {}
-    for p in net.learnable:
-        own.setdefault(p.layer, []).append(p.index)
     writes: Writes = []
     for name, arrays in shared.items():
         blobs = net.layer_dict[name].blobs
@@ -151,10 +151,9 @@ def _separated(net: Graph, norm: Layer, five: Sequence[Array], found: Found, wha
             "and a bias of its own; the net expects 3: give the layer batch_norm_param { scale_bias: true }, or add a "
             "layer Scale with bias_term: true after it"
         )
-    is_older = five[4].size == 1 < five[0].size
-    mean, variance, factor, gain, bias = (
-        five[i] for i in ((2, 3, 4, 0, 1) if is_older else range(5))
-    )
+    if five[4].size == 1 < five[0].size:  # older
+        five = [*five[2:], *five[:2]]
+    mean, variance, factor, gain, bias = five
     if outer := list(found.get(scale.name, {}).values()):  # Intel's nets have both
         gain, bias = outer[0] * gain, outer[0] * bias + outer[-1]
     return {

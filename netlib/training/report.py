@@ -58,7 +58,7 @@ def lack_of_loss(net: Net) -> Iterator[str]:
     named = [
         (layer, name)
         for layer, name, _ in outputs
-        if any("loss" in word.lower() for word in (name, layer.name, type(layer).__name__))
+        if "loss" in f"{name} {layer.name} {type(layer).__name__}".lower()
     ]
     if net.losses:
         for layer, name in named:
@@ -153,21 +153,13 @@ def debug_forward(net: Net) -> float:
     """
     for number, at in enumerate(net.connections):
         net.run_forward(number, number + 1)
+        line = "    [Forward] Layer %s, %s blob %s data: %.6g"
         for name, blob in zip(at.layer.spec.top, at.top):
-            log.info(
-                "    [Forward] Layer %s, top blob %s data: %.6g",
-                at.layer.name,
-                name,
-                _mean(blob.data),
-            )
+            log.info(line, at.layer.name, "top", name, _mean(blob.data))
+        names = [param.name for param in at.layer.spec.param]
         for i, blob in enumerate(at.layer.blobs):
-            given = at.layer.spec.param[i].name if i < len(at.layer.spec.param) else ""
-            log.info(
-                "    [Forward] Layer %s, param blob %s data: %.6g",
-                at.layer.name,
-                given or i,
-                _mean(blob.data),
-            )
+            given = names[i] if i < len(names) else None
+            log.info(line, at.layer.name, "param", given or i, _mean(blob.data))
     return net.loss()
 
 
@@ -177,21 +169,14 @@ def debug_backward(net: Net) -> None:
     """
     for number, at in reversed(list(enumerate(net.connections))):
         net.run_backward(number, number + 1)
+        if not at.needs_backward:
+            continue
+        line = "    [Backward] Layer %s, %s blob %s diff: %.6g"
         for name, blob, down in zip(at.layer.spec.bottom, at.bottom, at.propagate_down):
-            if at.needs_backward and down:
-                log.info(
-                    "    [Backward] Layer %s, bottom blob %s diff: %.6g",
-                    at.layer.name,
-                    name,
-                    _mean(blob.diff),
-                )
-        for i, blob in enumerate(at.layer.blobs if at.needs_backward else []):
-            log.info(
-                "    [Backward] Layer %s, param blob %d diff: %.6g",
-                at.layer.name,
-                i,
-                _mean(blob.diff),
-            )
+            if down:
+                log.info(line, at.layer.name, "bottom", name, _mean(blob.diff))
+        for i, blob in enumerate(at.layer.blobs):
+            log.info(line, at.layer.name, "param", i, _mean(blob.diff))
 
 
 def debug_params(net: Net) -> None:

@@ -19,7 +19,7 @@ import numpy as np
 
 from netlib.blob import Array
 from netlib.distributed.ranks import Ranks, Request, moving
-from netlib.errors import DataError, DivergenceError, WeightsError, reason_of
+from netlib.errors import DivergenceError, WeightsError, reason_of
 from netlib.net import Net
 from netlib.proto.messages import SolverParameter
 from netlib.snapshots import hdf5_format, snapshot
@@ -66,6 +66,11 @@ class Training:
     history: list[list[Array]]
     iter: int
     smoothed: deque[float]
+
+    @property
+    def nets(self) -> list[Net]:
+        """The training net and the test nets."""
+        return [self.net, *self.test_nets]
 
 
 class Snapshots:
@@ -140,9 +145,7 @@ class Snapshots:
                 )
         weights_path, state_path = self.paths(solver.iter)
         ranks = solver.ranks
-        others: list[dict[str, Any]] = []
-        if ranks.count > 1:
-            others = ranks.everyone(snapshot.as_plain(solver.net.layer_states()))[1:]
+        others = ranks.everyone(snapshot.as_plain(solver.net.layer_states()))[1:]
 
         def write() -> None:
             kind = "HDF5" if solver.param.snapshot_format == "HDF5" else "binary proto"
@@ -166,15 +169,20 @@ def state_of(
     ``others`` are the layer states of ranks 1 and up. Raises TypeError if the state of a layer
     cannot be stored.
     """
-    per_parameter = len(solver.history[0]) if solver.history else 0
-    histories = [h[i] for i in range(per_parameter) for h in solver.history]  # Caffe's order
     return SolverState(
         solver.iter,
         steps_taken(solver.param, solver.iter),
         str(learned_net),
-        histories,
+        _histories(solver),
         extra_state(solver, others),
     )
+
+
+def _histories(solver: Training) -> list[Array]:
+    """The arrays of the update rule in Caffe's order: the first of every parameter, then the
+    second.
+    """
+    return [array for arrays in zip(*solver.history) for array in arrays]
 
 
 def extra_state(solver: Training, others: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
@@ -182,9 +190,9 @@ def extra_state(solver: Training, others: Sequence[Mapping[str, Any]] = ()) -> d
     extra = {
         "solver": _course(solver),
         "smoothed": list(solver.smoothed),
-        "layers": [net.layer_states() for net in [solver.net, *solver.test_nets]],
+        "layers": [net.layer_states() for net in solver.nets],
         # affects rounding
-        "stores_all": [net.stores_all for net in [solver.net, *solver.test_nets]],
+        "stores_all": [net.stores_all for net in solver.nets],
     }
     return snapshot.as_plain(extra | ({"ranks": list(others)} if others else {}))
 
@@ -219,11 +227,9 @@ def restore_state(solver: Training, path: str | Path) -> None:
     writes, _, _ = weights_of.fitting(solver.net, weights, strict=True)
     _restore_layers(solver, path, _states_of_rank(solver, state))
     weights_of.write(writes)  # no errors are possible from here on
-    count = len(solver.history)
-    for i, array in enumerate(state.history):
-        target = solver.history[i % count][i // count]
+    for array, target in zip(state.history, _histories(solver)):
         target[...] = weights_of.legacy_shape(array, target.shape)
-    for net, stores_all in zip([solver.net, *solver.test_nets], state.extra.get("stores_all", [])):
+    for net, stores_all in zip(solver.nets, state.extra.get("stores_all", [])):
         net.store_all(bool(stores_all))
     solver.iter = state.iter
     solver.smoothed.clear()
@@ -264,9 +270,12 @@ def _states_of_rank(solver: Training, state: SolverState) -> list[dict[str, Any]
     return nets
 
 
-def undo_of(nets: Sequence[Net]) -> Callable[[], None]:
-    """Return a function that restores the current data positions, random generators and moving
-    averages of the nets.
+@contextlib.contextmanager
+def undone_after(kind: type[Exception], nets: Sequence[Net]) -> Iterator[Callable[[], None]]:
+    """Context manager: after an error of this kind, restore the data positions, random generators
+    and moving averages that the nets had before.
+
+    Yields the function that does so.
     """
     before = [net.layer_states() for net in nets]
     means = [(array, array.copy()) for net in nets for array in moving(net)]
@@ -277,33 +286,20 @@ def undo_of(nets: Sequence[Net]) -> Callable[[], None]:
         for array, values in means:
             array[...] = values
 
-    return undo
-
-
-@contextlib.contextmanager
-def undone_without_data(nets: Sequence[Net]) -> Iterator[Callable[[], None]]:
-    """Context manager: if data end, undo the part of an iteration that was made, so that a
-    resume repeats it.
-
-    Yields the function that does so.
-    """
-    undo = undo_of(nets)
     try:
         yield undo
-    except DataError:
+    except kind:
         undo()
         raise
 
 
 def _restore_layers(solver: Training, path: str | Path, states: list[dict[str, Any]]) -> None:
     """Restore the states of all layers, or of none. Raises WeightsError."""
-    nets = [solver.net, *solver.test_nets]
-    undo = undo_of(nets)
     try:
-        for net, of_layers in zip(nets, states):
-            net.restore_layer_states(of_layers)
+        with undone_after(Exception, solver.nets):
+            for net, of_layers in zip(solver.nets, states):
+                net.restore_layer_states(of_layers)
     except Exception as error:  # a Python layer can raise anything
-        undo()
         raise WeightsError(
             f"{path}: the state of a layer cannot be restored: {reason_of(error)}"
         ) from error
@@ -311,15 +307,14 @@ def _restore_layers(solver: Training, path: str | Path, states: list[dict[str, A
 
 def _check_histories(solver: Training, path: str | Path, state: SolverState) -> None:
     """Check the number, shapes and values of the histories. Raises WeightsError."""
-    count = len(solver.history)
-    expected = count * len(solver.history[0]) if solver.history else 0
-    if len(state.history) != expected:
+    targets = _histories(solver)
+    if len(state.history) != len(targets):
         raise WeightsError(
-            f"{path}: {len(state.history)} histories, but {solver.param.type} on this net has {expected}; "
+            f"{path}: {len(state.history)} histories, but {solver.param.type} on this net has {len(targets)}; "
             "it is probably from another solver type or net"
         )
-    for i, array in enumerate(state.history):
-        param, target = solver.net.learnable[i % count], solver.history[i % count][i // count]
+    for i, (array, target) in enumerate(zip(state.history, targets)):
+        param = solver.net.learnable[i % len(solver.history)]
         if weights_of.legacy_shape(array, target.shape).shape != target.shape:
             raise WeightsError(
                 f"{path}: history {i} has shape {array.shape}, "
@@ -333,13 +328,13 @@ def _check_histories(solver: Training, path: str | Path, state: SolverState) -> 
 
 def _changes(solver: Training, state: SolverState) -> Iterator[str]:
     """Describe the changes since the state was written that affect the course of the training."""
-    states, nets = state.extra.get("layers", []), [solver.net, *solver.test_nets]
-    for net, then in zip(nets, states):
+    states = state.extra.get("layers", [])
+    for net, then in zip(solver.nets, states):
         layers = snapshot.as_plain(net.layer_states())
         if any(own.get("files") != then.get(name, {}).get("files") for name, own in layers.items()):
             yield "the data files; reading starts at the first row"
             break
-    for i, net in enumerate(nets):
+    for i, net in enumerate(solver.nets):
         there = states[i] if i < len(states) else {}
         if new := [layer.name for layer in net.layers if layer.name not in there]:
             yield f"the layers; there is no state of {new[0]!r} in net {net.name!r}, which is reset"

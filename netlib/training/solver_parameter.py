@@ -116,11 +116,12 @@ def _rate_mistakes(p: SolverParameter) -> Iterator[tuple[str, str]]:
             else "no lr_policy"
         )
         yield "lr_policy", f"{found}; known: {', '.join(POLICIES)}"
-    needs = {"step": ("stepsize", "a stepsize of at least 1"), "poly": ("max_iter", "max_iter")}
     if p.lr_policy == "poly" and p.power < 0:
         yield "power", f"lr_policy 'poly' needs a power that is not negative, found {p.power:g}"
-    if p.lr_policy in needs and not getattr(p, needs[p.lr_policy][0]):
-        yield "lr_policy", f"lr_policy {p.lr_policy!r} needs {needs[p.lr_policy][1]}"
+    if p.lr_policy == "step" and not p.stepsize:
+        yield "lr_policy", "lr_policy 'step' needs a stepsize of at least 1"
+    if p.lr_policy == "poly" and not p.max_iter:
+        yield "lr_policy", "lr_policy 'poly' needs max_iter"
     read_from_file = schema.tree_of(p) is not None
     if p.base_lr < 0 or (read_from_file and not schema.is_given(p, "base_lr") and not p.base_lr):
         yield "base_lr", "no base_lr" if not p.base_lr else f"base_lr {p.base_lr:g} is negative"

@@ -17,7 +17,7 @@ from experiments.__main__ import NAMES
 from experiments.example_nets import (
     NETS,
     Example,
-    Text,
+    NetBuilder,
     Workload,
     hand_deploy,
     hand_training,
@@ -283,9 +283,9 @@ def test_a_track_compared_with_single_frames() -> None:
 # --------------------------------------------------------------------------------------- benchmarks
 
 
-def few_layers(net: Text) -> str:
+def few_layers(net: NetBuilder) -> str:
     """A small net with every kind of layer that a peer translates."""
-    x = net.pool(net.norm(net.conv("data", 8, 3, norm=True)), 3, 2)
+    x = net.pool(net.lrn(net.conv("data", 8, 3, batch_norm=True)), 3, 2)
     x = net.add("Concat", [net.conv(x, 4, 1), net.conv(x, 4, 3, pad=1, group=2)])
     x = net.add("Eltwise", [x, net.conv(x, 8, 3, pad=1, group=8, relu=False)])
     return net.product(net.pool(x, 0, 1, kind="AVE"), 5)

@@ -9,16 +9,7 @@ import numpy as np
 import pytest
 
 from experiments import table1
-from experiments.table1 import (
-    NETWORKS,
-    PROTOTXT,
-    RECIPES,
-    derived_net,
-    layers_of,
-    scores,
-    solvers,
-    text_of,
-)
+from experiments.table1 import NETWORKS, PROTOTXT, RECIPES, derived_net, layers_of, scores, solvers
 from handpose.scoring.held_out import Predictions
 from handpose.synthetic.generator import Generator
 from layers.hand import skeleton
@@ -77,7 +68,7 @@ def test_our_recipes_net_is_that_for_synthetic_hands() -> None:
     wanted = [
         str(layer)
         for layer in layers_of(prototxt.parse_file(ours))
-        if text_of(layer, "name") not in others
+        if layer.text("name") not in others
     ]
     assert [str(layer) for layer in layers_of(derived_net("ours", RECIPES["adam"], LISTS))][
         2:
@@ -88,7 +79,7 @@ def test_the_weight_of_physlimit() -> None:
     net = derived_net("ours", RECIPES["paper"], LISTS)
     table1.set_limit(net, 10.0, "L2")
     *_, limit = layers_of(net)
-    assert (text_of(limit, "type"), text_of(limit, "loss_weight")) == ("PhysLimit", "10.0")
+    assert (limit.text("type"), limit.text("loss_weight")) == ("PhysLimit", "10.0")
     assert "L2" in str(limit)
     with pytest.raises(NetlibError, match="no PhysLimit"):
         table1.set_limit(derived_net("direct_joint", RECIPES["paper"], LISTS), 10.0, "L2")

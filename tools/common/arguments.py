@@ -118,13 +118,13 @@ def real(
         found = _finite(text)
         number = found[0] if len(found) == 1 else math.nan  # every comparison with NaN is false
         if not (least < number if above else least <= number) or not number <= most:
-            lower = (
-                f" {'greater than' if above else 'of at least'} {least:g}"
-                if least > -math.inf
-                else ""
-            )
-            upper = f"{' and' if lower else ' of'} at most {most:g}" if most < math.inf else ""
-            raise expected(f"a number{lower}{upper}{unit and f' {unit}'}", text)
+            limits = []
+            if least > -math.inf:
+                limits.append(f"{'greater than' if above else 'of at least'} {least:g}")
+            if most < math.inf:
+                limits.append(f"{'at most' if limits else 'of at most'} {most:g}")
+            form = ["a number", " and ".join(limits), unit]
+            raise expected(" ".join(filter(None, form)), text)
         return number
 
     return parse

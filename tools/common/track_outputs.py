@@ -30,8 +30,8 @@ from handpose.output.live.page import page
 from handpose.output.live.server import LiveServer, checked_token
 from handpose.output.tracks.writing import TrackWriter, open_writer
 from handpose.tracking.track import TrackedFrame, TrackHeader
-from netlib.errors import NetlibError, reason_of
-from netlib.files import atomic
+from netlib.errors import NetlibError
+from netlib.files import atomic, reading
 from netlib.files.paths import real
 from tools.common import arguments, outputs
 from tools.common.arguments import name_in
@@ -180,8 +180,8 @@ class Outputs:
         # created later, but checked now
         for name in filter(None, (self._args.video, self._args.sheet)):
             outputs.check_place(Path(name))
-        every = (*self._writers, self._video, self._live)
-        named = [output for output in every if output is not None]
+        possible = (*self._writers, self._video, self._live)
+        named = [output for output in possible if output is not None]
         with contextlib.ExitStack() as stack:
             for output in named:
                 stack.enter_context(output)
@@ -313,12 +313,12 @@ class LiveOutput:
 def _written(path: Path, server: LiveServer) -> Iterator[None]:
     """A file with the addresses of a server within the block. Raises NetlibError."""
     addresses = {"page": server.page_url, "frames": server.lines_url, "token": server.token}
-    try:
-        with atomic.replacing(path) as fresh:
-            fresh.chmod(0o600)
-            fresh.write_text(json.dumps(addresses, indent=1) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise NetlibError(f"{path}: cannot write the addresses: {reason_of(error)}") from error
+    with (
+        reading.refused(path, "the addresses", NetlibError, "write"),
+        atomic.replacing(path) as fresh,
+    ):
+        fresh.chmod(0o600)
+        fresh.write_text(json.dumps(addresses, indent=1) + "\n", encoding="utf-8")
     try:
         yield
     finally:
