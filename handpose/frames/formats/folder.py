@@ -39,7 +39,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.frames.camera_file import FRAME_UNIT, TICKS, since_1970
 from handpose.frames.camera_places import next_to
 from handpose.frames.cameras import Camera, View
 from handpose.frames.formats import CONVERTED, OF_ONE_FRAME, RAW, STACKS, conversion, is_pattern
@@ -60,6 +59,7 @@ from handpose.frames.recording import (
     NotDepthError,
     Recording,
 )
+from handpose.frames.time_units import FRAME_UNIT, TICKS, since_1970
 from netlib import files
 from netlib.errors import DataError, did_you_mean, system_error_of
 from netlib.files.paths import exists, list_folder, names_in

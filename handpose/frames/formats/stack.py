@@ -28,7 +28,8 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from handpose.frames import camera_file
-from handpose.frames.camera_file import FRAME_UNIT, MAX_NAMES, TICKS, since_1970
+from handpose.frames.camera_file import MAX_NAMES
+from handpose.frames.camera_keys import SIZE, has_camera, is_known
 from handpose.frames.camera_places import next_to
 from handpose.frames.images import errors_of
 from handpose.frames.recording import (
@@ -41,6 +42,7 @@ from handpose.frames.recording import (
     Recording,
     check_values,
 )
+from handpose.frames.time_units import FRAME_UNIT, TICKS, since_1970
 from netlib import files
 from netlib.errors import DataError
 from netlib.files.pictures import MAX_PIXELS
@@ -162,12 +164,8 @@ class _Npz:
                 )
             self.names, self.others = list(headers), {}
             for name, header in headers.items():
-                is_known = (
-                    camera_file.is_known(name)
-                    or TIMES.fullmatch(_last(name))
-                    or name == CAMERA_TEXT
-                )
-                if is_known and header.dtype.kind in PARAMETERS:
+                is_used = is_known(name) or TIMES.fullmatch(_last(name)) or name == CAMERA_TEXT
+                if is_used and header.dtype.kind in PARAMETERS:
                     with archive.open(f"{name}.npy") as stream:
                         self.others[name] = npy.read_array(stream, allow_pickle=False)
 
@@ -269,7 +267,7 @@ TIMES = re.compile(
 )
 # the one name whose times are seconds unless they are times since 1970 in another unit
 IN_SECONDS = "time"
-OF_ANYTHING = ("name", "model", *camera_file.SIZE_KEYS)  # ambiguous keys, used only with a camera
+OF_ANYTHING = ("name", "model", *SIZE)  # ambiguous keys, used only with a camera
 CAMERA_TEXT = "camera"  # the name of the whole text of a camera.json
 MAX_VALUES = 1000  # in an array of parameters
 
@@ -295,10 +293,10 @@ def parameters_in(
     Raises DataError.
     """
     small = {name: value.tolist() for name, value in found.items() if value.size <= 16}
-    has_camera = camera_file.has_camera(small)
+    has_own = has_camera(small)
     nested: dict[str, Any] = {}
     for name, value in found.items():
-        if camera_file.is_known(name) and (has_camera or name not in OF_ANYTHING):
+        if is_known(name) and (has_own or name not in OF_ANYTHING):
             *groups, last = name.split(".")
             inner = nested
             for group in groups:

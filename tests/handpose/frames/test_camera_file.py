@@ -14,10 +14,11 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from handpose.frames import camera_file
-from handpose.frames.camera_file import TIME_UNITS, find, parse, to_text
+from handpose.frames.camera_file import find, parse, to_text
 from handpose.frames.cameras import Camera, View
 from handpose.frames.lens import Lens
 from handpose.frames.recording import CameraInfo
+from handpose.frames.time_units import TIME_UNITS
 from netlib.errors import DataError
 from tests.support.bad_input import bad_inputs
 
@@ -428,27 +429,6 @@ def test_files_of_opencv(tmp_path: Path, suffix: str) -> None:
     found = camera_file.read(tmp_path / f"camera{suffix}")
     assert (found.camera, found.lens) == (SIZED, Lens((0.1, -0.2, 1e-3, 0, 0.3)))
     assert found.origin.endswith("distortion_coefficients; not used: calibration_time)")
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "a:\n- 1\n- -2.5e+3\ng: # h\nl:\n  m:\n    n: [3.5, .5e-1,\n      4]\n  o: -0.5\n"
-        "'p q': [[1, 2],\n  [3, 4]]\ns: t u\n",
-        '%YAML 1.1\n---\na:\n  - 1\n  - 2\nb: {c: 2, d: [1, 2], e: "f"}\n...\nb: 1\n',
-    ],
-)
-def test_yaml(text: str) -> None:
-    """Numbers, texts and objects as a reader of YAML has them."""
-    yaml = pytest.importorskip("yaml")
-
-    def flat(value: Any) -> Any:
-        if isinstance(value, dict):
-            return {key: flat(inner) for key, inner in value.items()}
-        rows = np.array(value, object).ravel().tolist() if isinstance(value, list) else value
-        return rows
-
-    assert flat(camera_file.parse_document(text, "x")) == flat(next(yaml.safe_load_all(text)))
 
 
 # What other programs print or write: 64 x 48 px, focal lengths 60 and 61, the middle at 31.5, 23.5.
