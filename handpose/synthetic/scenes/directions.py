@@ -22,6 +22,11 @@ def dot(v: Array, w: Array) -> Array:
     return np.asarray((v * w).sum(-1))
 
 
+def right_angled(x: Array, y: Array) -> Array:
+    """Axes (..., 3, 3) in columns: two at a right angle, and the third."""
+    return np.stack([x, y, np.cross(x, y)], axis=-1)
+
+
 def any_direction(rng: np.random.Generator, *shape: int) -> Array:
     """Random directions (..., 3), uniform."""
     return unit(rng.normal(size=(*shape, 3)))
