@@ -190,14 +190,13 @@ def _measure(
     rng: np.random.Generator, depth: Floats, far: Floats, sensor: Sensor, focal_baseline: float
 ) -> None:
     """Noise and rounding of the disparity, in place."""
-    deviation = np.broadcast_to(_draw(rng, sensor.disparity_noise, len(depth)), depth.shape)
-    seen = np.flatnonzero(depth < far)
-    disparity = np.float32(focal_baseline) / depth.reshape(-1)[seen]
+    seen, true, deviation = _read(rng, depth, far, sensor.disparity_noise)
+    disparity = np.float32(focal_baseline) / true
     noise = _noise(rng, (2, len(seen)))
     # the sum of two uniform numbers approximates a normal one
     both = np.add(noise[0], noise[1], dtype=np.int16)
     unit = np.float32(1 / (_BYTE_STD * 2**0.5))
-    disparity += both * (deviation.reshape(-1)[seen] * unit)
+    disparity += both * (deviation * unit)
     disparity *= np.float32(1 / sensor.disparity_step)
     np.rint(disparity, out=disparity)
     depth.reshape(-1)[seen] = np.float32(focal_baseline / sensor.disparity_step) / disparity
@@ -205,13 +204,22 @@ def _measure(
 
 def _time(rng: np.random.Generator, depth: Floats, far: Floats, sensor: Sensor) -> None:
     """Noise and rounding of the depth, in place."""
-    deviation = np.broadcast_to(_draw(rng, sensor.depth_noise, len(depth)), depth.shape)
-    seen = np.flatnonzero(depth < far)
-    true = depth.reshape(-1)[seen]
-    noise = rng.standard_normal(len(seen), dtype=np.float32) * deviation.reshape(-1)[seen]
+    seen, true, deviation = _read(rng, depth, far, sensor.depth_noise)
+    noise = rng.standard_normal(len(seen), dtype=np.float32) * deviation
     step = np.float32(sensor.depth_step)
     noisy = true + noise * (true / 1000) ** 2
     depth.reshape(-1)[seen] = np.rint(noisy / step) * step
+
+
+def _read(
+    rng: np.random.Generator, depth: Floats, far: Floats, noise: tuple[float, float]
+) -> tuple[NDArray[np.int64], Floats, Floats]:
+    """Flat indices of the pixels before the background, their depths, and the deviation of each,
+    which its frame draws between two bounds.
+    """
+    deviation = np.broadcast_to(_draw(rng, noise, len(depth)), depth.shape)
+    seen = np.flatnonzero(depth < far)
+    return seen, depth.reshape(-1)[seen], deviation.reshape(-1)[seen]
 
 
 def _fly(rng: np.random.Generator, depth: Floats, far: Floats, sensor: Sensor) -> None:
@@ -219,10 +227,8 @@ def _fly(rng: np.random.Generator, depth: Floats, far: Floats, sensor: Sensor) -
     behind ``far``.
     """
     _, H, W = depth.shape
-    where = _at_edges(depth, sensor)
+    where = _some(rng, depth, _at_edges(depth, sensor), sensor.flying)
     frame, pixel = np.divmod(where, H * W)
-    flies = rng.random(len(where)) < _draw(rng, sensor.flying, len(depth))[frame, 0, 0]
-    where, frame, pixel = where[flies], frame[flies], pixel[flies]
     step = rng.integers(0, 4, len(where))
     down = np.array([-1, 1, 0, 0])[step]
     right = np.array([0, 0, -1, 1])[step]
@@ -249,13 +255,21 @@ def _at_edges(depth: Floats, sensor: Sensor) -> NDArray[np.int64]:
     return np.flatnonzero(edge)
 
 
+def _some(
+    rng: np.random.Generator, depth: Floats, where: NDArray[np.int64], share: tuple[float, float]
+) -> NDArray[np.int64]:
+    """Some of the pixels with these flat indices: of each frame a share between two bounds."""
+    frame = where // depth[0].size
+    chosen = rng.random(len(where)) < _draw(rng, share, len(depth))[frame, 0, 0]
+    return where[chosen]
+
+
 def _drop(rng: np.random.Generator, depth: Floats, far: Floats, sensor: Sensor) -> None:
     """Pixels and small holes at edges that are not read, in place."""
     _, H, W = depth.shape
     where = _at_edges(depth, sensor)
-    frame = where // (H * W)
-    dropped = where[rng.random(len(where)) < _draw(rng, sensor.dropout, len(depth))[frame, 0, 0]]
-    holes = where[rng.random(len(where)) < _draw(rng, sensor.holes, len(depth))[frame, 0, 0]]
+    dropped = _some(rng, depth, where, sensor.dropout)
+    holes = _some(rng, depth, where, sensor.holes)
     n, row, column = (index[:, None] for index in np.unravel_index(holes, depth.shape))
     down, right = np.arange(9) // 3 - 1, np.arange(9) % 3 - 1
     rows = np.clip(row + down, 0, H - 1)

@@ -27,6 +27,11 @@ def right_angled(x: Array, y: Array) -> Array:
     return np.stack([x, y, np.cross(x, y)], axis=-1)
 
 
+def turned(turns: Array, v: Array) -> Array:
+    """Vectors (N, 3) turned by each of K rotations (N, K, 3, 3)."""
+    return np.einsum("nkij,nj->nki", turns, v)
+
+
 def any_direction(rng: np.random.Generator, *shape: int) -> Array:
     """Random directions (..., 3), uniform."""
     return unit(rng.normal(size=(*shape, 3)))

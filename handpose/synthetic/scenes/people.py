@@ -10,7 +10,14 @@ from numpy.typing import NDArray
 from handpose.body.render import Capsules
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.scenes.cameras import HEIGHT, WIDTH, Cameras
-from handpose.synthetic.scenes.directions import across, any_direction, any_rotation, dot, unit
+from handpose.synthetic.scenes.directions import (
+    across,
+    any_direction,
+    any_rotation,
+    dot,
+    turned,
+    unit,
+)
 from handpose.synthetic.scenes.hands import Hands, draw_hands
 from handpose.synthetic.scenes.prior import ArmParameter, BodyParameter, HandsParameter, ScenePrior
 from handpose.synthetic.scenes.solids import shown
@@ -103,19 +110,15 @@ def _turn_of_first(
     """Rotations (N, 3, 3) of the first hands: the likeliest of some arrangements of their arms."""
     count, up = len(place), cameras.up[:, None]
     turns = any_rotation(rng, count, TRIALS)
-
-    def turned(v: Array) -> Array:
-        return np.einsum("nkij,nj->nki", turns, v)
-
-    forearm = turned(unit(hand.elbow - hand.wrist))
+    forearm = turned(turns, unit(hand.elbow - hand.wrist))
     away = dot(forearm, unit(place)[:, None])  # negative: the elbow is nearer than the hand
     score = rng.random((count, TRIALS)) - 3 * (away < -0.85)
     shoulder = wearer.shoulder(hand.side)[:, None]
-    reach = np.linalg.norm(place[:, None] + turned(hand.elbow) - shoulder, axis=-1)
+    reach = np.linalg.norm(place[:, None] + turned(turns, hand.elbow) - shoulder, axis=-1)
     too_far = np.abs(reach - ARM_MM * wearer.size) / 120
     score -= cameras.on_head[:, None] * np.clip(too_far, 0, 4)
     score += cameras.facing[:, None] * ((away > 0) - 0.5 * dot(forearm, up))
-    score -= rests[:, None] * 5 * dot(turned(hand.palmar), up)
+    score -= rests[:, None] * 5 * dot(turned(turns, hand.palmar), up)
     score += along[:, None] * 5 * np.abs(away)
     return np.asarray(turns[np.arange(count), score.argmax(1)])
 
@@ -154,7 +157,7 @@ def _second(
     hand = draw_hands(rng, sampler, own_side)
     elbows = _other_elbows(rng, person, own_side)
     turns = any_rotation(rng, count, TRIALS)
-    places = elbows - np.einsum("nkij,nj->nki", turns, hand.elbow)
+    places = elbows - turned(turns, hand.elbow)
     u, v = np.moveaxis(cameras.pixels(places), -1, 0)
     z = places[..., 2]
     in_frame = (u > 5) & (u < WIDTH - 5) & (v > 5) & (v < HEIGHT - 5)
