@@ -151,7 +151,7 @@ class DepthFitter:
             unknown = np.isnan(before[:, :1])
             tried.append(np.where(unknown, first, before)[None])
             priors.append(np.where(unknown, first, self._expected(before))[None])
-            cost_factors.append(np.where(unknown, np.inf, self.settings.steady.stay).T)
+            cost_factors.append(np.where(unknown, np.inf, self.settings.steady.cost_factor).T)
         if plan.trials is not None:
             draws = plan.trials.draws
             tried.append(drawn(model, first, self.errors.limbs, draws, self.seed))
@@ -184,14 +184,14 @@ class DepthFitter:
         moved_mm  (N,) distance of the last fit from the network's joints, which stays
                   one of the signs
         """
-        network, hold = self.model.joints(before), self.settings.steady.hold
+        network, held = self.model.joints(before), self.settings.steady.limb_precision
         priors, plan = self._expected(before)[None], self.search.refining(plan)
         found = self._searched(
-            seen, before[None].copy(), priors, plan, size, np.ones((1, len(seen))), hold
+            seen, before[None].copy(), priors, plan, size, np.ones((1, len(seen))), held
         )
         off = (found.x - priors[0])[:, self.model.limbs]
         squares = ((off @ self.precision) * off).sum(axis=1)
-        found.parts[:, 3] -= (hold - 1) * self.objective.weights.limbs * squares
+        found.parts[:, 3] -= (held - 1) * self.objective.weights.limbs * squares
         return self._results(found, seen, network, moved_mm)
 
     def _expected(self, before: Array) -> Array:
@@ -211,15 +211,15 @@ class DepthFitter:
         plan: Plan,
         size: float | Array | None,
         cost_factor: Array,
-        hold: float = 1.0,
+        limb_precision: float = 1.0,
     ) -> SearchResult:
         """The best of starts (K, N, V) with these priors, in batches that fit the cache.
 
-        cost_factor  (K, N) factors of the costs
-        hold         factor of the limbs' precision, relative to the network's
+        cost_factor     (K, N) factors of the costs
+        limb_precision  relative to that of the network's limbs
         """
         objective, (K, N, V) = self.objective, starts.shape
-        precision = hold * self.precision
+        precision = limb_precision * self.precision
         if size is not None:
             starts[:, :, SIZE_INDEX] = priors[:, :, SIZE_INDEX] = np.log(size)
             objective = objective.of_known_size()

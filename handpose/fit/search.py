@@ -140,7 +140,7 @@ class Search:
         stages: Sequence[Stage],
     ) -> tuple[Array, Cost]:
         """Minimise the objective from x (N, V); returns x after all stages, and its cost."""
-        further, momentum = self.settings.further, self.settings.momentum
+        factor, momentum = self.settings.step_factor, self.settings.momentum
         lower, upper = objective.model.lower, objective.model.upper
         x, mu = np.clip(rounded(x, FIT_STEP), lower, upper), np.full(len(x), FIRST_MU)
         measured, moved = objective.measure(x, seen, prior), np.zeros_like(x)
@@ -151,7 +151,7 @@ class Search:
                 M, b = objective.equations(measured, now)
                 step = damped_step(M, b, mu, x, lower, upper, DESCENT_RIDGE)
                 trial = np.clip(
-                    rounded(x + further * step + momentum * moved, FIT_STEP), lower, upper
+                    rounded(x + factor * step + momentum * moved, FIT_STEP), lower, upper
                 )
                 trial_measured = objective.measure(trial, seen, prior)
                 found = objective.weigh(trial_measured, seen, stage.robust)
@@ -203,7 +203,7 @@ class Search:
     def refining(self, plan: Plan) -> Plan:
         """The plan from one start that is already close to the solution."""
         s = self.settings
-        return Plan(plan.name, plan.points, s.refining, min_gain=s.min_gain)
+        return Plan(plan.name, plan.points, s.refining_iterations, min_gain=s.min_gain)
 
 
 def data_cost(parts: Array) -> Array:

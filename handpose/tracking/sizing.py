@@ -56,13 +56,13 @@ class SizeKeeper:
     def take(self, estimate: Hand, time: float) -> None:
         """Add a pose of a frame, from which the size may follow."""
         is_known, s = self.size is not None, self._settings
-        if is_known or estimate.chance < s.confident or time - self._time < s.every_s:
+        if is_known or estimate.chance < s.min_confidence or time - self._time < s.min_interval_s:
             return
         self._estimates = [*(one for one in self._estimates if one.hand == estimate.hand), estimate]
         self._time = time
-        if len(self._estimates) < s.collected:
+        if len(self._estimates) < s.poses:
             return
-        estimates = sorted(self._estimates, key=lambda one: one.uncertainty)[: s.collected // 2]
+        estimates = sorted(self._estimates, key=lambda one: one.uncertainty)[: s.poses // 2]
         self._estimates = []
         crops, uvd = (
             np.stack(values)

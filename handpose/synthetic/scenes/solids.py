@@ -39,7 +39,8 @@ def one_each(
     kind: NDArray[np.int_], center: Array, axes: Array, half: Array, shown: NDArray[np.bool_]
 ) -> Solids:
     """One solid in each frame: (N,), (N, 3), (N, 3, 3), (N, 3), (N,)."""
-    return Solids(*(values[:, None] for values in (kind, center, axes, half, shown)))
+    values = kind[:, None], center[:, None], axes[:, None], half[:, None], shown[:, None]
+    return Solids(*values)
 
 
 def joined(parts: Sequence[Solids]) -> Solids:

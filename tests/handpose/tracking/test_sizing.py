@@ -91,9 +91,9 @@ def test_the_size_of_a_hand(model: CapsuleModel, poses: Poses, side: Side, other
     """
     hands = estimates(model, poses, side=side)
     [(count, size)] = kept(model, hands)
-    assert count == SETTINGS.collected and size == pytest.approx(0.93, abs=0.02)
+    assert count == SETTINGS.poses and size == pytest.approx(0.93, abs=0.02)
     [(later, same)] = kept(model, [*estimates(model, poses, side=other)[:20], *hands])
-    assert later == SETTINGS.collected + 20 and same == pytest.approx(size)
+    assert later == SETTINGS.poses + 20 and same == pytest.approx(size)
 
 
 @pytest.mark.parametrize(("size", "fitted"), [(0.761, 0.72), (0.93, 0.8), (1.329, 1.25)])
