@@ -23,7 +23,7 @@ MIN_PRESENCE = 0.25  # 0.1 false hands a frame in scenes of the training's gener
 
 
 @dataclass(frozen=True)
-class Hand:
+class HandEstimate:
     """One hand, or one other body, in one crop of a depth image.
 
     hand        "right" or "left"; "right" for other bodies
@@ -59,7 +59,7 @@ class Hand:
     is_tracked: bool = False
     presence: float = float("nan")
     in_frame: bool = True
-    other: Hand | None = None
+    other: HandEstimate | None = None
     error_mm: float = float("nan")
     confidence: float = float("nan")
     finger_error_mm: Array = field(default_factory=unknown_finger_errors)
@@ -144,7 +144,7 @@ class Hand:
         """False if the joints are withheld."""
         return bool(np.isfinite(self.network_mm).all())
 
-    def given(self, min_confidence: float) -> Hand:
+    def given(self, min_confidence: float) -> HandEstimate:
         """This hand; below the minimum confidence without its joints, which are NaN, and
         without its fit.
 
@@ -210,11 +210,14 @@ class Hand:
         return self.model
 
 
-def judge(hands: Sequence[Hand], view: SideView | None, by: Judge) -> list[Hand]:
+Hand = HandEstimate  # the name that the modules of tracking still use
+
+
+def judge(hands: Sequence[HandEstimate], view: SideView | None, by: Judge) -> list[HandEstimate]:
     """Fitted hands of one body and cube with the error and the confidence of their poses, by what
     the frame of all of them shows; each by its crop alone without one.
     """
-    found: dict[int, Hand] = {}
+    found: dict[int, HandEstimate] = {}
     for side in SIDES:
         rows = [n for n, hand in enumerate(hands) if hand.hand == side]
         own = [hands[n] for n in rows]
@@ -227,8 +230,8 @@ def judge(hands: Sequence[Hand], view: SideView | None, by: Judge) -> list[Hand]
 
 
 def _judge(
-    hands: Sequence[Hand], readings: NDArray[np.float32], camera: Camera, by: Judge
-) -> list[Hand]:
+    hands: Sequence[HandEstimate], readings: NDArray[np.float32], camera: Camera, by: Judge
+) -> list[HandEstimate]:
     """Hands of one side, by an image in their view."""
     fits = DepthFit.concatenate([hand.the_fit for hand in hands])
     center = np.stack([hand.view_center_mm for hand in hands])
@@ -240,7 +243,7 @@ def _judge(
     ]
 
 
-def with_quality(hand: Hand, found: Judged, n: int) -> Hand:
+def with_quality(hand: HandEstimate, found: Judged, n: int) -> HandEstimate:
     """A hand with the errors and the confidence of the judged pose ``n``."""
     return replace(
         hand,
@@ -250,7 +253,7 @@ def with_quality(hand: Hand, found: Judged, n: int) -> Hand:
     )
 
 
-def _as_frame(hand: Hand) -> tuple[NDArray[np.float32], Camera]:
+def _as_frame(hand: HandEstimate) -> tuple[NDArray[np.float32], Camera]:
     """A hand's crop as a depth image in mm, and its camera."""
     camera, size = hand.view_camera, len(hand.view_crop)
     offset, factor = crop_scale(hand.view_uvd[None], hand.cube_mm, camera, size)
@@ -262,7 +265,7 @@ def _as_frame(hand: Hand) -> tuple[NDArray[np.float32], Camera]:
     )
 
 
-def as_one_side(hand: Hand, judge: Judge) -> Hand:
+def as_one_side(hand: HandEstimate, judge: Judge) -> HandEstimate:
     """A hand that was fitted as either side, with the errors and the confidence if the
     side may be wrong.
 

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from handpose.estimate.hand import Hand
+from handpose.estimate.hand import HandEstimate
 from handpose.fit.body import MAX_SIZE, MIN_SIZE, SIZE_INDEX, TYPICAL_SIZE
 from handpose.fit.depth_fit import DepthFitter
 from handpose.fit.objective import Objective
@@ -50,10 +50,10 @@ class SizeKeeper:
     ) -> None:
         self.size = size
         self._fitter, self._settings = fitter, settings
-        self._estimates: list[Hand] = []
+        self._estimates: list[HandEstimate] = []
         self._time = -np.inf
 
-    def take(self, estimate: Hand, time: float) -> None:
+    def take(self, estimate: HandEstimate, time: float) -> None:
         """Add a pose of a frame, from which the size may follow."""
         is_known, s = self.size is not None, self._settings
         if is_known or estimate.chance < s.min_confidence or time - self._time < s.min_interval_s:

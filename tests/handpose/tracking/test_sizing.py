@@ -11,7 +11,7 @@ import pytest
 
 from handpose.body.render import normalise_depth, render_crop
 from handpose.body.sides import Side, camera_of
-from handpose.estimate.hand import Hand
+from handpose.estimate.hand import HandEstimate
 from handpose.fit.body import SIZE_INDEX, TYPICAL_SIZE, CapsuleModel
 from handpose.fit.depth_fit import DepthFitter
 from handpose.frames.cameras import NYU
@@ -44,7 +44,7 @@ def estimates(
     side: Side = "right",
     fitted: float = 1.0,
     confidence: float = 1.0,
-) -> list[Hand]:
+) -> list[HandEstimate]:
     """Estimates of hands of this size, or of their mirror images, with small errors and sizes
     about ``fitted``.
     """
@@ -58,7 +58,7 @@ def estimates(
     camera = camera_of(NYU, side)
     fits: Any = [SimpleNamespace(x=row[None], uncertainty=np.ones(1)) for row in x]
     return [
-        Hand(
+        HandEstimate(
             side,
             crop,
             center,
@@ -74,7 +74,9 @@ def estimates(
     ]
 
 
-def kept(model: CapsuleModel, hands: Sequence[Hand], every: float = 0.2) -> list[tuple[int, float]]:
+def kept(
+    model: CapsuleModel, hands: Sequence[HandEstimate], every: float = 0.2
+) -> list[tuple[int, float]]:
     """The sizes that a keeper finds, with the number of poses until then."""
     keeper = SizeKeeper(DepthFitter(model), SETTINGS)
     sizes: list[float | None] = []
