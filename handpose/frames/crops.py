@@ -200,14 +200,19 @@ def normalise_joints(xyz: ArrayLike, center_xyz: ArrayLike, half_cube: ArrayLike
     """Joints (N, K, 3) in mm, camera axes, to half-cubes from the centre (N, 3); ``half_cube``
     mm, one or (N,).
     """
-    center, half = np.asarray(center_xyz)[..., None, :], np.asarray(half_cube)[..., None, None]
+    center, half = _each(center_xyz, half_cube)
     return np.asarray((np.asarray(xyz, dtype=np.float64) - center) / half)
 
 
 def restore_joints(joints: ArrayLike, center_xyz: ArrayLike, half_cube: ArrayLike) -> Array:
     """The inverse of ``normalise_joints``: half-cubes to mm in camera axes."""
-    center, half = np.asarray(center_xyz)[..., None, :], np.asarray(half_cube)[..., None, None]
+    center, half = _each(center_xyz, half_cube)
     return np.asarray(np.asarray(joints, dtype=np.float64) * half + center)
+
+
+def _each(center_xyz: ArrayLike, half_cube: ArrayLike) -> tuple[Array, Array]:
+    """The centre and the half-cube of each joint."""
+    return np.asarray(center_xyz)[..., None, :], np.asarray(half_cube)[..., None, None]
 
 
 def clear_crop(

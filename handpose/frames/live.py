@@ -154,14 +154,8 @@ class LiveRecording(Recording):
                     f"{device.name}: expected the camera with its width and height, and unit_mm"
                 )
             shape = (camera.height, camera.width)
-            self._decode = DepthDecoder(shape, np.dtype(np.uint16), self.name, given, device.info)
+            self._decode_by(DepthDecoder(shape, np.dtype(np.uint16), self.name, given, device.info))
             stack.pop_all()
-        self.camera, self.unit_mm, self.rate = (
-            self._decode.camera,
-            self._decode.unit_mm,
-            self._decode.rate,
-        )
-        self.remarks = self._decode.remarks
 
     def __iter__(self) -> Iterator[DepthFrame]:
         self.cut, self.remarks = "", self._decode.remarks

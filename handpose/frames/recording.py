@@ -82,6 +82,12 @@ class Recording(ABC):
     def __iter__(self) -> Iterator[DepthFrame]:
         """The frames from the first on; of a live one, from now on."""
 
+    def _decode_by(self, decode: DepthDecoder) -> None:
+        """Take a decoder of the frames, and their parameters from it."""
+        self._decode = decode
+        self.camera, self.unit_mm = decode.camera, decode.unit_mm
+        self.rate, self.remarks = decode.rate, decode.remarks
+
     def close(self) -> None:  # noqa: B027  # most have nothing to let go of
         """Close files and cameras."""
 

@@ -102,14 +102,14 @@ class FolderRecording(Recording):
                 if not in_names[1].ticks:
                     self._names, self._reading = in_names
                     self._reading = self._timed_by(timed, given, own, camera_json)
-        self._decode = decode = DepthDecoder(raw.shape, raw.dtype, where, given, own, camera_json)
-        self.name, self.count, self.rate = str(source), len(names), decode.rate
-        self.camera, self.unit_mm = decode.camera, decode.unit_mm
-        remarks = [self._reading.how, *taken, *decode.remarks]
+        decode = DepthDecoder(raw.shape, raw.dtype, where, given, own, camera_json)
+        self._decode_by(decode)
+        self.name, self.count = str(source), len(names)
+        self.remarks = (self._reading.how, *taken, *self.remarks)
         if not self._reading.ticks and len(names) > 1:
             self.rate, assumed = decode.paced()
-            remarks += assumed
-        self.remarks = self._remarks = tuple(remarks)
+            self.remarks += assumed
+        self._remarks = self.remarks
 
     def _timed_by(
         self, name: str, given: CameraInfo, own: CameraInfo, camera_json: CameraInfo

@@ -144,14 +144,10 @@ class BagRecording(Recording):
             values = values_of(image, where)
             own = _own(bag, self._topic, encoding_of(image), values.shape, given.camera is not None)
             camera_json = next_to(self._path, given.camera is None and own.camera is None)
-            self._decode = DepthDecoder(values.shape, values.dtype, where, given, own, camera_json)
+            self._decode_by(
+                DepthDecoder(values.shape, values.dtype, where, given, own, camera_json)
+            )
             self.name, self.count = str(self._path), bag.topics(*IMAGES)[self._topic]
-        self.camera, self.unit_mm, self.rate = (
-            self._decode.camera,
-            self._decode.unit_mm,
-            self._decode.rate,
-        )
-        self.remarks = self._decode.remarks
 
     def __iter__(self) -> Iterator[DepthFrame]:
         self.cut, self.remarks = "", self._decode.remarks

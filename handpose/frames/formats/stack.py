@@ -80,14 +80,13 @@ class StackRecording(Recording):
             raise DataError(
                 f"{path}: has no times, so --time-unit has no meaning; expected an array time"
             )
-        self._decode = decode = DepthDecoder(
-            frames.shape[1:], frames.dtype, where, given, own, camera_json
-        )
-        self.camera, self.unit_mm = decode.camera, decode.unit_mm
-        self.rate, assumed = (
-            (decode.rate, ()) if times is not None or count == 1 else decode.paced()
-        )
-        self.remarks = (*(["; ".join(taken)] if taken else []), *decode.remarks, *assumed)
+        decode = DepthDecoder(frames.shape[1:], frames.dtype, where, given, own, camera_json)
+        self._decode_by(decode)
+        if taken:
+            self.remarks = ("; ".join(taken), *self.remarks)
+        if times is None and count > 1:
+            self.rate, assumed = decode.paced()
+            self.remarks += assumed
         self.warnings = not_used(
             [name for name in frames.names if _last(name) not in fields and name != times]
         )

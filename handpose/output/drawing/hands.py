@@ -19,6 +19,7 @@ from handpose.frames.cameras import NYU, Camera
 from handpose.frames.crops import crop_pixels, restore_joints
 from handpose.output.drawing import strokes
 from handpose.output.drawing.strokes import Colour, Image
+from layers.hand.kinematics import rotation
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.errors import DataError
@@ -108,12 +109,7 @@ def view_3d(
     Its shadow is on the floor of the cube. ``truth`` joints in thin black; the fingers ``guesses``
     hollow (``draw``).
     """
-    yaw, pitch = np.deg2rad((YAW, PITCH))
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    turn = np.array([[cos, 0, sin], [0, 1, 0], [-sin, 0, cos]])
-    cos, sin = np.cos(pitch), np.sin(pitch)
-    tilt = np.array([[1, 0, 0], [0, cos, sin], [0, -sin, cos]])
-    view = tilt @ turn
+    view = rotation(0, -np.deg2rad(PITCH)) @ rotation(1, np.deg2rad(YAW))
     distance = 7.0  # distance of the viewer in half-cubes: a weak perspective
     middle = 0.5 * size, 0.46 * size  # in the image, that of the cube
 
