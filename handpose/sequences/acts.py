@@ -162,10 +162,8 @@ class Actor:
 
     def _gestures(self, of: tuple[str, ...], end: float) -> None:
         names: list[str] = []
-        self._turn(
-            *self.next_palm(self.movement.palm.keys[-1], FACING), self.rng.uniform(*STROKE), end
-        )
-        middle = self.movement.place.keys[-1]
+        self._turn(*self.next_palm(self.movement.palm.last, FACING), self.rng.uniform(*STROKE), end)
+        middle = self.movement.place.last
         while self.time < end:
             names = names or [
                 str(name) for name in self.rng.permutation(list(of or self.sampler.poses))
@@ -180,21 +178,21 @@ class Actor:
     def _wave(self, end: float) -> None:
         palm, began = self.movement.palm, self.time
         self._show(fingers_of("five", self.person, self.sampler), end)
-        middle, side = palm.keys[-1], 1.0
+        middle, side = palm.last, 1.0
         self.time = began
         waved = {way: Rotation.from_rotvec([0, 0, way * WAVE]) * middle for way in (1.0, -1.0)}
-        while self._turn(waved[side], self.movement.arm.keys[-1], WAVE_S, end):
+        while self._turn(waved[side], self.movement.arm.last, WAVE_S, end):
             side = -side
 
     def _moving(self, end: float) -> None:
         """Fingers, palm and position have movements at different times."""
         while self.time < end:
             began, bout = self.time, min(self.time + self.rng.uniform(*BOUT), end)
-            while self._show(self.next_fingers(self.movement.fingers.keys[-1]), bout):
+            while self._show(self.next_fingers(self.movement.fingers.last), bout):
                 pass
             self.time = began
             while self._turn(
-                *self.next_palm(self.movement.palm.keys[-1]), self.rng.uniform(*STROKE), bout
+                *self.next_palm(self.movement.palm.last), self.rng.uniform(*STROKE), bout
             ):
                 pass
             self.time = began
@@ -204,7 +202,7 @@ class Actor:
 
     def _away(self, end: float, first: bool) -> None:
         place = self.movement.place
-        inside = place.keys[-1]
+        inside = place.last
         outside = self.volume.outside(inside)
         if first:
             place.keys[-1] = outside
@@ -221,10 +219,10 @@ class Actor:
         """
         values = self.movement.fingers
         ways = [fingers]
-        if self.depth_between(values.keys[-1], fingers[None])[0] > self.sampler.prior.penetration:
+        if self.depth_between(values.last, fingers[None])[0] > self.sampler.prior.penetration:
             ways.insert(0, fingers_of("open", self.person, self.sampler))
         for way in ways:
-            angle = float(np.abs(way - values.keys[-1]).max())
+            angle = float(np.abs(way - values.last).max())
             lasts = max(self.rng.uniform(*STROKE), TOP_SPEED * angle / FINGER_SPEED)
             if not self._stroke(values, way, lasts, self.time, end):
                 return False
@@ -233,8 +231,8 @@ class Actor:
     def _turn(self, palm: Rotation, arm: Array, lasts: float, end: float) -> bool:
         """Turn the palm and the forearm."""
         turns = self.movement.palm
-        arm_angle = float(np.abs(arm - self.movement.arm.keys[-1]).max())
-        angle = (turns.keys[-1].inv() * palm).magnitude() + arm_angle
+        arm_angle = float(np.abs(arm - self.movement.arm.last).max())
+        angle = (turns.last.inv() * palm).magnitude() + arm_angle
         lasts = max(lasts, TOP_SPEED * angle / PALM_SPEED)
         if not self._stroke(turns, palm, lasts, self.time, end):
             return False
@@ -244,7 +242,7 @@ class Actor:
     def _go(self, to: Array, time: float, end: float) -> bool:
         """Move the hand to a position."""
         place = self.movement.place
-        distance = float(np.linalg.norm(to - place.keys[-1]))
+        distance = float(np.linalg.norm(to - place.last))
         lasts = max(self.rng.uniform(*STROKE), TOP_SPEED * distance / HAND_SPEED)
         return self._stroke(place, to, lasts, time, end)
 

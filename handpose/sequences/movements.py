@@ -166,6 +166,11 @@ class Values:
         self.lasts: list[float] = []
 
     @property
+    def last(self) -> Any:
+        """The values (n,) after the last stroke."""
+        return self.keys[-1]
+
+    @property
     def end(self) -> float:
         """The end of the last stroke, s."""
         return self.begins[-1] + self.lasts[-1] if self.begins else 0.0
