@@ -142,7 +142,7 @@ class Surface:
         radii (N, M, 2).
         """
         a, b = (ends[:, joints].transpose(2, 1, 0) for joints in (self.start, self.end))
-        return np.asarray(self._depths(a, b, radii.transpose(1, 2, 0)).max(axis=0, initial=-np.inf))
+        return self._depths(a, b, radii.transpose(1, 2, 0)).max(axis=0, initial=-np.inf)
 
     def mean_penetration(self, capsules: Capsules) -> Array:
         """The mean (N,), over all capsules, of how deep one that should be apart penetrates
@@ -153,7 +153,7 @@ class Surface:
         deepest = np.zeros(a.shape[1:])
         for own in self.apart:
             np.maximum.at(deepest, own, depths)
-        return np.asarray(deepest.mean(axis=0))
+        return deepest.mean(axis=0)
 
     def _depths(self, a: Array, b: Array, r: Array) -> Array:
         """The penetrations (P, N) of the pairs ``apart``; ends (3, M, N), radii (M, 2, N)."""
@@ -162,7 +162,7 @@ class Surface:
         ra, rb = r[i, 0], r[i, 1]
         rc, rd = r[j, 0], r[j, 1]
         thick = ra + s * (rb - ra) + rc + t * (rd - rc)
-        return np.asarray(thick - distance)
+        return thick - distance
 
     def _capsule(self, c: CapsuleParameter) -> tuple[Sphere, Sphere]:
         r = self._radii(c, c.radius, 2)
@@ -259,7 +259,7 @@ class Fingers:
 
     def joints(self, joints: Array) -> Array:
         """The three joints (N, 5, 3, 3) of each finger, of the joints (N, K, 3) of hands."""
-        return np.asarray(self._weights @ joints).reshape(len(joints), len(FINGERS), 3, 3)
+        return (self._weights @ joints).reshape(len(joints), len(FINGERS), 3, 3)
 
 
 def _joints(finger: str) -> list[tuple[str, ...]]:

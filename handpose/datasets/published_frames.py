@@ -71,7 +71,7 @@ class PublishedFrames:
             except BadFrameError as error:
                 bad.append((i, error))
         some = np.array(good, np.int64)
-        center_uvd, half = self.center_uvd[some], np.asarray(self.cube_mm[some] / 2)
+        center_uvd, half = self.center_uvd[some], self.cube_mm[some] / 2
         joints = normalise_joints(self.joints[some], self.camera.unproject(center_uvd), half)
         return Frames.of(np.asarray(crops), joints, center_uvd, self.camera, half, some), bad
 

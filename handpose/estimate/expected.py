@@ -37,7 +37,7 @@ class ExpectedBodies:
     def joints(self, pose: WorldPose) -> Array:
         """The joints (K, 3) of a body in mm, in its view."""
         x = crop_variables(self.model, pose, pose.place)[None]
-        return np.asarray(self.model.joints(x)[0] + pose.place)
+        return self.model.joints(x)[0] + pose.place
 
     def center_of(self, pose: WorldPose, camera: Camera) -> Array:
         """The crop centre (3,) of a body, px, px, mm of the camera of its view."""
@@ -85,4 +85,4 @@ class ExpectedBodies:
         root = world_pose(model, x[0], far)
         joints = model.joints(x)[0] / (self.cube_mm / 2)
         center = recenter(joints, model.skeleton, NYU.project(far), self.cube_mm, NYU)
-        return np.asarray(root.rotation.T @ (NYU.unproject(center) - root.place))
+        return root.rotation.T @ (NYU.unproject(center) - root.place)

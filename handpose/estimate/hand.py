@@ -95,22 +95,22 @@ class HandEstimate:
     @property
     def center_mm(self) -> Array:
         """(3,) crop centre in mm, camera axes."""
-        return np.asarray(self.view_center_mm * mirror_of(self.hand))
+        return self.view_center_mm * mirror_of(self.hand)
 
     @cached_property
     def joints_mm(self) -> Array:
         """(K, 3) mm from the crop's centre, camera axes."""
-        return np.asarray(self.view_joints_mm * mirror_of(self.hand))
+        return self.view_joints_mm * mirror_of(self.hand)
 
     @property
     def joints(self) -> Array:
         """(K, 3) half-cubes from the crop's centre: x right, y up, z away from the camera."""
-        return np.asarray(self.joints_mm / (self.cube_mm / 2))
+        return self.joints_mm / (self.cube_mm / 2)
 
     @property
     def xyz(self) -> Array:
         """(K, 3) joints in mm, camera axes."""
-        return np.asarray(self.center_mm + self.joints_mm)
+        return self.center_mm + self.joints_mm
 
     # ------------------------------------------------------------------------------- how sure it is
 
@@ -170,19 +170,19 @@ class HandEstimate:
     @property
     def x(self) -> Array:
         """(V,) the variables of the model; for a left hand, those of its mirror image."""
-        return np.asarray(self.the_fit.x[0])
+        return self.the_fit.x[0]
 
     @property
     def inputs(self) -> Array:
         """(D,) of the skeleton; for a left hand, those of its mirror image."""
-        return np.asarray(self.the_model.inputs_of(self.the_fit.x)[0])
+        return self.the_model.inputs_of(self.the_fit.x)[0]
 
     @property
     def whole_inputs(self) -> Array:
         """(D',) of the whole body, likewise: ``inputs`` and the degrees of freedom of the
         surface alone.
         """
-        return np.asarray(self.the_model.whole_inputs_of(self.the_fit.x)[0])
+        return self.the_model.whole_inputs_of(self.the_fit.x)[0]
 
     @cached_property
     def body(self) -> WorldPose:

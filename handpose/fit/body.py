@@ -166,7 +166,7 @@ class CapsuleModel:
 
     def _thickness(self, x: Array) -> Array:
         """The scale of all radii (N,)."""
-        return np.asarray(np.exp(x[:, SIZE_INDEX] + x[:, THICKNESS_INDEX]))
+        return np.exp(x[:, SIZE_INDEX] + x[:, THICKNESS_INDEX])
 
 
 def _root_of(name: str, whole: Skeleton) -> int:
@@ -307,13 +307,13 @@ class RootMotion:
     def place(self, x: Array) -> Array:
         """The root's position (N, 3) in mm from the crop's centre."""
         inputs = x[:, self.columns[:3]] + self._initial[:3]
-        return np.asarray(inputs * self._signs[:3])
+        return inputs * self._signs[:3]
 
     def rotation(self, x: Array) -> Array:
         """The root's rotation world_from_root (N, 3, 3)."""
         angles = (x[:, self.columns[3:]] + self._initial[3:]) * self._signs[3:]
         first, second, third = (rotation(axis, angle) for axis, angle in zip(self._axes, angles.T))
-        return np.asarray(first @ second @ third)
+        return first @ second @ third
 
     def variables(self, place: Array, R: Array) -> Array:
         """The variables (N, 6) of ``columns`` for positions (N, 3) and rotations (N, 3, 3);
@@ -363,7 +363,7 @@ class WorldPose(NamedTuple):
 
     def moved(self, step: Array) -> WorldPose:
         """The pose after a step (V,)."""
-        rotation = np.asarray(cv2.Rodrigues(step[3:6])[0]) @ self.rotation
+        rotation = cv2.Rodrigues(step[3:6])[0] @ self.rotation
         return WorldPose(self.place + step[:3], rotation, self.others + step[6:])
 
 

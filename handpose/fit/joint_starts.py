@@ -88,4 +88,4 @@ def aligned(model: CapsuleModel, x: Array, joints: Array) -> Array:
     turn = (U @ V).swapaxes(1, 2)
     place = goal_middle + (turn @ (root.place(x) - middle)[..., None])[..., 0]
     x[:, root.columns] = root.variables(place, turn @ root.rotation(x))
-    return np.asarray(np.clip(x, model.lower, model.upper))
+    return np.clip(x, model.lower, model.upper)

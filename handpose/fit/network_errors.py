@@ -102,4 +102,4 @@ def arrays_of(errors: NetworkErrors) -> dict[str, Array]:
 
 def covariance(errors: Array) -> Array:
     """(L, L) of errors (N, L), about 0."""
-    return np.asarray(errors.T @ errors / len(errors))
+    return errors.T @ errors / len(errors)

@@ -178,7 +178,7 @@ def mean_log_error(signs: Array, lag_mm: Array, hand: Regression) -> Array:
     fit = np.exp(np.log1p(signs) @ hand.weights + hand.constant)
     before = signs[:, SIGNS.index("before")]
     squares = fit**2 + lag_mm**2 + before**2
-    return np.asarray(np.log(np.sqrt(squares)))
+    return np.log(np.sqrt(squares))
 
 
 def least_error(confidence: Array) -> Array:
@@ -304,7 +304,7 @@ class Judge:
         unread counts more.
         """
         covered = np.maximum(support.covered - self.settings.min_covered, 0)
-        return np.asarray(1 - support.seen + self.settings.covered * covered)
+        return 1 - support.seen + self.settings.covered * covered
 
     def evidence_of(
         self,

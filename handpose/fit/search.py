@@ -64,7 +64,7 @@ def damped_step(
     A[:, diagonal, diagonal] += ridge
     A[held[:, :, None] | held[:, None, :]] = 0
     A[:, diagonal, diagonal] += held
-    return np.asarray(np.linalg.solve(A, np.where(held, 0, -b)[..., None])[..., 0])
+    return np.linalg.solve(A, np.where(held, 0, -b)[..., None])[..., 0]
 
 
 def minimise(
@@ -208,7 +208,7 @@ class Search:
 
 def data_cost(parts: Array) -> Array:
     """The cost (N,) without the prior, by which starts are compared."""
-    return np.asarray(parts[:, :3].sum(axis=1))
+    return parts[:, :3].sum(axis=1)
 
 
 def drawn(model: CapsuleModel, x: Array, covariance: Array, count: int, seed: int) -> Array:

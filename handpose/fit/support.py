@@ -100,7 +100,7 @@ class Samples(NamedTuple):
     @property
     def front(self) -> Array:
         """The depths (N, P) of the spheres' nearest points."""
-        return np.asarray(self.center[..., 2] - self.radius)
+        return self.center[..., 2] - self.radius
 
     @property
     def nearest(self) -> Array:

@@ -95,7 +95,7 @@ def crop_pixels(
 ) -> Array:
     """Column and row (N, K, 2) of image points (N, K, 3) in the crops at the centres (N, 3)."""
     first, factor = (each[:, None] for each in crop_scale(center_uvd, cube_mm, camera, size))
-    return np.asarray(first + factor * np.asarray(uvd, dtype=np.float64)[..., :2] + 0.5)
+    return first + factor * np.asarray(uvd, dtype=np.float64)[..., :2] + 0.5
 
 
 def crop_scale(
@@ -201,13 +201,13 @@ def normalise_joints(xyz: ArrayLike, center_xyz: ArrayLike, half_cube: ArrayLike
     mm, one or (N,).
     """
     center, half = _each(center_xyz, half_cube)
-    return np.asarray((np.asarray(xyz, dtype=np.float64) - center) / half)
+    return (np.asarray(xyz, dtype=np.float64) - center) / half
 
 
 def restore_joints(joints: ArrayLike, center_xyz: ArrayLike, half_cube: ArrayLike) -> Array:
     """The inverse of ``normalise_joints``: half-cubes to mm in camera axes."""
     center, half = _each(center_xyz, half_cube)
-    return np.asarray(np.asarray(joints, dtype=np.float64) * half + center)
+    return np.asarray(joints, dtype=np.float64) * half + center
 
 
 def _each(center_xyz: ArrayLike, half_cube: ArrayLike) -> tuple[Array, Array]:
@@ -254,7 +254,7 @@ def unread(
     """
     columns, rows = (index[0] for index in window(np.reshape(center_uvd, (1, 3)), cube_mm, camera))
     picked = readings[rows[:, None], columns]
-    return np.asarray((columns >= 0) & (rows >= 0)[:, None] & ~(picked > 0))
+    return (columns >= 0) & (rows >= 0)[:, None] & ~(picked > 0)
 
 
 def without_flying_pixels(crop: Floats, half_mm: float, pixel_mm: float) -> Floats:

@@ -57,7 +57,7 @@ def centers_of(net: Net, frames: NDArray[np.int_]) -> tuple[Array | None, Camera
         centers, camera = labels.read_crop_centers(data_layer(net).files)
     except DataError:
         return None, NYU
-    return np.asarray(centers[frames]), camera
+    return centers[frames], camera
 
 
 @dataclass(frozen=True)

@@ -262,7 +262,7 @@ class Actor:
         drawn = self.sampler.draw(self.rng, CANDIDATES).inputs
         drawn[:, [*self.sampler.rotation, *self.sampler.translation]] = 0
         depth = self.depth_between(before, drawn)
-        return np.asarray(drawn[_first(depth, self.sampler.prior.penetration)])
+        return drawn[_first(depth, self.sampler.prior.penetration)]
 
     def depth_between(self, before: Array, after: Array) -> Array:
         """The penetration (N,) of fingers in mm on the way from one pose (D,) to others (N, D)."""
@@ -270,7 +270,7 @@ class Actor:
         way = before + parts * (after - before)
         whole = np.zeros((way[..., 0].size, len(self.person.surface.whole.initial)))
         whole[:, : way.shape[-1]] = way.reshape(len(whole), -1)
-        return np.asarray(self.person.penetration_mm(whole).reshape(len(way), -1).max(axis=0))
+        return self.person.penetration_mm(whole).reshape(len(way), -1).max(axis=0)
 
     def next_palm(self, before: Rotation | None, facing: float = 1.0) -> tuple[Rotation, Array]:
         """A palm rotation and the inputs of its forearm, such that the arm can be that of a person
@@ -310,4 +310,4 @@ class Actor:
             x, y, z = limb.T
             too_far = np.stack([-z - TOWARDS, y - UPWARDS, -x * self.outward - INWARDS])
             over = np.maximum(over, np.maximum(too_far, 0).sum(axis=0))
-        return np.asarray(over + np.maximum(np.linalg.norm(steps, axis=1) - MAX_TURN, 0))
+        return over + np.maximum(np.linalg.norm(steps, axis=1) - MAX_TURN, 0)

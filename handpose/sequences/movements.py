@@ -120,7 +120,7 @@ def fingers_of(name: str, person: Person, sampler: BodySampler) -> Array:
     whole = np.zeros((RELAXING_STEPS, len(person.surface.whole.initial)))
     whole[:, : trials.shape[1]] = trials
     fits = person.penetration_mm(whole) <= sampler.prior.penetration
-    return np.asarray(trials[int(np.argmax(fits)) if fits.any() else -1])
+    return trials[int(np.argmax(fits)) if fits.any() else -1]
 
 
 def poses(sampler: BodySampler) -> dict[str, dict[str, float]]:
@@ -150,7 +150,7 @@ def eased(part: Array) -> Array:
     """
     s = np.clip(part, 0, 1)
     polynomial = 10 - 15 * s + 6 * s * s
-    return np.asarray(s * s * s * polynomial)
+    return s * s * s * polynomial
 
 
 class Values:
@@ -199,7 +199,7 @@ class Values:
         """The values (n,) at a time in s."""
         if len(self.keys) == 1:
             return self.keys[0]
-        return np.asarray(self.keys[0] + self.done(time) @ np.diff(self.keys, axis=0))
+        return self.keys[0] + self.done(time) @ np.diff(self.keys, axis=0)
 
 
 class Turns(Values):
@@ -262,11 +262,9 @@ class Movement:
     def inputs_at(self, time: float) -> Array:
         """The inputs (D,) of the whole body, the forearm included."""
         fingers, palm, arm = self.fingers.at(time), self.palm.at(time), self.arm.at(time)
-        return np.asarray(
-            posed(
-                self.sampler, self.person, fingers[None], Rotation.concatenate([palm]), arm[None]
-            )[0]
-        )
+        return posed(
+            self.sampler, self.person, fingers[None], Rotation.concatenate([palm]), arm[None]
+        )[0]
 
 
 def posed(

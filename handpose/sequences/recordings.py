@@ -239,7 +239,7 @@ class SyntheticRecording(Recording):
                 self._upper_arm(forearm.b[:, -1:], movement.side),
             ]
         layers.append(render_image(in_front(joined(arms)), self.camera, NOWHERE_MM)[0])
-        return np.asarray(np.minimum.reduce(layers))
+        return np.minimum.reduce(layers)
 
     def _upper_arm(self, elbow: Array, side: Side) -> Capsules:
         """The capsule (1, 1) from an elbow (1, 1, 3) to the shoulder of the person, who

@@ -103,7 +103,7 @@ class BodySampler:
     def rotations(self, rng: np.random.Generator, count: int) -> Array:
         """Draw the angles (count, T) of the turns in radians."""
         angles = [_angles(rng, turn, count) for turn in self.prior.turn]
-        return np.asarray(np.deg2rad(np.stack(angles, axis=1) if angles else np.zeros((count, 0))))
+        return np.deg2rad(np.stack(angles, axis=1) if angles else np.zeros((count, 0)))
 
     def centers(self, rng: np.random.Generator, count: int, camera: Camera) -> Array:
         """Crop centres (count, 3): px, px, mm; exact in float32, as the labels store them."""
@@ -201,8 +201,8 @@ class BodySampler:
         """The inputs (..., n) of DoFs bent by a fraction from 0 to 1."""
         lower, upper = self.skeleton.lower[dofs], self.skeleton.upper[dofs]
         if bend.straight == "UPPER":
-            return np.asarray(upper - part * (upper - lower))
-        return np.asarray(lower + part * (upper - lower))
+            return upper - part * (upper - lower)
+        return lower + part * (upper - lower)
 
     def _dofs(self, names: Iterable[str]) -> NDArray[np.int_]:
         return np.array([self.skeleton.dof_names.index(name) for name in names], dtype=int)

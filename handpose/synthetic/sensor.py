@@ -183,7 +183,7 @@ def _shift(rng: np.random.Generator, depth: Floats, sensor: Sensor) -> Floats:
     position[1] += np.arange(N, dtype=np.float32)[:, None, None] * H
     position[1] *= W  # below 2^24, so exact
     position[1] += position[0]
-    return np.asarray(depth.reshape(-1)[position[1].astype(np.int32)])
+    return depth.reshape(-1)[position[1].astype(np.int32)]
 
 
 def _measure(

@@ -209,7 +209,7 @@ def _hidden(depth: Floats, hand: Floats) -> Array:
     """The part (N,) of hands that something nearer hides."""
     own = np.isfinite(hand)
     hides = ((depth < hand) & own).sum((1, 2))
-    return np.asarray(hides / np.maximum(own.sum((1, 2)), 1))
+    return hides / np.maximum(own.sum((1, 2)), 1)
 
 
 def _farthest(rng: np.random.Generator, light: LightParameter, palm: Array) -> Array:

@@ -106,13 +106,13 @@ class PoseFilter:
         known = np.maximum(speed - np.minimum(c.noise * scatter, c.max_noise), 0.0)
         far = np.maximum(gap - c.min_gap, 0.0)
         by_speed = c.min_hz + c.slope * known
-        return np.asarray(trust * by_speed + trust**3 * c.gap_slope * far)
+        return trust * by_speed + trust**3 * c.gap_slope * far
 
 
 def share(cutoff: Array | float, seconds: float) -> Array:
     """α, the weight of a new value, for a cutoff in Hz and the seconds since the last value."""
     radians = 2 * np.pi * np.asarray(cutoff) * seconds
-    return np.asarray(1 / (1 + 1 / radians))
+    return 1 / (1 + 1 / radians)
 
 
 def _sizes(step: Array) -> Array:

@@ -170,7 +170,7 @@ def _spread_and_bend(d: Array, ahead: float) -> tuple[float, float]:
 
 def _unit(vector: Array) -> Array:
     """A vector (3,) scaled to length 1; 0 stays 0."""
-    return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-12))
+    return vector / max(float(np.linalg.norm(vector)), 1e-12)
 
 
 def _bends(bones: Array, back: Array) -> list[float]:
@@ -190,4 +190,4 @@ def turned(vector: Array, before: Array, after: Array) -> Array:
     if cos < -0.999999:  # the axis of a half turn is not determined
         return -vector
     along_axis = v * (v @ vector) / (1 + cos)
-    return np.asarray(vector * cos + np.cross(v, vector) + along_axis)
+    return vector * cos + np.cross(v, vector) + along_axis

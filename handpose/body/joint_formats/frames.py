@@ -195,7 +195,7 @@ def palm_frame(joints: Array, skeleton: Skeleton) -> Array:
     joints, (fixed, in_palm) = joints_of(skeleton, "right", joints), _fixed_to_palm(skeleton)
     from_palm = joints[fixed] - joints[skeleton.joint_names.index("palm")]
     U, _, Vt = np.linalg.svd(from_palm.T @ in_palm)
-    return np.asarray(U @ np.diag([1, 1, np.linalg.det(U @ Vt)]) @ Vt)
+    return U @ np.diag([1, 1, np.linalg.det(U @ Vt)]) @ Vt
 
 
 @functools.lru_cache(maxsize=16)

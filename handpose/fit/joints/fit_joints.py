@@ -105,7 +105,7 @@ class PoseProblem:
         r = np.nan_to_num(self.kinematics.forward(inputs).joints[:, self.joints] - goal)
         x = inputs[:, self.free]
         pull = (self.ridge * x * x).sum(axis=1)
-        return np.asarray((r * r).sum(axis=(1, 2)) + pull)
+        return (r * r).sum(axis=(1, 2)) + pull
 
     def result(self, inputs: Array, goal: Array, limits: bool) -> JointFit:
         """Inputs (N, D) in canonical form, within the limits or not, and their distances from the

@@ -76,7 +76,7 @@ def overlay(
             center = np.asarray(center_uvd, dtype=np.float64).reshape(1, 3)
             xyz = restore_joints(points[None], camera.unproject(center), cube_mm / 2)
             at = crop_pixels(camera.project(xyz), center, cube_mm, camera, size)[0]
-        return np.asarray((at + 0.5) * zoom - 0.5)
+        return (at + 0.5) * zoom - 0.5
 
     points = _checked(joints, skeleton)
     draw(canvas, place(points), points[:, 2], skeleton, thick=max(zoom // 2, 1), guesses=guesses)
@@ -116,7 +116,7 @@ def view_3d(
     def place(points: Array) -> Array:
         seen = points @ view.T
         scale = size * 0.33 * distance / (distance + seen[:, 2:])
-        return np.asarray(seen[:, :2] * scale * (1, -1) + middle)
+        return seen[:, :2] * scale * (1, -1) + middle
 
     canvas = np.full((size, size, 3), _PAPER, dtype=np.uint8)
     floor = -1.0

@@ -133,7 +133,7 @@ class _Part:
     def corners(self, hand: TrackedHand) -> Array:
         """Upper left and lower right corner (2, 2) of a hand's crop."""
         corners = np.reshape(box_of(hand, self._frame), (2, 2))
-        return np.asarray((corners - self._corner) * self._zoom - 0.5)
+        return (corners - self._corner) * self._zoom - 0.5
 
 
 def _present(canvas: Image, hand: TrackedHand, part: _Part) -> None:

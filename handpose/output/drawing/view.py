@@ -134,7 +134,7 @@ class Contrast:
         lightness = 0.5 - 0.5 * away / np.hypot(1, away)
         shades = np.rint(_DARK + (_LIGHT - _DARK) * lightness).astype(np.uint8)
         shades[0] = 0
-        return np.asarray(shades[np.minimum(depth, _MAX_DEPTH).astype(np.uint16)])
+        return shades[np.minimum(depth, _MAX_DEPTH).astype(np.uint16)]
 
 
 def _nearer_half(depth: NDArray[np.floating]) -> tuple[float, float]:

@@ -88,7 +88,7 @@ def _parts(name: FormatName, pose: HandPose, camera: Camera | None) -> dict[str,
     found = formatted(name, pose.skeleton, pose.side, pose.xyz, camera, cube_mm)
     if name != "mediapipe":
         return {f"positions_{FORMATS[name].unit}": found.positions}
-    center = np.asarray(found.positions.mean(axis=0))
+    center = found.positions.mean(axis=0)
     return {
         "landmarks": found.landmarks,
         "world_landmarks": found.positions - center,

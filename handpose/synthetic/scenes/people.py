@@ -120,7 +120,7 @@ def _turn_of_first(
     score += cameras.facing[:, None] * ((away > 0) - 0.5 * dot(forearm, up))
     score -= rests[:, None] * 5 * dot(turned(turns, hand.palmar), up)
     score += along[:, None] * 5 * np.abs(away)
-    return np.asarray(turns[np.arange(count), score.argmax(1)])
+    return turns[np.arange(count), score.argmax(1)]
 
 
 def _owner(rng: np.random.Generator, cameras: Cameras, wearer: Torsos, hand: Hands) -> Torsos:
@@ -185,7 +185,7 @@ def _other_elbows(rng: np.random.Generator, person: Torsos, side: Array) -> Arra
     anyhow = 0.3 * rng.normal(size=(count, TRIALS, 3))
     upper = unit(ahead - upwards + aside + anyhow)
     arm = ARM_MM * person.size[:, None] * upper
-    return np.asarray(person.shoulder(side)[:, None] + arm)
+    return person.shoulder(side)[:, None] + arm
 
 
 def draw_arm(

@@ -33,7 +33,7 @@ class Range:
 
     def draw(self, rng: np.random.Generator, *shape: int) -> Array:
         """Numbers of a shape."""
-        return np.asarray(rng.uniform(self.low, self.high, shape))
+        return rng.uniform(self.low, self.high, shape)
 
 
 @dataclass(frozen=True)
