@@ -229,7 +229,9 @@ class PreparedSplit:
         self.parts = parts.parts_of(out, frames.split, len(frames), frames.made_from, frames.recipe)
         self.list, self.bad = out / f"{frames.split}.txt", out / f"bad_{frames.split}.txt"
         self.missing = parts.missing_of(self.parts, [self.list], force)
-        self.index, self.made, self.kinds = list[int](), 0, list[str]()
+        self.index: list[int] = []
+        self.made = 0
+        self.kinds: list[str] = []
 
     def write(
         self,
@@ -246,7 +248,7 @@ class PreparedSplit:
 
         An exception of ``advance`` or ``on_bad`` ends the run and keeps whole parts only.
         """
-        named = list[str]()
+        named: list[str] = []
 
         def report(i: int, error: BadFrameError) -> None:
             on_bad(i, error)
@@ -284,7 +286,9 @@ class PreparedSplit:
         on_bad: Callable[[int, BadFrameError], None],
     ) -> list[int]:
         """Write a part; returns the numbers of its frames."""
-        frames, index, bad = self.frames, list[int](), dict[str, list[int]]()
+        frames = self.frames
+        index: list[int] = []
+        bad: dict[str, list[int]] = {}
         firsts = range(part.start, part.start + part.rows, _FRAMES_PER_TASK)
         stops = [min(first + _FRAMES_PER_TASK, part.start + part.rows) for first in firsts]
         pieces = []

@@ -218,7 +218,8 @@ class FoundCamera:
 
     def __init__(self, chain: _Chain, where: str, is_replaced: bool) -> None:
         self._where, self._is_replaced = where, is_replaced
-        self._values, self.fields = dict[str, Any](), dict[str, str]()
+        self._values: dict[str, Any] = {}
+        self.fields: dict[str, str] = {}
         own = chain[-1][1]
         wanted = {*ALIASES.values()}
         if any(key_of(name) == "fx" for name in own):  # of two forms the matrix is not used

@@ -182,7 +182,8 @@ class DepthDecoder:
         except DataError as error:
             by = f", by {known.origin}" if known.camera is camera_json.camera else ""
             raise DataError(f"{error}{by}") from None
-        self.where, remarks = where, list[str]()
+        self.where = where
+        remarks: list[str] = []
         if isinstance(known.camera, View) and known.lens is None:
             remarks.append(
                 f"camera {known.camera.name}: focal lengths {self.camera.fx:.0f}, {self.camera.fy:.0f} px "

@@ -89,7 +89,8 @@ class FolderRecording(Recording):
             raise DataError(
                 f"{path}: a TIFF of {pictures} pictures; expected one for each frame, or all in an .npy"
             )
-        own, taken = UNKNOWN, list[str]()
+        own = UNKNOWN
+        taken: list[str] = []
         if path.suffix.lower() in STACKS:
             first = arrays_in(path, is_single=True)
             own, fields, taken = parameters_in(first.others, where, given)
