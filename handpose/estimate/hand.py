@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.body.render import Capsules
-from handpose.body.sides import SIDES, Side, SideView, as_right, camera_of, mirror_of, pixel_of
+from handpose.body.sides import Side, SideView, as_right, camera_of, mirror_of, pixel_of
 from handpose.fit.body import SIZE_INDEX, THICKNESS_INDEX, CapsuleModel, WorldPose, world_pose
 from handpose.fit.depth_fit import DepthFit
 from handpose.fit.pose_confidence import Evidence, Judge, Judged, unknown_finger_errors
@@ -217,15 +217,14 @@ def judge(hands: Sequence[HandEstimate], view: SideView | None, by: Judge) -> li
     """Fitted hands of one body and cube with the error and the confidence of their poses, by what
     the frame of all of them shows; each by its crop alone without one.
     """
+    if view is None:
+        return [_judge([hand], *_as_frame(hand), by)[0] for hand in hands]
     found: dict[int, HandEstimate] = {}
-    for side in SIDES:
+    for side in {hand.hand for hand in hands}:
         rows = [n for n, hand in enumerate(hands) if hand.hand == side]
-        own = [hands[n] for n in rows]
-        if view is None:
-            found |= {n: _judge([hand], *_as_frame(hand), by)[0] for n, hand in zip(rows, own)}
-        elif own:
-            seen = view.of(side)
-            found |= zip(rows, _judge(own, np.asarray(seen.readings, np.float32), seen.camera, by))
+        seen = view.of(side)
+        readings = np.asarray(seen.readings, np.float32)
+        found |= zip(rows, _judge([hands[n] for n in rows], readings, seen.camera, by))
     return [found[n] for n in range(len(hands))]
 
 

@@ -117,6 +117,14 @@ def _chosen(better: NDArray[np.bool_], new: T, old: T) -> T:
     return np.where(better.reshape(-1, *[1] * (new.ndim - 1)), new, old)
 
 
+class Starts(NamedTuple):
+    """K starts of each of N frames."""
+
+    x: Array  # (K, N, V)
+    expected: Array  # (K, N, V) the predictions about which their priors are
+    cost_factor: Array  # (K, N) of the costs that are compared
+
+
 class SearchResult(NamedTuple):
     """The best fit of each of N frames."""
 
@@ -169,34 +177,23 @@ class Search:
         return x, now
 
     def best(
-        self,
-        objective: Objective,
-        seen: Observation,
-        priors: Array,
-        starts: Array,
-        precision: Array,
-        plan: Plan,
-        cost_factor: Array | float = 1.0,
+        self, objective: Objective, seen: Observation, starts: Starts, precision: Array, plan: Plan
     ) -> SearchResult:
-        """The best of K starts (K, N, V), each with a prior about the prediction ``priors``
-        (K, N, V).
-
-        cost_factor  (K, N) factors of the costs that are compared
-        """
-        K, N, _ = starts.shape
-        every, cost_factors = np.tile(np.arange(N), K), np.broadcast_to(cost_factor, (K, N))
-        x = starts.reshape(K * N, -1)
-        own = objective.prior_of(priors.reshape(K * N, -1), precision)
+        """The best start of each frame, with this precision (L, L) of the limbs."""
+        K, N, _ = starts.x.shape
+        every = np.tile(np.arange(N), K)
+        x = starts.x.reshape(K * N, -1)
+        own = objective.prior_of(starts.expected.reshape(K * N, -1), precision)
         chosen = np.arange(K * N)
         if plan.trials is not None and K > 1:
             few = seen.thinned(plan.trials.thin).take(every)
             x, cost = self.descend(objective, x, few, own, [plan.trials.stage])
-            order = (cost_factors * data_cost(cost.parts).reshape(K, N)).argsort(axis=0)
+            order = (starts.cost_factor * data_cost(cost.parts).reshape(K, N)).argsort(axis=0)
             chosen = (order[: plan.trials.keep] * N + np.arange(N)).reshape(-1)
         last = Stage(self.settings.robust, plan.iterations, plan.min_gain)
         own = Prior(own.x[chosen], own.rigid[chosen], own.curvature)
         x, cost = self.descend(objective, x[chosen], seen.take(every[chosen]), own, [last])
-        compared = cost_factors.reshape(-1)[chosen] * data_cost(cost.parts)
+        compared = starts.cost_factor.reshape(-1)[chosen] * data_cost(cost.parts)
         best = compared.reshape(-1, N).argmin(axis=0) * N + np.arange(N)
         return SearchResult(x[best], cost.parts[best], chosen[best] // N)
 

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from netlib.blob import Array
+from netlib.blob import Array, divide_up
 from netlib.errors import DataError
 
 Image = NDArray[np.uint8]  # (height, width, 3), OpenCV's colour order
@@ -71,7 +71,7 @@ def sheet(
         )
     height, width = (max(image.shape[axis] for image in images) for axis in (0, 1))
     head = 22 if titles else 0
-    rows = -(-len(images) // columns)
+    rows = divide_up(len(images), columns)
     columns = min(columns, len(images))
     cell_height, cell_width = height + head + gap, width + gap
     size = rows * cell_height + gap, columns * cell_width + gap

@@ -30,6 +30,7 @@ from handpose.frames.cameras import Camera
 from handpose.output.drawing.view import Contrast, Viewport, ViewportFollower, box_of
 from handpose.output.tracks.json_values import FrameValues, header_values, to_text
 from handpose.tracking.track import TrackedFrame, TrackedHand, TrackHeader
+from netlib.blob import divide_up
 
 # paths of the server: frames as JSON lines, and those of the page
 LINES_PATH, VIEWS_PATH = "/frames", "/view"
@@ -113,7 +114,8 @@ class Messages:
         }
         text = to_text(values).encode()
         samples = np.clip(grid.of(depth), 0, _MAX_SAMPLE).astype("<u2")
-        size, padding = _padded(len(text)), bytes(2 * (samples.size % 2))
+        size = 4 * divide_up(len(text), 4)
+        padding = bytes(2 * (samples.size % 2))
         parts = [struct.pack("<I", size), text.ljust(size), samples.tobytes(), padding]
         for surface in surfaces:
             if surface is not None:
@@ -124,7 +126,3 @@ class Messages:
                     .tobytes()
                 )
         return b"".join(parts)
-
-
-def _padded(size: int) -> int:
-    return -(-size // 4) * 4

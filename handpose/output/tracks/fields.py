@@ -88,16 +88,14 @@ class Fields:
 
     def numbers(self, name: str, *shape: int) -> Array:
         """The field is an array of this shape: lists of lists of numbers."""
-        value = self._value(name)
-        flat = [value]
+        expected = f"{' x '.join(map(str, shape))} numbers" if shape else "a number"
+        flat = [self._value(name)]
         for size in shape:
             if not all(isinstance(row, list) and len(row) == size for row in flat):
-                raise self._wrong(name, f"{' x '.join(map(str, shape))} numbers")
+                raise self._wrong(name, expected)
             flat = [item for row in flat for item in row]
-        if not all(_is_number(item) for item in flat):
-            raise self._wrong(
-                name, f"{' x '.join(map(str, shape))} numbers" if shape else "a number"
-            )
+        if not all(map(_is_number, flat)):
+            raise self._wrong(name, expected)
         return np.array(flat, dtype=np.float64).reshape(shape)
 
     def _value(self, name: str) -> Any:

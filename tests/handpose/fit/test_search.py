@@ -9,7 +9,7 @@ import pytest
 
 from handpose.fit.body import CapsuleModel
 from handpose.fit.objective import Objective, Prior
-from handpose.fit.search import Search, damped_step, drawn, turned_back
+from handpose.fit.search import Search, Starts, damped_step, drawn, turned_back
 from handpose.fit.settings import SearchSettings, Stage, Trials, Weights
 from layers.hand.bodies import kinematics_of
 from tests.handpose.fit.conftest import Scene, start_of
@@ -98,9 +98,9 @@ def test_starts_are_compared_without_the_prior(
     objective, (wrong, right) = Objective(model, Weights()), (start_of(few, model), few.truth)
     precision = np.eye(len(model.limbs)) / 0.01**2
     plan = replace(SEARCH.settings.fast, iterations=0, trials=trials)
-    found = SEARCH.best(
-        objective, few.seen, np.stack([wrong, wrong]), np.stack([wrong, right]), precision, plan
-    )
+    expected = np.stack([wrong, wrong])
+    starts = Starts(np.stack([wrong, right]), expected, np.ones(expected.shape[:2]))
+    found = SEARCH.best(objective, few.seen, starts, precision, plan)
     np.testing.assert_array_equal(found.start, 1)
     np.testing.assert_allclose(found.x, right, atol=1e-4)
     assert (found.parts[:, 3] > found.parts[:, :3].sum(axis=1)).all()
