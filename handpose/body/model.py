@@ -55,7 +55,8 @@ class Surface:
     """
 
     def __init__(self, skeleton: Skeleton) -> None:
-        self.skeleton, self.whole = skeleton, skeleton.with_surface()
+        self.skeleton = skeleton
+        self.whole = skeleton.with_surface()
         surface = skeleton.param.flesh
         assert surface is not None  # checked by with_surface
         if not surface.capsule and not surface.wedge:
@@ -180,10 +181,8 @@ class Surface:
     def _radii(shape: object, given: tuple[float, ...], count: int) -> list[float]:
         are_lengths = all(0 < r <= max_length(shape) for r in given)
         if len(given) not in (1, count) or not are_lengths:
-            found, expected = (
-                f"radius {', '.join(map(format_length, given))}",
-                {2: "two", 3: "three"}[count],
-            )
+            found = f"radius {', '.join(map(format_length, given))}"
+            expected = {2: "two", 3: "three"}[count]
             raise PrototxtError(
                 schema.position_of(shape), f"{found}; expected one or {expected} > 0, in {LENGTHS}"
             )

@@ -162,7 +162,8 @@ def write_part(
     """
 
     def fill(path: Path) -> None:
-        written, several = 0, iter(pieces)
+        written = 0
+        several = iter(pieces)
         first = next(several)
         with _created(path, rows, first) as file:
             for piece in itertools.chain([first], several):

@@ -71,13 +71,15 @@ class PublishedFrames:
             except BadFrameError as error:
                 bad.append((i, error))
         some = np.array(good, np.int64)
-        center_uvd, half = self.center_uvd[some], self.cube_mm[some] / 2
+        center_uvd = self.center_uvd[some]
+        half = self.cube_mm[some] / 2
         joints = normalise_joints(self.joints[some], self.camera.unproject(center_uvd), half)
         return Frames.of(np.asarray(crops), joints, center_uvd, self.camera, half, some), bad
 
     def depth(self, i: int) -> Array:
         """The depth image of frame ``i`` in mm. Raises BadFrameError."""
-        path, camera = self.files[i], self.camera
+        path = self.files[i]
+        camera = self.camera
         depth = self.read(path)
         if depth.shape != (camera.height, camera.width):
             found = f"{depth.shape[1]} x {depth.shape[0]} pixels, expected {camera.width} x {camera.height}"
@@ -105,7 +107,8 @@ class PublishedFrames:
         """The recipe of the crops of ``rows`` frames from ``start`` on, with the names and sizes
         of their images.
         """
-        stop, digest = start + rows, hashlib.sha256()
+        stop = start + rows
+        digest = hashlib.sha256()
         for array in (self.center_uvd, self.joints, self.cube_mm):
             digest.update(np.ascontiguousarray(array[start:stop], dtype="<f8").tobytes())
         for path in self.files[start:stop]:

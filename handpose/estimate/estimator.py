@@ -243,7 +243,8 @@ class HandEstimator:
         self, candidates: Sequence[Candidate], camera: Camera, fitter: DepthFitter, plan: Plan
     ) -> list[HandEstimate]:
         """The hands in crops of which all or none have a size, and all or none run the network."""
-        hands, first = self._crops(candidates, camera), candidates[0]
+        hands = self._crops(candidates, camera)
+        first = candidates[0]
         known = np.array([candidate.before is not None for candidate in candidates])
         sizes = (
             None if first.size is None else np.array([candidate.size for candidate in candidates])

@@ -24,7 +24,8 @@ class ExpectedBodies:
 
     def __init__(self, model: CapsuleModel, cube_mm: float, settings: FitSettings) -> None:
         self.model, self.cube_mm = model, cube_mm
-        self.settings, self.support = settings.expected, ImageSupport(settings.support)
+        self.settings = settings.expected
+        self.support = ImageSupport(settings.support)
         reach = 2 * round(self.settings.around_mm * SIZE / cube_mm) + 1
         self._around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))
         self._middle = self._middle_of_crops()
@@ -51,8 +52,10 @@ class ExpectedBodies:
         """
         limbs, readings, camera = self.model.surface.limbs, view.readings, view.camera
         body = self.capsules(pose)
-        s, image = self.settings, np.asarray(readings, np.float32)
-        crop, seen = shown, self.support.support(body, limbs, image, camera)
+        s = self.settings
+        image = np.asarray(readings, np.float32)
+        crop = shown
+        seen = self.support.support(body, limbs, image, camera)
         if seen.hidden[0] >= s.hiding:
             crop = with_hidden(crop, readings, uvd, self.cube_mm, camera)
         missing = seen.missing[0] >= s.unread and seen.outside[0] < s.leaving
@@ -74,13 +77,15 @@ class ExpectedBodies:
 
     def _rendered(self, capsules: Capsules, center_uvd: Array, camera: Camera) -> Floats:
         """What a crop (S, S) about a centre (3,) would show of capsules; 1 without a surface."""
-        d, cube = center_uvd[2:], self.cube_mm
+        d = center_uvd[2:]
+        cube = self.cube_mm
         image = render_crop(in_front(capsules, d - cube / 2), center_uvd[None], cube, camera)
         return normalise_depth(image, d, cube)[0]
 
     def _middle_of_crops(self) -> Array:
         """The crop centre (3,) in mm, from the root's position and in its axes."""
-        model, far = self.model, np.array([0.0, 0.0, 1000.0])
+        model = self.model
+        far = np.array([0.0, 0.0, 1000.0])
         x = np.zeros((1, model.variables))
         root = world_pose(model, x[0], far)
         joints = model.joints(x)[0] / (self.cube_mm / 2)

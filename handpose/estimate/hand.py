@@ -254,7 +254,8 @@ def with_quality(hand: HandEstimate, found: Judged, n: int) -> HandEstimate:
 
 def _as_frame(hand: HandEstimate) -> tuple[NDArray[np.float32], Camera]:
     """A hand's crop as a depth image in mm, and its camera."""
-    camera, size = hand.view_camera, len(hand.view_crop)
+    camera = hand.view_camera
+    size = len(hand.view_crop)
     offset, factor = crop_scale(hand.view_uvd[None], hand.cube_mm, camera, size)
     fx, fy = factor[0] * (camera.fx, camera.fy)
     u0, v0 = offset[0] + factor[0] * (camera.u0, camera.v0)

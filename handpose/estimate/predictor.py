@@ -99,12 +99,14 @@ class Predictor:
             raise NetlibError(
                 f"skeleton {self.skeleton.name!r} is not a hand, so there is no left one"
             )
-        self.cube_mm, self.refine = cube_of(self.skeleton, cube_mm), refine if self.is_hand else 0
+        self.cube_mm = cube_of(self.skeleton, cube_mm)
+        self.refine = refine if self.is_hand else 0
         self.sides: tuple[Side, ...] = (
             (hand,) if hand != "either" else SIDES if self.is_hand else ("right",)
         )
         self.settings = fitter.settings if fitter else settings
-        self.plan, self.fitter = self.settings.search.plans.get(fit), None
+        self.plan = self.settings.search.plans.get(fit)
+        self.fitter = None
         if self.plan is not None:
             model = CapsuleModel(self.skeleton, self.cube_mm / 2)
             self.fitter = fitter or DepthFitter(model, settings=self.settings)

@@ -372,7 +372,8 @@ def world_pose(model: CapsuleModel, x: Array, center_mm: Array) -> WorldPose:
 
     Raises NetlibError for a root that cannot be followed.
     """
-    root, rows = model.root_motion, x[None]
+    root = model.root_motion
+    rows = x[None]
     return WorldPose(root.place(rows)[0] + center_mm, root.rotation(rows)[0], x[root.others])
 
 
@@ -381,7 +382,8 @@ def crop_variables(model: CapsuleModel, body: WorldPose, center_mm: Array) -> Ar
 
     Raises NetlibError.
     """
-    root, x = model.root_motion, np.empty(model.variables)
+    root = model.root_motion
+    x = np.empty(model.variables)
     x[root.others] = body.others
     x[root.columns] = root.variables((body.place - center_mm)[None], body.rotation[None])[0]
     return x

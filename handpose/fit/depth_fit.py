@@ -178,7 +178,8 @@ class DepthFitter:
         moved_mm  (N,) distance of the last fit from the network's joints, which stays
                   one of the signs
         """
-        network, held = self.model.joints(before), self.settings.steady.limb_precision
+        network = self.model.joints(before)
+        held = self.settings.steady.limb_precision
         expected, plan = self._expected(before), self.search.refining(plan)
         start = _alike(before[None].copy(), expected[None])
         found = self._searched(seen, start, plan, size, held)

@@ -91,7 +91,8 @@ def minimise(
         step = damped_step(A.copy(), b, mu[rows], x[rows], lower, upper, ridge)
         trial = np.clip(x[rows] + step, lower, upper)
         trial_cost, trial_A, trial_b = evaluate(trial, rows)
-        better, gain = trial_cost < cost[rows], cost[rows] - trial_cost
+        better = trial_cost < cost[rows]
+        gain = cost[rows] - trial_cost
         finished = better & (gain <= min_gain * cost[rows])
         accepted = rows[better]
         x[accepted], cost[accepted] = trial[better], trial_cost[better]
@@ -230,7 +231,8 @@ def turned_back(model: CapsuleModel, x: Array, quarter: int) -> Array:
     """
     if quarter % 4 == 0:
         return x
-    root, back = model.root_motion, x.copy()
+    root = model.root_motion
+    back = x.copy()
     turn = rotation(2, np.array(-quarter * np.pi / 2))
     back[:, root.columns] = root.variables(root.place(x) @ turn.T, turn @ root.rotation(x))
     return back

@@ -157,7 +157,8 @@ class ImageSupport:
         reading, inside = _readings(spheres.nearest, depth, camera)
         # NaN, which some drivers write, is missing
         behind, missing = reading - spheres.front, inside & ~(reading > 0)
-        front, tolerance = spheres.front - self.settings.self_mm, self.settings.tolerance_mm
+        front = spheres.front - self.settings.self_mm
+        tolerance = self.settings.tolerance_mm
         weight = spheres.area * ~every.covers(spheres.center, front)
         read = inside & ~missing
         hidden, empty = read & (behind < -tolerance), read & (behind > tolerance)
@@ -178,7 +179,8 @@ class ImageSupport:
         reading, inside = _readings(joints, depth, camera)
         read = inside & (reading > 0)
         behind = np.where(read, joints[..., 2] - np.where(read, reading, 0), 0)
-        count, most = np.maximum(read.sum(axis=1), 1), self.settings.max_joint_depth_mm
+        count = np.maximum(read.sum(axis=1), 1)
+        most = self.settings.max_joint_depth_mm
         clipped = (np.clip(distance, 0, most) for distance in (behind, -behind))
         return JointDepths(*(distance.sum(axis=1) / count for distance in clipped))
 

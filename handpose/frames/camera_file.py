@@ -290,15 +290,18 @@ class FoundCamera:
         plain: Any = value if isinstance(value, str) else None
         expected = "a text"
         if key == "distortion":
-            plain, expected = numbers_in(value), "a list of numbers: k1, k2, p1, p2, k3 ..."
+            plain = numbers_in(value)
+            expected = "a list of numbers: k1, k2, p1, p2, k3 ..."
         elif key == "time_unit":
-            plain, expected = plain if plain in TIME_UNITS else None, ", ".join(TIME_UNITS)
+            plain = plain if plain in TIME_UNITS else None
+            expected = ", ".join(TIME_UNITS)
         elif key in RANGES:
             low, high = RANGES[key]
             plain = float(value) if is_number(value) and low < value <= high else None
             expected = f"a number more than {low:g} and at most {high:g}"
             if plain and key in SIZE:
-                plain, expected = int(plain) if plain.is_integer() else None, "a whole number"
+                plain = int(plain) if plain.is_integer() else None
+                expected = "a whole number"
         if plain is None:
             self._refuse(f"{key} is {_shown(value)}; expected {expected}")
         return plain

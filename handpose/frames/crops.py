@@ -128,7 +128,8 @@ def _spans(
             f"crop {bad}: centre u {u:g} px, v {v:g} px, depth {d:g} mm with a cube of {cube[bad]:g} mm; "
             "expected finite numbers, depth and cube above 0"
         )
-    d, half = center[:, 2], cube / 2
+    d = center[:, 2]
+    half = cube / 2
     edges = []
     for at, f in ((center[:, 0], camera.fx), (center[:, 1], camera.fy)):
         at_mm = at * d / f
@@ -222,7 +223,8 @@ def clear_crop(
 
     Raises DataError.
     """
-    d, half = float(np.asarray(center_uvd, dtype=np.float64)[2]), cube_mm / 2
+    d = float(np.asarray(center_uvd, dtype=np.float64)[2])
+    half = cube_mm / 2
     clean = without_flying_pixels(crop(depth, center_uvd, cube_mm, camera), half, d / camera.fx)
     return without_isolated_near(clean, half)
 

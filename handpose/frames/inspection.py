@@ -74,7 +74,8 @@ def inspect(recording: Recording) -> Inspection:
     if not seen:
         raise DataError(f"{recording.name}: no frame in it{recording.cut and f': {recording.cut}'}")
     shown = checked([frame.depth for frame in seen], recording.camera, recording.unit_mm)
-    depth_mm, warnings = None, [*recording.warnings, *shown.of_camera, *shown.of_depths]
+    depth_mm = None
+    warnings = [*recording.warnings, *shown.of_camera, *shown.of_depths]
     if len(shown.readings):
         low, middle, high = np.percentile(shown.readings, (1, 50, 99)).tolist()
         depth_mm = (low, middle, high)
@@ -171,7 +172,8 @@ def _angle(size: int, middle: float, focal: float) -> float:
 
 
 def _of_camera(camera: Camera) -> Iterator[str]:
-    view, size = view_of(camera), f"{camera.width} x {camera.height}"
+    view = view_of(camera)
+    size = f"{camera.width} x {camera.height}"
     if not all(VIEW_DEGREES[0] <= angle <= VIEW_DEGREES[1] for angle in view):
         yield (
             f"focal lengths of {camera.fx:g}, {camera.fy:g} px give a field of view of {view[0]:.0f} x "

@@ -91,10 +91,8 @@ class CaptureThread:
                 number = count if frame.number is None else frame.number
                 count += 1
                 with self._changed:
-                    self._newest, self._failure = (
-                        frame._replace(values=np.array(frame.values), number=number),
-                        None,
-                    )
+                    self._newest = frame._replace(values=np.array(frame.values), number=number)
+                    self._failure = None
                     self._changed.notify()
 
     def read(self) -> DeviceFrame | None:
@@ -145,7 +143,8 @@ class LiveRecording(Recording):
     live = True
 
     def __init__(self, device: Device, given: CameraInfo = UNKNOWN) -> None:
-        self.name, self._device = device.name, device
+        self.name = device.name
+        self._device = device
         with contextlib.ExitStack() as stack:
             stack.callback(device.close)
             camera = device.info.camera
@@ -158,9 +157,11 @@ class LiveRecording(Recording):
             stack.pop_all()
 
     def __iter__(self) -> Iterator[DepthFrame]:
-        self.cut, self.remarks = "", self._decode.remarks
+        self.cut = ""
+        self.remarks = self._decode.remarks
         clock = _Clock(1 / (self.rate or RATE))
-        last, lost = -1, 0
+        last = -1
+        lost = 0
         before: int | None = None
         try:
             while (frame := self._next()) is not None:
@@ -214,6 +215,7 @@ class _Clock:
 
     def __call__(self, seconds: float, clock: object) -> float:
         if clock != self._clock or self._last < 0 or seconds - self._begin <= self._last:
-            self._clock, self._begin = clock, seconds - (self._last + self._step)
+            self._clock = clock
+            self._begin = seconds - (self._last + self._step)
         self._last = seconds - self._begin
         return self._last

@@ -136,7 +136,8 @@ def _check_annotated(joints: Array, files: Sequence[File]) -> None:
     """Raise DataError if joints (N, ...) of the files' frames, one file after the other,
     are not finite.
     """
-    wrong, start = np.asarray(~np.isfinite(joints).all(axis=1)), 0
+    wrong = np.asarray(~np.isfinite(joints).all(axis=1))
+    start = 0
     for file in files:
         own = wrong[start : start + file.rows]
         if own.any():

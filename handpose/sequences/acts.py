@@ -65,7 +65,8 @@ class Volume(NamedTuple):
 
     def outside(self, place: Array) -> Array:
         """The position (3,) outside the image next to another one, at the closer side."""
-        c, z = self.camera, place[2]
+        c = self.camera
+        z = place[2]
         u, v, _ = c.project(place)
         margin = GONE_MM * c.fx / z
         is_left = u < (c.width - 1) / 2
@@ -129,7 +130,8 @@ class Actor:
             side,
             volume,
         )
-        self.outward, self.time = outward, 0.0
+        self.outward = outward
+        self.time = 0.0
         fingers = fingers_of("relaxed", person, sampler)
         palm, arm = self.next_palm(None, FACING)
         self.movement = Movement(
@@ -178,7 +180,8 @@ class Actor:
     def _wave(self, end: float) -> None:
         palm, began = self.movement.palm, self.time
         self._show(fingers_of("five", self.person, self.sampler), end)
-        middle, side = palm.last, 1.0
+        middle = palm.last
+        side = 1.0
         self.time = began
         waved = {way: Rotation.from_rotvec([0, 0, way * WAVE]) * middle for way in (1.0, -1.0)}
         while self._turn(waved[side], self.movement.arm.last, WAVE_S, end):
@@ -187,7 +190,8 @@ class Actor:
     def _moving(self, end: float) -> None:
         """Fingers, palm and position have movements at different times."""
         while self.time < end:
-            began, bout = self.time, min(self.time + self.rng.uniform(*BOUT), end)
+            began = self.time
+            bout = min(self.time + self.rng.uniform(*BOUT), end)
             while self._show(self.next_fingers(self.movement.fingers.last), bout):
                 pass
             self.time = began
@@ -297,7 +301,8 @@ class Actor:
 
     def _strain(self, before: Rotation | None, palms: Rotation, arms: Array) -> Array:
         """The implausibility (N,) of palms and forearms, also on the way; 0 is plausible."""
-        surface, count = self.sampler.surface, len(arms)
+        surface = self.sampler.surface
+        count = len(arms)
         steps = np.zeros((count, 3)) if before is None else (before.inv() * palms).as_rotvec()
         over = np.zeros(count)
         for left in (0.0, 0.5):

@@ -61,7 +61,8 @@ class Person:
     def draw(rng: np.random.Generator, sampler: BodySampler) -> Person:
         """A random person."""
         hand, surface, prior = sampler.draw(rng, 1), sampler.surface, PERSON_SURFACE
-        size, unit_mm = float(hand.scale[0]), sampler.cube_mm / 2
+        size = float(hand.scale[0])
+        unit_mm = sampler.cube_mm / 2
         radii = surface.radii * size * (1 + prior.thickness_std * cut_normal(rng, (), prior.clip))
         radii *= 1 + prior.radius_std * cut_normal(rng, radii.shape, prior.clip)
         radii[surface.limbs] *= rng.uniform(*prior.limb)
@@ -99,7 +100,8 @@ class Person:
     def worn(self, capsules: Capsules) -> Capsules:
         """The sleeve (1, 1) over the forearm of ``capsules``."""
         a, b, ra, rb, _ = capsules.chosen(self.surface.limbs)
-        first, thicker = self.sleeve[0], self.sleeve[1] * self.unit_mm
+        first = self.sleeve[0]
+        thicker = self.sleeve[1] * self.unit_mm
         start, radius = a + first * (b - a), ra + first * (rb - ra)
         return Capsules(start, b, radius + thicker, rb + thicker)
 
@@ -125,7 +127,8 @@ def fingers_of(name: str, person: Person, sampler: BodySampler) -> Array:
 
 def poses(sampler: BodySampler) -> dict[str, dict[str, float]]:
     """The limbs of every pose on the skeleton's own body: inputs by DoF."""
-    surface, unit_mm = sampler.surface, sampler.cube_mm / 2
+    surface = sampler.surface
+    unit_mm = sampler.cube_mm / 2
     person = Person(
         surface, surface.whole.bones, 1.0, surface.radii, 1.0, (1.0, 0.0), unit_mm, sampler.center
     )

@@ -282,7 +282,8 @@ class SyntheticRecording(Recording):
 
         A hand that was never visible is not listed, unless it is partly visible.
         """
-        time, every = number / self.rate, []
+        time = number / self.rate
+        every = []
         for id, movement in enumerate(self.movements):
             unseen = self._unseen(id, number)
             if not unseen:

@@ -96,7 +96,8 @@ def targets_of(scenes: Scenes) -> tuple[Array, Array, Array, Array, Array]:
     forward = np.ones((*depth.shape, 1))
     rays = np.concatenate([scenes.slopes[:, ::4, ::4], forward], axis=-1)
     points = rays * depth[..., None]
-    frame, hand = np.arange(len(depth))[:, None, None], np.maximum(which - 1, 0)
+    frame = np.arange(len(depth))[:, None, None]
+    hand = np.maximum(which - 1, 0)
     vote = (scenes.middle[frame, hand] - points) / VOTE_MM
     is_close = np.linalg.norm(vote, axis=-1) < LONGEST_VOTE
     own = (which > 0) & (depth > 0) & is_close

@@ -132,7 +132,8 @@ class Generator:
         """The bodies, crops and labels of a block."""
         rng = numbers_of(self.seed, self.split, number)
         sampler = self._samplers[number % len(self._samplers)]
-        cube_mm, half = sampler.cube_mm, sampler.cube_mm / 2
+        cube_mm = sampler.cube_mm
+        half = sampler.cube_mm / 2
         camera, sensor = self.recipe.views[int(rng.integers(len(self.recipe.views)))]
         bodies = sampler.draw(rng, BLOCK)
         center_uvd = sampler.centers(rng, BLOCK, camera)
@@ -180,7 +181,8 @@ class Generator:
 
     def _another(self, subject: Subject) -> BodySampler:
         """Draws another person."""
-        skeleton, rng = self.sampler.skeleton, np.random.Generator(np.random.SFC64(subject.seed))
+        skeleton = self.sampler.skeleton
+        rng = np.random.Generator(np.random.SFC64(subject.seed))
         differ = 1 + subject.bone_std * cut_normal(
             rng, skeleton.bones.shape, self.recipe.prior.scale_clip
         )

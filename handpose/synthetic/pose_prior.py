@@ -164,7 +164,8 @@ class BodySampler:
 
     def _place(self, rng: np.random.Generator, inputs: Array, bones: Array, scale: Array) -> None:
         """Move the bodies so that their crop centres, except for the jitter, are at the origin."""
-        p, half = self.prior, self.cube_mm / 2
+        p = self.prior
+        half = self.cube_mm / 2
         if p.center is None:
             return
         wide = rng.random((len(inputs), 1)) < p.wide

@@ -112,7 +112,8 @@ def _least_towards_camera(
     """Ends (N, K, 3) with drawn limbs: of the first draw that does not point at the
     camera, or the best.
     """
-    whole, own = surface.whole, len(surface.skeleton.initial)
+    whole = surface.whole
+    own = len(surface.skeleton.initial)
     free = own + np.flatnonzero(~whole.fixed[own:] & np.isfinite(surface.deviation[own:]))
     posed = np.zeros((len(inputs), len(whole.initial)))
     posed[:, :own] = inputs[:, :own]

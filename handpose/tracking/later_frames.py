@@ -135,7 +135,8 @@ class LaterFrames(Generic[T]):
         """The first frames that are held, smoothed by all that are settled."""
         filters: dict[tuple[int, Side | None], PoseFilter] = {}
         released = []
-        sure, smooth = self._sure_ids(), self._settings.smooth
+        sure = self._sure_ids()
+        smooth = self._settings.smooth
         for n in range(self._settled - 1, -1, -1):
             item, frame = self._held[n]
             poses = {

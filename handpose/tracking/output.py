@@ -35,7 +35,8 @@ def _as_side(
     track: HandTrack, seen: SideState, chance: float, model: CapsuleModel, smooth: bool
 ) -> TrackedHand:
     """The hand in the state of one of its sides, which has this probability."""
-    estimate, center = seen.estimate, seen.estimate.view_center_mm[None]
+    estimate = seen.estimate
+    center = seen.estimate.view_center_mm[None]
     x = variables_of(model, [estimate.body], center, track.size)
     pose = posed(_pose_of(estimate, model.skeleton), model, x)
     if smooth:

@@ -72,7 +72,8 @@ class SizeKeeper:
 
     def _estimated(self) -> float:
         """The size by the less uncertain half of the poses."""
-        count, last = self._settings.poses // 2, self._estimates[-1]
+        count = self._settings.poses // 2
+        last = self._estimates[-1]
         best = sorted(self._estimates, key=lambda one: one.uncertainty)[:count]
         crops = np.stack([one.view_crop for one in best])
         center_uvd = np.stack([one.view_uvd for one in best])

@@ -111,8 +111,10 @@ def anatomical_angles(skeleton: Skeleton, hand: Side, xyz: Array) -> dict[str, f
                 f"a bone of the {finger} has no length; expected joints at different positions"
             )
         bones = phalanges / lengths[:, None]
-        u, M = bones[0], R @ rest.frames[finger]
-        r, d = np.cross(m, dorsal), M.T @ bones[0]
+        u = bones[0]
+        M = R @ rest.frames[finger]
+        r = np.cross(m, dorsal)
+        d = M.T @ bones[0]
         r = r / np.linalg.norm(r)
         if finger == "thumb":
             a = np.arctan2(d[1], d[0])

@@ -160,7 +160,8 @@ def formatted(
         raise DataError(
             f"format {name!r}{did_you_mean(str(name), FORMATS)}; expected {', '.join(FORMATS)}"
         )
-    chosen, xyz = FORMATS[name], joints_of(skeleton, hand, xyz)
+    chosen = FORMATS[name]
+    xyz = joints_of(skeleton, hand, xyz)
     points = _weights(name, skeleton) @ xyz
     scale = np.array(chosen.axes) / (METRE if chosen.unit == "m" else 1.0)
     landmarks = _landmarks(points, camera, cube_mm) if name == "mediapipe" else None

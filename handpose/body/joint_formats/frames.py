@@ -76,7 +76,8 @@ def _points() -> dict[str, Point]:
         "thumb_skin": Point(_beyond("thumb", SKIN), "the end of the thumb in the surface model"),
     }
     for finger in LONG_FINGERS:
-        radial, base = PALM_BONES[finger], 1 - CARPALS
+        radial = PALM_BONES[finger]
+        base = 1 - CARPALS
         cmc = {
             "wrist_middle": base * radial,
             "wrist_left": base * (1 - radial),

@@ -413,7 +413,8 @@ def _readings(stems: list[str], unit: str | None) -> list[Reading]:
     if unit == FRAME_UNIT:
         return counts
     if unit is not None:
-        how, factor = f"times from the file names, in {unit} as given", NANO // TICKS[unit]
+        how = f"times from the file names, in {unit} as given"
+        factor = NANO // TICKS[unit]
         given = []
         for matches in _in_columns(stems, DECIMAL):
             numbers = [Decimal(match[0].replace(",", ".")) for match in matches]

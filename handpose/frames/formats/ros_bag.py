@@ -147,10 +147,12 @@ class BagRecording(Recording):
             self._decode_by(
                 DepthDecoder(values.shape, values.dtype, where, given, own, camera_json)
             )
-            self.name, self.count = str(self._path), bag.topics(*IMAGES)[self._topic]
+            self.name = str(self._path)
+            self.count = bag.topics(*IMAGES)[self._topic]
 
     def __iter__(self) -> Iterator[DepthFrame]:
-        self.cut, self.remarks = "", self._decode.remarks
+        self.cut = ""
+        self.remarks = self._decode.remarks
         number, last, late = -1, -math.inf, 0
         try:
             for number, (time, raw) in enumerate(self._stored()):

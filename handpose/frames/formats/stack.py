@@ -69,7 +69,8 @@ class StackRecording(Recording):
         others = frames.others
         own, fields, taken = parameters_in(others, where, given)
         camera_json = next_to(path, given.camera is None and own.camera is None)
-        self._times, times = None, name_of_times(others, count)
+        self._times = None
+        times = name_of_times(others, count)
         if times is not None:
             numbers = checked_times(others[times], count, f"{where}: {times}")
             unit, how = unit_of_times(times, numbers, where, given.time_unit, own, camera_json)
@@ -118,10 +119,8 @@ class _Npy:
             files.opened(path, WHAT),
         ):
             array = npy.open_memmap(path, mode="r")
-        self.shape, self.dtype = (
-            _checked_shape(array.shape, array.dtype, str(path), is_single),
-            array.dtype,
-        )
+        self.shape = _checked_shape(array.shape, array.dtype, str(path), is_single)
+        self.dtype = array.dtype
         self._array = array.reshape(self.shape)
 
     def __iter__(self) -> Iterator[NDArray[Any]]:
@@ -161,7 +160,8 @@ class _Npz:
                 raise DataError(
                     f"{path}: an array in Fortran's order; write it with numpy.ascontiguousarray"
                 )
-            self.names, self.others = list(headers), {}
+            self.names = list(headers)
+            self.others = {}
             for name, header in headers.items():
                 is_used = is_known(name) or TIMES.fullmatch(_last(name)) or name == CAMERA_TEXT
                 if is_used and header.dtype.kind in PARAMETERS:
@@ -231,7 +231,8 @@ def _checked_shape(
 
     Raises NotDepthError unless it may be frames, or a single one.
     """
-    found, advice = shape, ""
+    found = shape
+    advice = ""
     if is_single and len(shape) == 2:
         found = (1, *shape)
     elif is_single and shape[2:] == (1,):

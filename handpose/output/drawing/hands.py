@@ -138,7 +138,8 @@ def view_3d(
     points = _checked(joints, skeleton)
     shadow = points * (1, 0, 1) + (0, floor, 0)
     draw(canvas, place(shadow), points[:, 1], skeleton, thick=2, colour=(212, 212, 212))
-    depth, thick = (points @ view.T)[:, 2], max(size // 200, 1)
+    depth = (points @ view.T)[:, 2]
+    thick = max(size // 200, 1)
     draw(canvas, place(points), depth, skeleton, thick=thick, guesses=guesses)
     if truth is not None:
         points = _checked(truth, skeleton)
@@ -246,11 +247,13 @@ def draw(
     guesses  names of fingers that are drawn hollow: white, with a rim in their colour
     """
     behind_first = sorted(bones(skeleton), key=lambda bone: -(away[bone[0]] + away[bone[1]]))
-    own, rim = [colour or its_own for its_own in colours(skeleton)], colour is None
+    own = [colour or its_own for its_own in colours(skeleton)]
+    rim = colour is None
     rims = [BLACK] * len(own)
     for joint, name in enumerate(skeleton.joint_names):
         if name.partition("_")[0] in guesses:
-            own[joint], rims[joint] = WHITE, own[joint]
+            own[joint] = WHITE
+            rims[joint] = own[joint]
     if rim:
         for parent, joint in behind_first:
             strokes.line(canvas, at[parent], at[joint], rims[joint], thick + 2)

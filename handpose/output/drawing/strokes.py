@@ -111,7 +111,8 @@ class ContactSheet:
         """Add a frame at a time in s; its image is drawn only if it is taken."""
         if self._count % self._step == 0:
             if len(self._kept) == PAGES * IMAGES_PER_PAGE:
-                self._kept, self._step = self._kept[::2], 2 * self._step
+                self._kept = self._kept[::2]
+                self._step = 2 * self._step
             self._kept.append((time, self._reduced(draw())))
         self._count += 1
 
@@ -126,7 +127,8 @@ class ContactSheet:
 
     def _chosen(self) -> list[tuple[float, Image]]:
         count = min(len(self._kept), IMAGES_PER_PAGE)
-        last, steps = len(self._kept) - 1, max(count - 1, 1)
+        last = len(self._kept) - 1
+        steps = max(count - 1, 1)
         return [self._kept[round(n * last / steps)] for n in range(count)]
 
     def _reduced(self, image: Image) -> Image:

@@ -60,7 +60,8 @@ class Painter:
         seen = self.seen(depth, frame)
         head = np.full((HEAD, seen.shape[1], 3), 255, dtype=np.uint8)
         raw = "" if self.header.smoothed else ", not smoothed"
-        width, middle = seen.shape[1], seen.shape[1] * 2 // 3
+        width = seen.shape[1]
+        middle = seen.shape[1] * 2 // 3
         source = f"{self.header.source}{raw}"
         moment = f"{frame.time:.2f} s, frame {frame.number}"
         for words, left, right in ((source, 0, middle), (moment, middle, width)):
@@ -110,8 +111,10 @@ class _Part:
 
     def __init__(self, viewport: Viewport, camera: Camera, size: tuple[int, int]) -> None:
         self._size, self._frame = size, camera
-        self._zoom, self._corner = np.array(size) / viewport[2:], np.array(viewport[:2])
-        (across, down), (left, top) = self._zoom, 0.5 - self._corner
+        self._zoom = np.array(size) / viewport[2:]
+        self._corner = np.array(viewport[:2])
+        across, down = self._zoom
+        left, top = 0.5 - self._corner
         self._is_reduced = viewport.width == camera.width and across < 1
         fx, fy = camera.fx * across, camera.fy * down
         u0, v0 = (camera.u0 + left) * across - 0.5, (camera.v0 + top) * down - 0.5

@@ -41,7 +41,8 @@ class _Follower:
     """Follows values that change, with a time constant in s; the first values are taken at once."""
 
     def __init__(self, seconds: float) -> None:
-        self._seconds, self._time = seconds, 0.0
+        self._seconds = seconds
+        self._time = 0.0
         self._state: Array | None = None
 
     def follow(self, time: float, wanted: Array) -> Array:
@@ -180,9 +181,11 @@ def spoken(hand: TrackedHand) -> str:
     The number is omitted if it was not measured.
     """
     if hand.pose is None:
-        side, chance = f"{hand.hand} hand" if hand.hand else "hand", hand.presence
+        side = f"{hand.hand} hand" if hand.hand else "hand"
+        chance = hand.presence
     else:
-        side, chance = hand.known_side or f"{hand.hand}?", hand.confidence
+        side = hand.known_side or f"{hand.hand}?"
+        chance = hand.confidence
     label = f"{side} {percent(chance)}" if math.isfinite(chance) else side
     if hand.gesture is None or not hand.gesture.name:
         return label

@@ -51,7 +51,8 @@ class FrameRows:
     def __init__(
         self, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False
     ) -> None:
-        self._camera, self._columns = header.camera, HandColumns(header.skeleton, joints)
+        self._camera = header.camera
+        self._columns = HandColumns(header.skeleton, joints)
         self._gestures = gestures
         own = [
             *self._columns.about,

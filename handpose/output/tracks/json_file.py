@@ -57,7 +57,8 @@ def read_track(path: str | Path) -> Track:
 
 def _read_lines(path: str | Path, head: Fields, text: str) -> Track:
     header = header_of(head)
-    values, frames = FrameValues(header), []
+    values = FrameValues(header)
+    frames = []
     *lines, last = text.split("\n")
     for number, line in enumerate(lines, 2):
         where = f"{path}:{number}"

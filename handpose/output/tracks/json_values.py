@@ -87,7 +87,8 @@ def header_values(
 
 
 def _skeleton_values(skeleton: Skeleton) -> dict[str, Any]:
-    joints, (turning, sliding) = skeleton.joint_names, free_dofs(skeleton)
+    joints = skeleton.joint_names
+    turning, sliding = free_dofs(skeleton)
     parents = [joints[parent] if parent >= 0 else None for parent in skeleton.parents]
     angles = [
         {
@@ -164,7 +165,8 @@ class FrameValues:
         in_frames: bool = True,
     ) -> None:
         self._skeleton, self._unit_mm = header.skeleton, header.unit_mm
-        self._camera, self._joints = header.camera if in_frames else None, joints
+        self._camera = header.camera if in_frames else None
+        self._joints = joints
         self._has_raw = header.smoothed and not live
         self._live = live
         self._turning, self._sliding = free_dofs(header.skeleton)
@@ -245,7 +247,8 @@ class FrameValues:
         )
         if not of.has("positions_mm"):
             return hand.without_pose(hand.hand, of.numbers("palm_mm", 3), of.text("reason"))
-        side, chance = hand.hand, 1.0
+        side = hand.hand
+        chance = 1.0
         if side is None:
             side = of.one_of("assumed_hand", SIDES)
             chance = of.number("assumed_confidence", 0, 1 - 1e-6)

@@ -61,8 +61,10 @@ class Hands(NamedTuple):
 
 def draw_hands(rng: np.random.Generator, sampler: BodySampler, side: Array) -> Hands:
     """Hands of the given sides about the middles of their palms."""
-    surface, count = sampler.surface, len(side)
-    bodies, unit_mm = sampler.draw(rng, count), sampler.cube_mm / 2
+    surface = sampler.surface
+    count = len(side)
+    bodies = sampler.draw(rng, count)
+    unit_mm = sampler.cube_mm / 2
     far = np.tile((0.0, 0.0, 10 * sampler.cube_mm), (count, 1))  # so that none is cut at the camera
     whole = draw_capsules(
         rng, SURFACE, surface, bodies.inputs, bodies.bones, bodies.scale, unit_mm, far

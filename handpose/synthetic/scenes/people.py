@@ -91,7 +91,8 @@ def draw_people(
     rng: np.random.Generator, prior: ScenePrior, sampler: BodySampler, cameras: Cameras
 ) -> People:
     """A hand anywhere in each frame, its person, and the other hand."""
-    count, hands = len(cameras.focal), prior.hands
+    count = len(cameras.focal)
+    hands = prior.hands
     place = cameras.anywhere(rng, hands.margin_px, hands.distance.draw(rng, count))
     side = rng.choice([-1.0, 1.0], count)
     first = draw_hands(rng, sampler, side)
@@ -111,7 +112,8 @@ def draw_people(
 
 def _wearer(rng: np.random.Generator, cameras: Cameras, size: Array) -> Torsos:
     """The people on whose heads the cameras would be."""
-    count, up = len(size), cameras.up
+    count = len(size)
+    up = cameras.up
     ahead = AHEAD + LOOKS_ASIDE * rng.normal(size=(count, 3))
     face = unit(across(ahead - LOOKS_DOWN * up, up))
     right = np.cross(up, face)
@@ -131,7 +133,8 @@ def _turn_of_first(
     along: NDArray[np.bool_],
 ) -> Array:
     """Rotations (N, 3, 3) of the first hands: the likeliest of some arrangements of their arms."""
-    count, up = len(place), cameras.up[:, None]
+    count = len(place)
+    up = cameras.up[:, None]
     turns = any_rotation(rng, count, TRIALS)
     forearm = turned(turns, unit(hand.elbow - hand.wrist))
     away = dot(forearm, unit(place)[:, None])  # negative: the elbow is nearer than the hand
@@ -148,7 +151,8 @@ def _turn_of_first(
 
 def _owner(rng: np.random.Generator, cameras: Cameras, wearer: Torsos, hand: Hands) -> Torsos:
     """The owners of the first hands: the cameras' wearers, or people placed at the arms."""
-    count, up = len(hand.side), cameras.up
+    count = len(hand.side)
+    up = cameras.up
     outwards = hand.side[:, None]
     forward = unit(hand.wrist - hand.elbow) + FACES_ASIDE * rng.normal(size=(count, 3))
     on_head = cameras.on_head[:, None]
@@ -198,7 +202,8 @@ def _second(
 def _in_sight(cameras: Cameras, places: Array) -> NDArray[np.bool_]:
     """Whether hands at places (N, ..., 3) are in the frame, and at depths of hands."""
     u, v = np.moveaxis(cameras.pixels(places), -1, 0)
-    z, (nearest, farthest) = places[..., 2], SIGHT_MM
+    z = places[..., 2]
+    nearest, farthest = SIGHT_MM
     in_width = (u > MARGIN_PX) & (u < WIDTH - MARGIN_PX)
     in_height = (v > MARGIN_PX) & (v < HEIGHT - MARGIN_PX)
     return in_width & in_height & (z > nearest) & (z < farthest)

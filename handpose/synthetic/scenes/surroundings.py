@@ -60,7 +60,8 @@ def draw_table(
 ) -> Table:
     """A table below ``near`` (N, 3), or under the first hands that rest on it."""
     person = people.person
-    count, rests = len(near), people.rests
+    count = len(near)
+    rests = people.rests
     below = np.where(
         rng.random(count) < prior.near,
         prior.near_mm.draw(rng, count),
@@ -114,7 +115,8 @@ def _solids_of(places: _Places, thing: ThingParameter, frame: NDArray[np.int_]) 
 def _by_frame(things: Solids, frame: NDArray[np.int_], count: int) -> Solids:
     """The solids of K things, which are in the given frames (K,), frame by frame."""
     many = np.bincount(frame, minlength=count)
-    most, each = int(many.max(initial=0)), things.kind.shape[1]
+    most = int(many.max(initial=0))
+    each = things.kind.shape[1]
     first = np.cumsum(many) - many
     slot = np.arange(len(frame)) - first[frame]
 
@@ -157,7 +159,8 @@ class _Places:
 
     def _in_room(self, frame: NDArray[np.int_]) -> tuple[Array, Array]:
         """Upright, anywhere."""
-        count, ground = len(frame), self._up[frame]
+        count = len(frame)
+        ground = self._up[frame]
         side = unit(across(any_direction(self.rng, count), ground))
         away = self._prior.in_room.draw(self.rng, count, 1)
         direction = unit(any_direction(self.rng, count) + 0.5 * side)
