@@ -88,7 +88,8 @@ class PublishedFrames:
 
     def crop(self, i: int) -> NDArray[np.float32]:
         """The crop of frame ``i``. Raises BadFrameError."""
-        path, center = self.files[i], self.center_uvd[i]
+        path = self.files[i]
+        center = self.center_uvd[i]
         is_finite = np.isfinite(center).all() and np.isfinite(self.joints[i]).all()
         if not is_finite or center[2] <= 0:
             raise BadFrameError(path, UNLABELLED)
@@ -153,7 +154,8 @@ def check_frames(
         return [f"{folder}: no readable labels"], [Flaw(str(error))]
     names = {parent: names_in(parent) for parent in {path.parent for path in frames.files}}
     missing = [path for path in frames.files if path.name not in names[path.parent]]
-    count, flaws = len(frames), whole(len(frames))
+    count = len(frames)
+    flaws = whole(len(frames))
     if missing:
         text = f"{folder}: {len(missing)} of {count} depth frames are missing, the first is {missing[0]}"
         found = f"; found {_shown(names[missing[0].parent])}" if len(missing) == count else ""
@@ -268,7 +270,8 @@ class PreparedSplit:
                     self.made += len(index)
                 else:
                     with hdf5.opened(part.path, "the data") as file:
-                        index, left_out = file["index"][...].tolist(), json.loads(file.attrs["bad"])
+                        index = file["index"][...].tolist()
+                        left_out = json.loads(file.attrs["bad"])
                     for i, kind in [
                         (i, kind) for kind, indices in left_out.items() for i in indices
                     ]:
@@ -315,7 +318,8 @@ class PreparedSplit:
     def write_list(self) -> None:
         """Write the list of the parts that have frames. Raises DataError if none has."""
         if not self.index:
-            folder, split = self.frames.files[0].parent, self.frames.split
+            folder = self.frames.files[0].parent
+            split = self.frames.split
             raise DataError(f"{folder}: none of the {len(self.frames)} {split} frames can be used")
         used = {i // parts.FRAMES_PER_FILE for i in self.index}
         # HDF5Data rejects files without rows

@@ -140,7 +140,8 @@ class HandEstimator:
         """The candidate with its crop centred on the palm that is predicted in it, at most ``most``
         mm from its start; unchanged if the crop is already there.
         """
-        start, camera = candidate.center_uvd, view.camera
+        start = candidate.center_uvd
+        camera = view.camera
         for _ in range(self.refine):
             joints = network_joints(self.net, candidate.crop)
             palm = recenter(joints, self.skeleton, candidate.center_uvd, self.cube_mm, camera)
@@ -197,7 +198,8 @@ class HandEstimator:
 
     def _in_region(self, view: SideView, region: SearchRegion) -> Candidate:
         """A region of a view with its crop. Raises DataError outside the image."""
-        place, before = region.center_uvd, region.before
+        place = region.center_uvd
+        before = region.before
         shown = clear_crop(view.depth, place, self.cube_mm, view.camera)
         if before is None:
             return Candidate(**vars(region), crop=shown)

@@ -23,7 +23,8 @@ class ExpectedBodies:
     """
 
     def __init__(self, model: CapsuleModel, cube_mm: float, settings: FitSettings) -> None:
-        self.model, self.cube_mm = model, cube_mm
+        self.model = model
+        self.cube_mm = cube_mm
         self.settings = settings.expected
         self.support = ImageSupport(settings.support)
         reach = 2 * round(self.settings.around_mm * SIZE / cube_mm) + 1

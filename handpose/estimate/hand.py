@@ -279,7 +279,8 @@ def as_one_side(hand: HandEstimate, judge: Judge) -> HandEstimate:
     chance = judge.side_chance(judge.side_log_ratio(hand.cost, other.cost))
     apart = np.linalg.norm(hand.xyz - other.xyz, axis=1)
     error_mm = chance * hand.error_mm + (1 - chance) * max(float(apart.mean()), hand.error_mm)
-    of_fingers, fingers = hand.finger_error_mm, hand.the_model.fingers
+    of_fingers = hand.finger_error_mm
+    fingers = hand.the_model.fingers
     if fingers is not None:
         own = fingers.joints(np.stack([hand.xyz, other.xyz]))
         apart = np.linalg.norm(own[0] - own[1], axis=2).mean(axis=1)

@@ -70,7 +70,8 @@ class CapsuleModel:
         self.surface = surface = Surface(skeleton)
         self.skeleton, self.whole, self.unit_mm = skeleton, surface.whole, unit_mm
         whole = self.whole
-        self.kinematics, self._whole_kinematics = kinematics_of(skeleton), kinematics_of(whole)
+        self.kinematics = kinematics_of(skeleton)
+        self._whole_kinematics = kinematics_of(whole)
         self._root_joint = _root_of(skeleton.name, whole)
         self._motions = motions = _EndMotions(surface)
         self.free = motions.free
@@ -153,7 +154,8 @@ class CapsuleModel:
 
     def _ends(self, x: Array) -> tuple[Floats, Floats, Pose]:
         """All joints (N, K, 3), the capsules' ends (N, E, 3), and their pose."""
-        unit, size = np.float32(self.unit_mm), np.exp(x[:, SIZE_INDEX])
+        unit = np.float32(self.unit_mm)
+        size = np.exp(x[:, SIZE_INDEX])
         bones = self.whole.bones * size[:, None]
         pose = self._whole_kinematics.forward_pose(self.whole_inputs_of(x), bones)
         joints = np.asarray(pose.joints, np.float32) * unit

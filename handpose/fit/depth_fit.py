@@ -180,7 +180,8 @@ class DepthFitter:
         """
         network = self.model.joints(before)
         held = self.settings.steady.limb_precision
-        expected, plan = self._expected(before), self.search.refining(plan)
+        expected = self._expected(before)
+        plan = self.search.refining(plan)
         start = _alike(before[None].copy(), expected[None])
         found = self._searched(seen, start, plan, size, held)
         off = (found.x - expected)[:, self.model.limbs]
@@ -209,7 +210,8 @@ class DepthFitter:
 
         limb_precision  relative to that of the network's limbs
         """
-        objective, (K, N, V) = self.objective, starts.x.shape
+        objective = self.objective
+        K, N, V = starts.x.shape
         precision = limb_precision * self.precision
         if size is not None:
             starts.x[:, :, SIZE_INDEX] = starts.expected[:, :, SIZE_INDEX] = np.log(size)

@@ -69,7 +69,8 @@ class _NearJoints:
         """Cost (n,), normal matrix (n, F, F) and half gradient (n, F) of the columns x (n, F) of
         some bodies.
         """
-        model, skeleton = self._model, self._model.skeleton
+        model = self._model
+        skeleton = self._model.skeleton
         trial = self._start[rows]
         trial[:, self.columns] = x
         bones = skeleton.bones * np.exp(trial[:, [SIZE_INDEX]])

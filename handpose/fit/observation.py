@@ -89,7 +89,8 @@ class HandCrops:
 
     def take(self, rows: slice) -> HandCrops:
         """Some of the crops."""
-        cameras, shown = self.cameras, self.shown
+        cameras = self.cameras
+        shown = self.shown
         if not isinstance(cameras, Camera):
             cameras = cameras[rows]
         if shown is not None:
@@ -108,7 +109,8 @@ def observe(hands: HandCrops, points: int, thin_px: float) -> Observation:
     points   number of points that are sampled in each
     thin_px  as in ``FitSettings``
     """
-    crops, cameras = hands.crops, hands.cameras
+    crops = hands.crops
+    cameras = hands.cameras
     if crops.ndim != 3 or crops.shape[1] != crops.shape[2]:
         raise DataError(f"crops of shape {crops.shape}, expected (N, size, size)")
     N, S, _ = crops.shape

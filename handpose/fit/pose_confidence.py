@@ -320,7 +320,8 @@ class Judge:
         none = np.zeros(len(fits))
         capsules = model.capsules(fits.x, center_mm)
         parts = () if fingers is None else tuple(fingers.capsules)
-        limbs, support = model.surface.limbs, self.support
+        limbs = model.surface.limbs
+        support = self.support
         whole, *of_parts = support.support_of_parts(capsules, limbs, parts, readings, camera)
         seen = np.array([part.seen for part in of_parts]).reshape(len(parts), len(fits)).T
         guessed = 1 - seen.mean(axis=1) if parts else none

@@ -235,10 +235,12 @@ def sphere_residuals(
     slack    mm that are allowed
     """
     N, S, R = len(cones.a), seen.outside.shape[-1], len(spheres)
-    capsule, place = np.broadcast_to(spheres, (N, R)), np.ones((N, R), np.float32)
+    capsule = np.broadcast_to(spheres, (N, R))
+    place = np.ones((N, R), np.float32)
     c, radius = Cones(*(values[..., spheres] for values in cones)).at(place)
     at = c + seen.center[:, :, None]
-    z, far = at[:, 2], seen.center[:, 2:]
+    z = at[:, 2]
+    far = seen.center[:, 2:]
     pixel = seen.factor[:, :, None] * at[:, :2] / z[:, None]  # per column and per row
     pixel += seen.offset[:, :, None]
     shown = ((pixel >= 0) & (pixel < S - 1)).all(axis=1) & (z > 0)

@@ -149,10 +149,12 @@ class Search:
         stages: Sequence[Stage],
     ) -> tuple[Array, Cost]:
         """Minimise the objective from x (N, V); returns x after all stages, and its cost."""
-        factor, momentum = self.settings.step_factor, self.settings.momentum
+        factor = self.settings.step_factor
+        momentum = self.settings.momentum
         lower, upper = objective.model.lower, objective.model.upper
         x, mu = np.clip(rounded(x, FIT_STEP), lower, upper), np.full(len(x), FIRST_MU)
-        measured, moved = objective.measure(x, seen, prior), np.zeros_like(x)
+        measured = objective.measure(x, seen, prior)
+        moved = np.zeros_like(x)
         for stage in stages:
             now = objective.weigh(measured, seen, stage.robust)
             active = np.ones(len(x), bool)

@@ -84,7 +84,8 @@ class Samples(NamedTuple):
         if len(facets):
             ends = np.stack([a, b], axis=2).reshape(n, -1, 3)
             end_radii = np.stack([ra, rb], axis=2).reshape(n, -1)
-            corner, r = ends[:, facets], end_radii[:, facets]  # (N, T, 3, 3), (N, T, 3)
+            corner = ends[:, facets]
+            r = end_radii[:, facets]  # (N, T, 3, 3), (N, T, 3)
             center.append((across * corner[:, :, None]).sum(axis=3).reshape(n, -1, 3))
             radius.append((ACROSS * r[:, :, None]).sum(axis=3).reshape(n, -1))
             edges = corner[:, :, 1:] - corner[:, :, :1]
@@ -152,11 +153,13 @@ class ImageSupport:
 
         All shares of a part that others cover entirely are 0.
         """
-        every, own = Samples.of(capsules), _samples_of(~limbs, capsules.facets)
+        every = Samples.of(capsules)
+        own = _samples_of(~limbs, capsules.facets)
         spheres = every.chosen(own)
         reading, inside = _readings(spheres.nearest, depth, camera)
         # NaN, which some drivers write, is missing
-        behind, missing = reading - spheres.front, inside & ~(reading > 0)
+        behind = reading - spheres.front
+        missing = inside & ~(reading > 0)
         front = spheres.front - self.settings.self_mm
         tolerance = self.settings.tolerance_mm
         weight = spheres.area * ~every.covers(spheres.center, front)

@@ -217,7 +217,8 @@ class FoundCamera:
     """
 
     def __init__(self, chain: _Chain, where: str, is_replaced: bool) -> None:
-        self._where, self._is_replaced = where, is_replaced
+        self._where = where
+        self._is_replaced = is_replaced
         self._values: dict[str, Any] = {}
         self.fields: dict[str, str] = {}
         own = chain[-1][1]

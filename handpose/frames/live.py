@@ -67,7 +67,8 @@ class CaptureThread:
     """
 
     def __init__(self, device: Device) -> None:
-        self.name, self.info = device.name, device.info
+        self.name = device.name
+        self.info = device.info
         self._device = device
         self._changed = threading.Condition()
         self._newest: DeviceFrame | None = None

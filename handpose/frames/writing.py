@@ -130,7 +130,8 @@ class _Stack:
     """
 
     def __init__(self, path: Path, given: CameraInfo) -> None:
-        self._path, self._given = path, given
+        self._path = path
+        self._given = given
         self._times: list[float] = []
         with contextlib.ExitStack() as stack, atomic.error_names(path):
             files.make_folder(path.parent)

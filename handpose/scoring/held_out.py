@@ -87,7 +87,8 @@ def predict_all(net: Net, progress: Callable[[int], None] = lambda done: None) -
 
     Raises NetlibError, DataError for labels that cannot be scored.
     """
-    data, hand = data_layer(net), hand_layer(net)
+    data = data_layer(net)
+    hand = hand_layer(net)
     for name in ("pred", "joint"):
         if name not in net.blobs:
             raise NetlibError(
@@ -195,7 +196,8 @@ def deploy_of(net: Net, model: str | Path, weights: str | Path, engine: str | No
 
     Raises NetlibError, also for that of another body.
     """
-    deploy, hand = Net(model, TEST, engine=engine), hand_layer(net)
+    deploy = Net(model, TEST, engine=engine)
+    hand = hand_layer(net)
     own = skeleton_to_fit(deploy)
     if hand is not None and hand.skeleton.param != own.param:
         other = f"{hand.skeleton.name!r}" + (
@@ -221,7 +223,8 @@ def fit_all(
 
     weights  the weights file of both nets; it may contain the network's errors
     """
-    data, skeleton = data_layer(net), skeleton_to_fit(deploy)
+    data = data_layer(net)
+    skeleton = skeleton_to_fit(deploy)
     half = np.concatenate([labels.read_half_cubes(file) for file in data.files])
     centers, camera = labels.read_crop_centers(data.files)
     joints = np.zeros((len(half), len(skeleton.joint_names), 3))

@@ -106,7 +106,8 @@ def read_frames(
         raise DataError(f"{path}: empty, expected the numbers of a frame on each line")
     lines = text.rstrip().split("\n")
     has_names = IMAGE_NAME.match(lines[0]) is not None
-    names, rows = [], []
+    names = []
+    rows = []
     for number, line in enumerate(lines, 1):
         named = IMAGE_NAME.match(line) if has_names else None
         if has_names and named is None:

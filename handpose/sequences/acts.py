@@ -178,7 +178,8 @@ class Actor:
             self.time += self.rng.uniform(0.4, 1.2)
 
     def _wave(self, end: float) -> None:
-        palm, began = self.movement.palm, self.time
+        palm = self.movement.palm
+        began = self.time
         self._show(fingers_of("five", self.person, self.sampler), end)
         middle = palm.last
         side = 1.0
@@ -283,7 +284,8 @@ class Actor:
         before  the palm rotation to start from, if there is one
         facing  factor of pitch and yaw
         """
-        sampler, surface = self.sampler, self.sampler.surface
+        sampler = self.sampler
+        surface = self.sampler.surface
         own = len(sampler.skeleton.initial)
         palms = Rotation.from_euler(
             "ZXY", sampler.rotations(self.rng, CANDIDATES) * (1, facing, -facing)

@@ -246,9 +246,12 @@ class Movement:
 
     def pose_at(self, time: float) -> HandPose:
         """The pose at a time in s."""
-        origin, whole = self.place.at(time), self.inputs_at(time)
-        skeleton, person = self.sampler.skeleton, self.person
-        inputs, bones = whole[: len(skeleton.initial)], person.bones[: len(skeleton.joint_names)]
+        origin = self.place.at(time)
+        whole = self.inputs_at(time)
+        skeleton = self.sampler.skeleton
+        person = self.person
+        inputs = whole[: len(skeleton.initial)]
+        bones = person.bones[: len(skeleton.joint_names)]
         xyz = joints_of(skeleton, person.unit_mm, self.side, inputs, bones, origin)
         return HandPose(
             skeleton,

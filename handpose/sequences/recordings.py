@@ -257,7 +257,8 @@ class SyntheticRecording(Recording):
         """Frame ``number``, the same at every call, in whole units as in a file."""
         depth = self._depth(number / self.rate)
         if self.sensor:
-            far, faults = np.array([NOWHERE_MM]), self._numbers(FRAMES_STREAM, number)
+            far = np.array([NOWHERE_MM])
+            faults = self._numbers(FRAMES_STREAM, number)
             depth = sense(faults, depth[None], far, self.sensor, self.camera)[0]
         unit = np.float32(self.unit_mm)
         read = np.where(depth < NOWHERE_MM, np.rint(depth / unit) * unit, np.float32(0))

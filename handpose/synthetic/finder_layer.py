@@ -82,7 +82,8 @@ def targets_of(scenes: Scenes) -> tuple[Array, Array, Array, Array, Array]:
     """The class, heat, vote, own and right of the layer's tops."""
     half = scenes.depth[:, ::2, ::2] > 0
     classes = np.where(half, scenes.classes[:, ::2, ::2], IGNORE_LABEL)[:, None]
-    depth, which = scenes.depth[:, ::4, ::4], scenes.which[:, ::4, ::4]
+    depth = scenes.depth[:, ::4, ::4]
+    which = scenes.which[:, ::4, ::4]
     row, column = np.indices(depth.shape[1:])
     heat = np.zeros(depth.shape)
     for k in range(2):

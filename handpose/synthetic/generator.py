@@ -193,7 +193,8 @@ class Generator:
 def _blank_outside(depth: Floats, center_uvd: Array, camera: Camera, cube_mm: float) -> None:
     """Make crop pixels without an image pixel background again, after ragged edges moved there."""
     picked = window(center_uvd, cube_mm, camera)
-    columns, rows = picked.columns < 0, picked.rows < 0
+    columns = picked.columns < 0
+    rows = picked.rows < 0
     for n in np.flatnonzero(columns.any(axis=1) | rows.any(axis=1)):
         far = center_uvd[n, 2] + cube_mm / 2
         depth[n][:, columns[n]] = far

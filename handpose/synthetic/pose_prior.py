@@ -142,7 +142,8 @@ class BodySampler:
         chains: list[NDArray[np.int_]],
     ) -> None:
         """Set the DoFs of a ``bend``."""
-        N, dofs = len(inputs), np.concatenate(chains)
+        N = len(inputs)
+        dofs = np.concatenate(chains)
         own = rng.beta(bend.own.a, bend.own.b, (N, len(chains)))
         shared = rng.beta(bend.shared.a, bend.shared.b, (N, 1))
         part = np.where(rng.random((N, 1)) < bend.independent, own, shared)

@@ -103,7 +103,8 @@ class SceneGenerator:
     def __init__(
         self, seed: int = 0, split: Split = "train", prior: ScenePrior | None = None
     ) -> None:
-        self.seed, self.split = seed, split
+        self.seed = seed
+        self.split = split
         self.prior = prior or scene_prior.load()
         self.sampler = BodySampler(prior_file.load(prior_file.PEOPLE_PRIOR))
         self.names = (*GROUPS[:-1], *(thing.name for thing in self.prior.things.thing))

@@ -52,7 +52,8 @@ class SizeKeeper:
         self, fitter: DepthFitter, settings: SizeSettings, size: float | None = None
     ) -> None:
         self.size = size
-        self._fitter, self._settings = fitter, settings
+        self._fitter = fitter
+        self._settings = settings
         self._estimates: list[HandEstimate] = []
         self._time = -np.inf
 

@@ -69,7 +69,8 @@ class PoseFilter:
 
         error_mm  expected error of its joints; NaN if unknown
         """
-        kept, s = self._kept, self._settings
+        kept = self._kept
+        s = self._settings
         if kept is None:
             still = np.zeros(6 + len(body.others))
             self._kept = _Kept(time, body, body, still, still, 1)

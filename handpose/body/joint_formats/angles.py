@@ -85,7 +85,8 @@ def anatomical_angles(skeleton: Skeleton, hand: Side, xyz: Array) -> dict[str, f
     perpendicular to the palm.
     """
     right = joints_of(skeleton, hand, xyz) * mirror_of(hand)
-    R, rest = palm_frame(right, skeleton), _rest(skeleton)
+    R = palm_frame(right, skeleton)
+    rest = _rest(skeleton)
     points = rest.points @ right  # wrist, then cmc and mcp of every finger
     wrist, cmc, mcp = points[0], points[1::2], points[2::2]
     sides = mcp[[0, -1]] - wrist
@@ -144,7 +145,8 @@ class _Rest(NamedTuple):
 def _rest(skeleton: Skeleton) -> _Rest:
     """What a skeleton's initial pose gives, in the axes of its palm."""
     names = ["wrist", *(f"{finger}_{part}" for finger in LONG_FINGERS for part in ("cmc", "mcp"))]
-    points, hinges = weights_of([POINTS[name] for name in names], skeleton), hinges_of(skeleton)
+    points = weights_of([POINTS[name] for name in names], skeleton)
+    hinges = hinges_of(skeleton)
     kinematics = Kinematics(skeleton)
     pose = kinematics.forward(np.zeros((1, len(skeleton.initial))))
     middle = kinematics.forward(
@@ -188,7 +190,8 @@ def _bends(bones: Array, back: Array) -> list[float]:
 
 def turned(vector: Array, before: Array, after: Array) -> Array:
     """A vector turned by the smallest rotation that moves one direction (3,) to another."""
-    v, cos = np.cross(before, after), float(before @ after)
+    v = np.cross(before, after)
+    cos = float(before @ after)
     if cos < -0.999999:  # the axis of a half turn is not determined
         return -vector
     along_axis = v * (v @ vector) / (1 + cos)

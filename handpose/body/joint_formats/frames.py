@@ -193,7 +193,8 @@ def palm_frame(joints: Array, skeleton: Skeleton) -> Array:
     """
     if "palm" not in skeleton.joint_names:
         raise DataError(NO_JOINT.format("palm"))
-    joints, (fixed, in_palm) = joints_of(skeleton, "right", joints), _fixed_to_palm(skeleton)
+    joints = joints_of(skeleton, "right", joints)
+    fixed, in_palm = _fixed_to_palm(skeleton)
     from_palm = joints[fixed] - joints[skeleton.joint_names.index("palm")]
     U, _, Vt = np.linalg.svd(from_palm.T @ in_palm)
     return U @ np.diag([1, 1, np.linalg.det(U @ Vt)]) @ Vt

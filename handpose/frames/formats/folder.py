@@ -105,7 +105,8 @@ class FolderRecording(Recording):
                     self._reading = self._timed_by(timed, given, own, camera_json)
         decode = DepthDecoder(raw.shape, raw.dtype, where, given, own, camera_json)
         self._decode_by(decode)
-        self.name, self.count = str(source), len(names)
+        self.name = str(source)
+        self.count = len(names)
         self.remarks = (self._reading.how, *taken, *self.remarks)
         if not self._reading.ticks and len(names) > 1:
             self.rate, assumed = decode.paced()

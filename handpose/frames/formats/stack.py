@@ -303,7 +303,8 @@ def parameters_in(
                 inner = inner.setdefault(group, {})
             inner[last] = _plain(value, f"{where}: {name}")
     said = camera_file.find(nested, where, given.camera is not None)
-    info, fields = said.info, said.fields
+    info = said.info
+    fields = said.fields
     if CAMERA_TEXT in found:
         text = str(_plain(found[CAMERA_TEXT], f"{where}: camera"))
         info = info.or_else(camera_file.parse(text, f"{where}: camera"))

@@ -105,7 +105,8 @@ class ContactSheet:
 
     def __init__(self) -> None:
         self._kept: list[tuple[float, Image]] = []
-        self._step, self._count = 1, 0
+        self._step = 1
+        self._count = 0
 
     def add(self, time: float, draw: Callable[[], Image]) -> None:
         """Add a frame at a time in s; its image is drawn only if it is taken."""

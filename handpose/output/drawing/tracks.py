@@ -50,7 +50,8 @@ class Painter:
         self.header = header
         zoom = min(MAX_WIDTH / camera.width, MAX_HEIGHT / camera.height)
         self._size = max(round(camera.width * zoom), 1), max(round(camera.height * zoom), 1)
-        self._contrast, self._follower = Contrast(), ViewportFollower(camera)
+        self._contrast = Contrast()
+        self._follower = ViewportFollower(camera)
 
     def picture(self, depth: NDArray[np.floating], frame: TrackedFrame) -> Image:
         """``seen`` below a line with the source and the time, which is HEAD pixels high.
@@ -110,7 +111,8 @@ class _Part:
     """
 
     def __init__(self, viewport: Viewport, camera: Camera, size: tuple[int, int]) -> None:
-        self._size, self._frame = size, camera
+        self._size = size
+        self._frame = camera
         self._zoom = np.array(size) / viewport[2:]
         self._corner = np.array(viewport[:2])
         across, down = self._zoom
@@ -150,7 +152,8 @@ def _present(canvas: Image, hand: TrackedHand, part: _Part) -> None:
         cv2.drawContours(canvas, outlines, -1, colour, 2, cv2.LINE_AA)
         return
     u, v, d = part.camera.project(hand.place)
-    middle, radius = _pixel(np.array([u, v])), round(PRESENT_MM * part.camera.fx / d)
+    middle = _pixel(np.array([u, v]))
+    radius = round(PRESENT_MM * part.camera.fx / d)
     cv2.circle(canvas, middle, radius, colour, 2, cv2.LINE_AA)
 
 

@@ -87,10 +87,8 @@ class VideoFile:
         with self._refusals():
             frame = self._av.VideoFrame.from_ndarray(even, format="bgr24")
             frame = frame.reformat(format="yuv420p", dst_colorspace="ITU709")
-            frame.pts, frame.time_base = (
-                int((time - self._first) * TICKS_PER_S + 0.5),
-                Fraction(1, TICKS_PER_S),
-            )
+            frame.pts = int((time - self._first) * TICKS_PER_S + 0.5)
+            frame.time_base = Fraction(1, TICKS_PER_S)
             self._mux(frame)
         self._last = time
 

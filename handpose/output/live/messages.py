@@ -82,7 +82,8 @@ class Messages:
         self.header = to_text(header_values(header, joints))
         self._values = FrameValues(header, joints, live=True)
         self._camera = header.camera
-        self._contrast, self._follower = Contrast(), ViewportFollower(header.camera)
+        self._contrast = Contrast()
+        self._follower = ViewportFollower(header.camera)
 
     def record(self, frame: TrackedFrame) -> dict[str, Any]:
         """The frame as an object."""

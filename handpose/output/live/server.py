@@ -148,7 +148,8 @@ class LiveServer:
             self._ready.set_exception(error)
 
     async def _serve(self) -> None:
-        self._loop, self._end = asyncio.get_running_loop(), asyncio.Event()
+        self._loop = asyncio.get_running_loop()
+        self._end = asyncio.Event()
         self._loop.set_exception_handler(_ignore_connection_errors)
         server = await self._websockets.asyncio.server.serve(
             self._client,

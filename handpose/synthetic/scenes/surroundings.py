@@ -139,7 +139,8 @@ class _Places:
         near: Array,
         table: Table,
     ) -> None:
-        self.rng, self._prior = rng, prior
+        self.rng = rng
+        self._prior = prior
         self._up, self._near, self._table = person.up, near, table
 
     def draw(self, thing: ThingParameter, frame: NDArray[np.int_]) -> tuple[Array, Array]:
