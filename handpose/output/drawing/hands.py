@@ -7,7 +7,7 @@ from the camera.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 
 import cv2
 import numpy as np
@@ -36,6 +36,9 @@ GREY: Colour = (200, 200, 200)
 WHITE: Colour = (255, 255, 255)
 BLACK: Colour = (0, 0, 0)
 _PAPER: Colour = (248, 248, 248)
+_LINE: Colour = (222, 222, 222)
+_AXIS: Colour = (110, 110, 110)
+FLOOR, FLOOR_LINES, AXIS_LENGTH = -1.0, 7, 0.4  # in half-cubes
 GUESS_MM = 30.0  # a finger with a larger expected error is drawn as a guess
 _NEAREST_GREY = 215  # of the front of the cube
 YAW, PITCH = 35.0, 20.0  # degrees: where the view in space is seen from
@@ -119,24 +122,9 @@ def view_3d(
         return seen[:, :2] * scale * (1, -1) + middle
 
     canvas = np.full((size, size, 3), _PAPER, dtype=np.uint8)
-    floor = -1.0
-    lines = np.linspace(-1, 1, 7)
-    for line in lines:
-        for ends in ([(line, floor, -1), (line, floor, 1)], [(-1, floor, line), (1, floor, line)]):
-            start, stop = place(np.array(ends, dtype=np.float64))
-            strokes.line(canvas, start, stop, (222, 222, 222), 1)
-    for label, end in (
-        ("x", (-0.6, floor, -1)),
-        ("y", (-1, floor + 0.4, -1)),
-        ("z", (-1, floor, -0.6)),
-    ):
-        start, stop = place(np.array([(-1, floor, -1), end], dtype=np.float64))
-        strokes.line(canvas, start, stop, (110, 110, 110), 2)
-        outwards = (stop - start) / np.linalg.norm(stop - start)
-        strokes.text(canvas, label, stop + outwards * 9 + (-4, 4), (110, 110, 110), 0.45)
-
+    _draw_floor(canvas, place)
     points = _checked(joints, skeleton)
-    shadow = points * (1, 0, 1) + (0, floor, 0)
+    shadow = points * (1, 0, 1) + (0, FLOOR, 0)
     draw(canvas, place(shadow), points[:, 1], skeleton, thick=2, colour=(212, 212, 212))
     depth = (points @ view.T)[:, 2]
     thick = max(size // 200, 1)
@@ -145,6 +133,20 @@ def view_3d(
         points = _checked(truth, skeleton)
         draw(canvas, place(points), (points @ view.T)[:, 2], skeleton, thick=1, colour=(60, 60, 60))
     return canvas
+
+
+def _draw_floor(canvas: Image, place: Callable[[Array], Array]) -> None:
+    """The lines of the cube's floor, and the axes along its edges; ``place`` projects points."""
+    for line in np.linspace(-1, 1, FLOOR_LINES):
+        for ends in ([(line, FLOOR, -1), (line, FLOOR, 1)], [(-1, FLOOR, line), (1, FLOOR, line)]):
+            start, stop = place(np.array(ends, dtype=np.float64))
+            strokes.line(canvas, start, stop, _LINE, 1)
+    for label, direction in zip("xyz", np.eye(3)):
+        corner = np.array([-1, FLOOR, -1])
+        start, stop = place(np.stack([corner, corner + AXIS_LENGTH * direction]))
+        strokes.line(canvas, start, stop, _AXIS, 2)
+        outwards = (stop - start) / np.linalg.norm(stop - start)
+        strokes.text(canvas, label, stop + outwards * 9 + (-4, 4), _AXIS, 0.45)
 
 
 def two_views(
