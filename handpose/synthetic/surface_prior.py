@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from handpose.body.model import Surface
-from handpose.body.render import Capsules, in_front
+from handpose.body.render import NO_FACETS, Capsules, in_front, joined
 from handpose.synthetic.pose_prior import cut_normal
 from netlib.blob import Array
 
@@ -86,18 +87,20 @@ def draw_capsules(
     worn = rng.random(N) < prior.sleeve
     sleeve_from = rng.uniform(*prior.sleeve_from, N)
     thicker = np.where(worn, rng.uniform(*prior.sleeve_mm, N), 0.0)
-    further = []
+    sleeves = []
     for m in np.flatnonzero(surface.limbs):
         start, end, r = a[:, m], b[:, m], radii[:, m]  # views
         start[:], end[:], r[:] = _piece(start, end, r, np.zeros(N), cut)
-        if prior.sleeve:
+        if prior.sleeve:  # bodies without one have a second arm in the same place
             sleeve = r + thicker[:, None]
-            further.append(_piece(start, end, sleeve, sleeve_from * worn, np.ones(N)))
-    for start, end, r in further:  # bodies without a sleeve have a second arm in the same place
-        a = np.concatenate([a, start[:, None]], axis=1)
-        b = np.concatenate([b, end[:, None]], axis=1)
-        radii = np.concatenate([radii, r[:, None]], axis=1)
-    return in_front(Capsules(a, b, radii[:, :, 0], radii[:, :, 1], surface.facets))
+            piece = _piece(start, end, sleeve, sleeve_from * worn, np.ones(N))
+            sleeves.append(_capsules(*(values[:, None] for values in piece)))
+    return in_front(joined([_capsules(a, b, radii, surface.facets), *sleeves]))
+
+
+def _capsules(a: Array, b: Array, radii: Array, facets: NDArray[np.int_] = NO_FACETS) -> Capsules:
+    """The capsules with radii (N, M, 2)."""
+    return Capsules(a, b, radii[:, :, 0], radii[:, :, 1], facets)
 
 
 def _least_towards_camera(

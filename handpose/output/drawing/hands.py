@@ -254,8 +254,8 @@ def draw(
     rims = [BLACK] * len(own)
     for joint, name in enumerate(skeleton.joint_names):
         if name.partition("_")[0] in guesses:
-            own[joint] = WHITE
             rims[joint] = own[joint]
+            own[joint] = WHITE
     if rim:
         for parent, joint in behind_first:
             strokes.line(canvas, at[parent], at[joint], rims[joint], thick + 2)

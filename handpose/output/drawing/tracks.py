@@ -16,10 +16,9 @@ from handpose.frames.crops import check_size
 from handpose.output.drawing import hands, strokes, surface
 from handpose.output.drawing.strokes import Colour, Image
 from handpose.output.drawing.view import (
-    Contrast,
+    FrameView,
     Tags,
     Viewport,
-    ViewportFollower,
     box_of,
     colour_of,
     spoken,
@@ -50,8 +49,7 @@ class Painter:
         self.header = header
         zoom = min(MAX_WIDTH / camera.width, MAX_HEIGHT / camera.height)
         self._size = max(round(camera.width * zoom), 1), max(round(camera.height * zoom), 1)
-        self._contrast = Contrast()
-        self._follower = ViewportFollower(camera)
+        self._view = FrameView(camera)
 
     def picture(self, depth: NDArray[np.floating], frame: TrackedFrame) -> Image:
         """``seen`` below a line with the source and the time, which is HEAD pixels high.
@@ -79,12 +77,9 @@ class Painter:
         A present hand that the finder looked for and did not see is not drawn. Raises DataError.
         """
         check_size(depth, self.header.camera)
-        joints = np.concatenate([np.empty((0, 3)), *(hand.xyz for hand in frame.hands)])
-        self._contrast.see(frame.time, depth, joints[:, 2])
-        part = _Part(self._follower.see(frame.time, frame.hands), self.header.camera, self._size)
-        canvas = np.asarray(
-            cv2.cvtColor(part.of(self._contrast.grey(depth)), cv2.COLOR_GRAY2BGR), dtype=np.uint8
-        )
+        part = _Part(self._view.see(depth, frame), self.header.camera, self._size)
+        grey = part.of(self._view.contrast.grey(depth))
+        canvas = np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
         for hand in sorted(frame.hands, key=lambda one: -float(one.xyz[:, 2].mean())):
             low, high = part.corners(hand)
             cv2.rectangle(canvas, _pixel(low), _pixel(high), colour_of(hand.id), 1, cv2.LINE_AA)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from handpose.frames.cameras import Camera
 from handpose.output.drawing import strokes
 from handpose.output.drawing.strokes import Colour, Image
-from handpose.tracking.track import TrackedHand
+from handpose.tracking.track import TrackedFrame, TrackedHand
 from netlib.blob import Array
 
 SECONDS = 0.5  # time constant of a move
@@ -144,6 +144,22 @@ def _nearer_half(depth: NDArray[np.floating]) -> tuple[float, float]:
     read = read[read > 0]
     near, far = np.percentile(read, (2, 50)) if len(read) else (600.0, 800.0)
     return float(near + far) / 2, max(float(far - near) / 2, SPREAD_MM)
+
+
+class FrameView:
+    """What pictures show of the frames of one camera, in the order of time: their contrast, and
+    the part of each frame.
+    """
+
+    def __init__(self, camera: Camera) -> None:
+        self.contrast = Contrast()
+        self._follower = ViewportFollower(camera)
+
+    def see(self, depth: NDArray[np.floating], frame: TrackedFrame) -> Viewport:
+        """The part to show of a frame with a depth image in mm."""
+        joints = np.concatenate([np.empty((0, 3)), *(hand.xyz for hand in frame.hands)])
+        self.contrast.see(frame.time, depth, joints[:, 2])
+        return self._follower.see(frame.time, frame.hands)
 
 
 # ------------------------------------------------------------------------------------------- labels

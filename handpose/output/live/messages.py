@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from handpose.body.joint_formats.formats import FormatName
 from handpose.frames.cameras import Camera
-from handpose.output.drawing.view import Contrast, Viewport, ViewportFollower, box_of
+from handpose.output.drawing.view import FrameView, Viewport, box_of
 from handpose.output.tracks.json_values import FrameValues, header_values, to_text
 from handpose.tracking.track import TrackedFrame, TrackedHand, TrackHeader
 from netlib.blob import divide_up
@@ -82,8 +82,7 @@ class Messages:
         self.header = to_text(header_values(header, joints))
         self._values = FrameValues(header, joints, live=True)
         self._camera = header.camera
-        self._contrast = Contrast()
-        self._follower = ViewportFollower(header.camera)
+        self._view = FrameView(header.camera)
 
     def record(self, frame: TrackedFrame) -> dict[str, Any]:
         """The frame as an object."""
@@ -97,9 +96,7 @@ class Messages:
         self, record: dict[str, Any], depth: NDArray[np.floating], frame: TrackedFrame
     ) -> bytes:
         """The message for the page."""
-        points = np.concatenate([np.empty((0, 3)), *(hand.xyz for hand in frame.hands)])
-        self._contrast.see(frame.time, depth, points[:, 2])
-        viewport = self._follower.see(frame.time, frame.hands)
+        viewport = self._view.see(depth, frame)
         grid = grid_of(self._camera, viewport, frame.hands)
         surfaces = [hand.the_pose.capsules for hand in frame.hands]
         counts = [0 if surface is None else surface.a.shape[1] for surface in surfaces]
@@ -107,8 +104,8 @@ class Messages:
         shown = [hand for hand in record["hands"] if hand["id"] not in unseen]
         values = {
             "record": record | {"hands": shown},
-            "middle": self._contrast.middle,
-            "spread": self._contrast.spread,
+            "middle": self._view.contrast.middle,
+            "spread": self._view.contrast.spread,
             "window": [round(edge, 2) for edge in viewport],
             "grid": list(grid),
             "capsules": counts,
