@@ -138,16 +138,7 @@ class Generator:
         bodies = sampler.draw(rng, BLOCK)
         center_uvd = sampler.centers(rng, BLOCK, camera)
         center = camera.unproject(center_uvd)
-        capsules = draw_capsules(
-            rng,
-            self.recipe.flesh,
-            sampler.surface,
-            bodies.inputs,
-            bodies.bones,
-            bodies.scale,
-            half,
-            center,
-        )
+        capsules = draw_capsules(rng, self.recipe.flesh, sampler.surface, bodies, half, center)
         depth = render_crop(capsules, center_uvd, cube_mm, camera)
         if sensor is not None:
             pixel = SIZE * center_uvd[:, 2] / (cube_mm * camera.fx)

@@ -66,9 +66,7 @@ def draw_hands(rng: np.random.Generator, sampler: BodySampler, side: Array) -> H
     bodies = sampler.draw(rng, count)
     unit_mm = sampler.cube_mm / 2
     far = np.tile((0.0, 0.0, 10 * sampler.cube_mm), (count, 1))  # so that none is cut at the camera
-    whole = draw_capsules(
-        rng, SURFACE, surface, bodies.inputs, bodies.bones, bodies.scale, unit_mm, far
-    )
+    whole = draw_capsules(rng, SURFACE, surface, bodies, unit_mm, far)
     row = {name: n for n, name in enumerate(sampler.skeleton.joint_names)}
     mirror = np.stack([side, np.ones(count), np.ones(count)], axis=1)
     palm = bodies.joints[:, row["palm"]] * unit_mm
