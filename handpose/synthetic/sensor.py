@@ -297,6 +297,13 @@ STEREO = Sensor(
     holes=(0.0, 0.01),
     spread=(0.0, 1.5),
 )
+# Shares of frames with an error, and what each frame draws between two bounds.
+SMOOTHED, SMOOTH_PX = 0.8, (0.6, 2.2)  # of cameras that smooth; deviation of the filter
+SHORT, SHORT_MM, LONG_MM = 0.4, (900.0, 2500.0), 6000.0  # range of the camera; of the others
+SHADOWED, BASELINE_MM = 0.7, (20.0, 75.0)  # behind edges, of stereo cameras
+HOLED, LEVEL, IN_HANDS = 0.5, (1.0, 2.2), 0.35  # where smooth noise is above a level; also in hands
+STRIPED, STRIP_PX = 0.3, 25  # the strip that one of the cameras does not see; its largest width
+SPECKED, SPECKS, SPECK_MM = 0.3, (0.0, 0.004), (200, 1500)  # share of pixels, and their depth
 DIM = 0.35  # share of frames in which dark things are not read, ...
 UNEVEN = 0.15  # deviation of the logarithm of the depth up to which they are, from place to place
 # share of frames in which what is far away is read in islands, of these sizes in px, where smooth
@@ -331,16 +338,15 @@ def measure_frame(
     fine = Camera("fine", 3 * focal, 3 * focal, 0, 0, 3 * width, 3 * height)
     clean = np.minimum(depth, np.float32(NO_READING_MM))
     out = sense(rng, clean[None], np.array([NO_READING_MM]), sensor.settled(rng), fine)[0]
-    if smooths and rng.random() < 0.8:
-        out = _merged(out, float(rng.uniform(0.6, 2.2)))
-    lost = out >= min(
-        NO_READING_MM, float(rng.uniform(900, 2500)) if rng.random() < 0.4 else 6000.0
-    )
-    if sensor.baseline and rng.random() < 0.7:
-        lost |= _shadow(rng, clean, focal * rng.uniform(20, 75))
-    if rng.random() < 0.5:
-        hole = _patches(rng, depth) > rng.uniform(1.0, 2.2)
-        lost |= hole if rng.random() < 0.35 else hole & ~hand
+    if smooths and rng.random() < SMOOTHED:
+        out = _merged(out, float(rng.uniform(*SMOOTH_PX)))
+    range_mm = float(rng.uniform(*SHORT_MM)) if rng.random() < SHORT else LONG_MM
+    lost = out >= range_mm
+    if sensor.baseline and rng.random() < SHADOWED:
+        lost |= _shadow(rng, clean, focal * rng.uniform(*BASELINE_MM))
+    if rng.random() < HOLED:
+        hole = _patches(rng, depth) > rng.uniform(*LEVEL)
+        lost |= hole if rng.random() < IN_HANDS else hole & ~hand
     far = _behind(rng, clean, hand)
     if rng.random() < DIM:
         farthest = far * np.sqrt(reflects) * np.exp(UNEVEN * _patches(rng, clean))
@@ -349,12 +355,12 @@ def measure_frame(
         grain = int(rng.integers(*GRAINS))
         sea = _patches(rng, clean, grain) < rng.uniform(*SEA)
         lost |= ~hand & (clean > far) & sea
-    if rng.random() < 0.3:
-        lost[:, : int(rng.integers(25))] = True  # the strip that one of the cameras does not see
+    if rng.random() < STRIPED:
+        lost[:, : int(rng.integers(STRIP_PX))] = True
     out = np.where(lost, np.float32(0), np.round(out))
-    if rng.random() < 0.3:
-        speck = rng.random(out.shape) < rng.uniform(0, 0.004)
-        out[speck] = rng.integers(200, 1500, int(speck.sum()))
+    if rng.random() < SPECKED:
+        speck = rng.random(out.shape) < rng.uniform(*SPECKS)
+        out[speck] = rng.integers(*SPECK_MM, int(speck.sum()))
     return np.asarray(out, np.float32)
 
 
