@@ -37,11 +37,8 @@ class Range:
 
 
 @dataclass(frozen=True)
-class Sizes:
+class Sizes(Range):
     """The same for sizes and distances above 0: each doubling is as likely as the next."""
-
-    low: Double
-    high: Double
 
     def draw(self, rng: np.random.Generator, *shape: int) -> Array:
         """Numbers of a shape."""
