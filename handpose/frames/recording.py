@@ -88,6 +88,12 @@ class Recording(ABC):
         self.camera, self.unit_mm = decode.camera, decode.unit_mm
         self.rate, self.remarks = decode.rate, decode.remarks
 
+    def _assume_rate(self) -> None:
+        """Assume a rate for frames without times, unless it is known."""
+        if self.rate is None:
+            self.rate = RATE
+            self.remarks += (RATE_UNKNOWN,)
+
     def close(self) -> None:  # noqa: B027  # most have nothing to let go of
         """Close files and cameras."""
 
@@ -231,12 +237,6 @@ class DepthDecoder:
                 f"{where}: a depth of {depth.min():g} mm; expected 0 where nothing was read, else more"
             )
         return depth if self._undistort is None else self._undistort(depth)
-
-    def paced(self) -> tuple[float, tuple[str, ...]]:
-        """Frames per second for frames without times, and a remark about it."""
-        if self.rate is not None:
-            return self.rate, ()
-        return RATE, (RATE_UNKNOWN,)
 
 
 def _unknown_camera(known: CameraInfo, where: str) -> DataError:

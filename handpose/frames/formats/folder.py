@@ -103,14 +103,12 @@ class FolderRecording(Recording):
                 if not in_names[1].ticks:
                     self._names, self._reading = in_names
                     self._reading = self._timed_by(timed, given, own, camera_json)
-        decode = DepthDecoder(raw.shape, raw.dtype, where, given, own, camera_json)
-        self._decode_by(decode)
+        self._decode_by(DepthDecoder(raw.shape, raw.dtype, where, given, own, camera_json))
         self.name = str(source)
         self.count = len(names)
         self.remarks = (self._reading.how, *taken, *self.remarks)
         if not self._reading.ticks and len(names) > 1:
-            self.rate, assumed = decode.paced()
-            self.remarks += assumed
+            self._assume_rate()
         self._remarks = self.remarks
 
     def _timed_by(

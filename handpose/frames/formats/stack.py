@@ -65,7 +65,8 @@ class StackRecording(Recording):
 
     def __init__(self, path: Path, given: CameraInfo = UNKNOWN) -> None:
         self._frames = frames = arrays_in(path)
-        self.name, self.count = where, count = str(path), frames.shape[0]
+        self.name = where = str(path)
+        self.count = count = frames.shape[0]
         others = frames.others
         own, fields, taken = parameters_in(others, where, given)
         camera_json = next_to(path, given.camera is None and own.camera is None)
@@ -81,13 +82,13 @@ class StackRecording(Recording):
             raise DataError(
                 f"{path}: has no times, so --time-unit has no meaning; expected an array time"
             )
-        decode = DepthDecoder(frames.shape[1:], frames.dtype, where, given, own, camera_json)
-        self._decode_by(decode)
+        self._decode_by(
+            DepthDecoder(frames.shape[1:], frames.dtype, where, given, own, camera_json)
+        )
         if taken:
             self.remarks = ("; ".join(taken), *self.remarks)
         if times is None and count > 1:
-            self.rate, assumed = decode.paced()
-            self.remarks += assumed
+            self._assume_rate()
         self.warnings = not_used(
             [name for name in frames.names if _last(name) not in fields and name != times]
         )
