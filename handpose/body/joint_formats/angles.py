@@ -87,7 +87,44 @@ def anatomical_angles(skeleton: Skeleton, hand: Side, xyz: Array) -> dict[str, f
     right = joints_of(skeleton, hand, xyz) * mirror_of(hand)
     R = palm_frame(right, skeleton)
     rest = _rest(skeleton)
-    points = rest.points @ right  # wrist, then cmc and mcp of every finger
+    palm = _palm_of(rest.points @ right)
+    found: list[float] = []
+    for finger, m in zip(("thumb", *LONG_FINGERS), (palm.metacarpals[0], *palm.metacarpals)):
+        bones = _bones_of(finger, right[rest.hinges[finger]], palm.size)
+        M = R @ rest.frames[finger]
+        u = bones[0]
+        d = M.T @ u
+        r = np.cross(m, palm.dorsal)
+        r = r / np.linalg.norm(r)
+        if finger == "thumb":
+            a = np.arctan2(d[1], d[0])
+            back = M @ rotation(2, a)[:, 1] * -1
+            radial = np.arctan2(u @ r, u @ m)
+            palmar = np.arcsin(np.clip(-(u @ palm.dorsal), -1, 1))
+            found += [radial, palmar]
+        else:
+            a, b = _spread_and_bend(d, rest.ahead[finger])
+            back = M @ (rotation(2, a) @ rotation(0, b))[:, 2]
+            away = -1.0 if finger in ("ring", "little") else 1.0
+            flexion = np.arctan2(-(u @ palm.dorsal), u @ m)
+            radial = np.arcsin(np.clip(u @ r, -1, 1))
+            found += [flexion, away * radial]
+        found += _bends(bones, back)
+    return dict(zip(ANGLES, np.degrees(found).tolist()))
+
+
+class _Palm(NamedTuple):
+    """The palm of a hand: directions from its back and along the metacarpals of the long fingers,
+    and the shorter of two sides.
+    """
+
+    dorsal: Array
+    metacarpals: list[Array]
+    size: float
+
+
+def _palm_of(points: Array) -> _Palm:
+    """The palm by the wrist, then the ends of every metacarpal. Raises DataError."""
     wrist, cmc, mcp = points[0], points[1::2], points[2::2]
     sides = mcp[[0, -1]] - wrist
     across = np.cross(*sides)
@@ -102,36 +139,18 @@ def anatomical_angles(skeleton: Skeleton, hand: Side, xyz: Array) -> dict[str, f
         raise DataError(
             "a metacarpal has no length or is perpendicular to the palm; expected a hand"
         )
-    found: list[float] = []
-    for finger, m in zip(("thumb", *LONG_FINGERS), (metacarpals[0], *metacarpals)):
-        ends = right[rest.hinges[finger]]
-        phalanges = ends[1:] - ends[:-1]
-        lengths = np.linalg.norm(phalanges, axis=1)
-        if not lengths.min() > MIN_SHARE * size:
-            raise DataError(
-                f"a bone of the {finger} has no length; expected joints at different positions"
-            )
-        bones = phalanges / lengths[:, None]
-        u = bones[0]
-        M = R @ rest.frames[finger]
-        r = np.cross(m, dorsal)
-        d = M.T @ bones[0]
-        r = r / np.linalg.norm(r)
-        if finger == "thumb":
-            a = np.arctan2(d[1], d[0])
-            back = M @ rotation(2, a)[:, 1] * -1
-            radial = np.arctan2(u @ r, u @ m)
-            palmar = np.arcsin(np.clip(-(u @ dorsal), -1, 1))
-            found += [radial, palmar]
-        else:
-            a, b = _spread_and_bend(d, rest.ahead[finger])
-            back = M @ (rotation(2, a) @ rotation(0, b))[:, 2]
-            away = -1.0 if finger in ("ring", "little") else 1.0
-            flexion = np.arctan2(-(u @ dorsal), u @ m)
-            radial = np.arcsin(np.clip(u @ r, -1, 1))
-            found += [flexion, away * radial]
-        found += _bends(bones, back)
-    return dict(zip(ANGLES, np.degrees(found).tolist()))
+    return _Palm(dorsal, metacarpals, size)
+
+
+def _bones_of(finger: str, ends: Array, palm_size: float) -> Array:
+    """The directions (3, 3) of the phalanges between these ends (4, 3). Raises DataError."""
+    phalanges = ends[1:] - ends[:-1]
+    lengths = np.linalg.norm(phalanges, axis=1)
+    if not lengths.min() > MIN_SHARE * palm_size:
+        raise DataError(
+            f"a bone of the {finger} has no length; expected joints at different positions"
+        )
+    return phalanges / lengths[:, None]
 
 
 class _Rest(NamedTuple):
