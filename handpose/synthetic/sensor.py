@@ -15,7 +15,7 @@ not see what lies behind. Readings are missing in patches and beyond the range, 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -62,16 +62,13 @@ class Sensor:
         """One camera of this kind: what each frame draws is drawn once, and the same
         in all frames.
         """
-        bounds: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(self)}
-        if not self.spread[1]:
-            # draw nothing, so that recordings of sensors without it do not change
-            del bounds["spread"]
-        drawn = {
-            name: (float(rng.uniform(*two)),) * 2
-            for name, two in bounds.items()
-            if isinstance(two, tuple)
-        }
-        return replace(self, **{**bounds, **drawn})
+        drawn: dict[str, Any] = {}
+        for name, bounds in vars(self).items():
+            # a sensor without spread draws none, so that its recordings do not change
+            is_drawn = name != "spread" or bounds[1] > 0
+            if isinstance(bounds, tuple) and is_drawn:
+                drawn[name] = (float(rng.uniform(*bounds)),) * 2
+        return replace(self, **drawn)
 
 
 KINECT = Sensor()
