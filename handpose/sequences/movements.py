@@ -67,11 +67,8 @@ class Person:
         radii *= 1 + prior.radius_std * cut_normal(rng, radii.shape, prior.clip)
         radii[surface.limbs] *= rng.uniform(*prior.limb)
         worn = rng.random() < prior.sleeve
-        sleeve = (
-            float(rng.uniform(*prior.sleeve_from)),
-            worn * float(rng.uniform(*prior.sleeve_mm)) / unit_mm,
-        )
-        offset = float(rng.uniform(*prior.offsets))
+        sleeve = (rng.uniform(*prior.sleeve_from), worn * rng.uniform(*prior.sleeve_mm) / unit_mm)
+        offset = rng.uniform(*prior.offsets)
         return Person(
             surface, hand.bones[0], size, radii, offset, sleeve, unit_mm, sampler.center * size
         )

@@ -113,7 +113,7 @@ def draw_surroundings(
     farthest  depth in mm that the middles of hands do not exceed
     """
     middle = np.array([rng.uniform(-60, 60), rng.uniform(-120, 40), farthest + BEHIND_MM])
-    wall = float(rng.uniform(middle[2] + 300, middle[2] + 1500))
+    wall = rng.uniform(middle[2] + 300, middle[2] + 1500)
     image = np.full(
         (camera.height, camera.width), wall if rng.random() < 0.5 else NOWHERE_MM, dtype=np.float32
     )

@@ -134,7 +134,7 @@ class Generator:
         sampler = self._samplers[number % len(self._samplers)]
         cube_mm = sampler.cube_mm
         half = sampler.cube_mm / 2
-        camera, sensor = self.recipe.views[int(rng.integers(len(self.recipe.views)))]
+        camera, sensor = self.recipe.views[rng.integers(len(self.recipe.views))]
         bodies = sampler.draw(rng, BLOCK)
         center_uvd = sampler.centers(rng, BLOCK, camera)
         center = camera.unproject(center_uvd)

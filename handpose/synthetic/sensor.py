@@ -65,9 +65,8 @@ class Sensor:
         drawn: dict[str, Any] = {}
         for name, bounds in vars(self).items():
             # a sensor without spread draws none, so that its recordings do not change
-            is_drawn = name != "spread" or bounds[1] > 0
-            if isinstance(bounds, tuple) and is_drawn:
-                drawn[name] = (float(rng.uniform(*bounds)),) * 2
+            if isinstance(bounds, tuple) and (name != "spread" or bounds[1]):
+                drawn[name] = (rng.uniform(*bounds),) * 2
         return replace(self, **drawn)
 
 
@@ -328,7 +327,7 @@ def measure_frame(
     focal     focal length in px
     reflects  (H, W) the part of the light that surfaces send back
     """
-    sensor, smooths = FRAME_SENSORS[int(rng.integers(len(FRAME_SENSORS)))]
+    sensor, smooths = FRAME_SENSORS[rng.integers(len(FRAME_SENSORS))]
     height, width = depth.shape
     # The sensors' pixels are smaller than these: as if the frame were one of a camera of three
     # times the resolution.
@@ -336,8 +335,8 @@ def measure_frame(
     clean = np.minimum(depth, np.float32(NO_READING_MM))
     out = sense(rng, clean[None], np.array([NO_READING_MM]), sensor.settled(rng), fine)[0]
     if smooths and rng.random() < SMOOTHED:
-        out = _merged(out, float(rng.uniform(*SMOOTH_PX)))
-    range_mm = float(rng.uniform(*SHORT_MM)) if rng.random() < SHORT else LONG_MM
+        out = _merged(out, rng.uniform(*SMOOTH_PX))
+    range_mm = rng.uniform(*SHORT_MM) if rng.random() < SHORT else LONG_MM
     lost = out >= range_mm
     if sensor.baseline and rng.random() < SHADOWED:
         lost |= _shadow(rng, clean, focal * rng.uniform(*BASELINE_MM))
@@ -353,7 +352,7 @@ def measure_frame(
         sea = _patches(rng, clean, grain) < rng.uniform(*SEA)
         lost |= ~hand & (clean > far) & sea
     if rng.random() < STRIPED:
-        lost[:, : int(rng.integers(STRIP_PX))] = True
+        lost[:, : rng.integers(STRIP_PX)] = True
     out = np.where(lost, np.float32(0), np.round(out))
     if rng.random() < SPECKED:
         speck = rng.random(out.shape) < rng.uniform(*SPECKS)
@@ -363,7 +362,7 @@ def measure_frame(
 
 def _behind(rng: np.random.Generator, depth: Floats, hand: NDArray[np.bool_]) -> float:
     """A depth in mm behind all hands, from which a camera may read less."""
-    farthest = float(depth[hand].max()) if hand.any() else float(rng.uniform(*HANDS_AT_MM))
+    farthest = float(depth[hand].max()) if hand.any() else rng.uniform(*HANDS_AT_MM)
     return farthest * float(np.exp(rng.uniform(*np.log(REACHES))))
 
 
