@@ -178,7 +178,7 @@ def _rest(skeleton: Skeleton) -> _Rest:
         x, y, _ = middle.frames[0, knuckle].T @ phalanx
         ahead[finger] = float(np.arctan2(-x, y))
     frames = {finger: root.T @ pose.frames[0, own[0]] for finger, own in hinges.items()}
-    return _Rest(frames, ahead, {finger: list(own) for finger, own in hinges.items()}, points)
+    return _Rest(frames, ahead, hinges, points)
 
 
 def _spread_and_bend(d: Array, ahead: float) -> tuple[float, float]:

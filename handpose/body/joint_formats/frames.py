@@ -112,7 +112,7 @@ def _beyond(finger: str, skin: dict[str, float]) -> dict[str, float]:
 POINTS = _points()
 
 
-def hinges_of(skeleton: Skeleton) -> dict[str, tuple[int, ...]]:
+def hinges_of(skeleton: Skeleton) -> dict[str, list[int]]:
     """By finger the joints at which it bends, from the knuckle outwards, and its tip: the ends of
     its rigid phalanges.
 
@@ -134,7 +134,7 @@ def hinges_of(skeleton: Skeleton) -> dict[str, tuple[int, ...]]:
             raise DataError(
                 f"skeleton {skeleton.name!r}: {finger} bends at {len(ends) - 1} joints; expected 3"
             )
-        found[finger] = tuple(reversed(ends))
+        found[finger] = ends[::-1]
     return found
 
 

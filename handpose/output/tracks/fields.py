@@ -47,7 +47,7 @@ class Fields:
 
     def text(self, name: str) -> str:
         """The field is a text."""
-        return str(self._checked(name, str, "a text"))
+        return self._checked(name, str, "a text")
 
     def one_of(self, name: str, words: Sequence[T]) -> T:
         """The field is one of these words."""
@@ -58,7 +58,7 @@ class Fields:
 
     def truth(self, name: str) -> bool:
         """The field is true or false."""
-        return bool(self._checked(name, bool, "true or false"))
+        return self._checked(name, bool, "true or false")
 
     def whole(self, name: str) -> int:
         """The field is a whole number of at least 0."""
