@@ -119,7 +119,8 @@ def document(
     joints: FormatName | None = None,
 ) -> str:
     """The JSON text of predictions, at least one, and of their frames (``frame_values``)."""
-    header, cameras = _header(source, found[0], skeleton), {hand.camera for hand in found}
+    header = _header(source, found[0], skeleton)
+    cameras = {hand.camera for hand in found}
     if len(cameras) > 1:  # images of several sizes
         header = replace(header, camera=replace(header.camera, width=0, height=0))
     head = json.dumps(header_values(header, joints, in_frames=found[0].in_frame), allow_nan=False)

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from handpose.frames import camera_file
 from handpose.frames.camera_file import find, parse, to_text
+from handpose.frames.camera_text import parse_document
 from handpose.frames.cameras import Camera, View
 from handpose.frames.lens import Lens
 from handpose.frames.recording import CameraInfo
@@ -334,7 +335,7 @@ TRAJECTORY = {
 )
 def test_a_camera_alone(text: str, camera: Camera, words: str) -> None:
     """Open3D's camera and trajectory, tables, ScanNet's, OpenCV's, NeRF's and Record3D's."""
-    found = camera_file.parse(text, "x")
+    found = parse(text, "x")
     assert (found.camera, found.lens, found.origin) == (camera, None, f"x ({words})")
 
 
@@ -379,14 +380,14 @@ def test_a_camera_with_a_lens(text: str, name: str, lens: tuple[float, ...]) -> 
     """ROS's calibration, a topic's messages, Kalibr, ORB-SLAM, RealSense's list, ROS 2 in JSON,
     objects in objects.
     """
-    found = camera_file.parse(text, "x")
+    found = parse(text, "x")
     assert found.camera == Camera(name, 60, 61, 31.5, 23.5, 64, 48)
     assert found.lens == Lens(lens)
 
 
 def test_the_depth_camera_among_others() -> None:
     """By the names around it; what is said around it holds for it."""
-    found = camera_file.parse(json.dumps(TWO_STREAMS), "x")
+    found = parse(json.dumps(TWO_STREAMS), "x")
     assert (found.camera, found.lens, found.unit_mm, found.rate) == (SIZED, Lens(), 1.0, 30)
 
 
@@ -396,7 +397,7 @@ def test_the_depth_camera_in_a_list() -> None:
         {"name": kind, "K": [60 + i, 0, 31.5, 0, 61, 23.5, 0, 0, 1], "width": 64, "height": 48}
         for i, kind in ((2, "rgb"), (0, "depth"), (1, "left infrared"))
     ]
-    found = camera_file.parse(json.dumps({"cameras": cameras}), "x")
+    found = parse(json.dumps({"cameras": cameras}), "x")
     assert found.camera == replace(SIZED, name="depth")
 
 
@@ -429,6 +430,27 @@ def test_files_of_opencv(tmp_path: Path, suffix: str) -> None:
     found = camera_file.read(tmp_path / f"camera{suffix}")
     assert (found.camera, found.lens) == (SIZED, Lens((0.1, -0.2, 1e-3, 0, 0.3)))
     assert found.origin.endswith("distortion_coefficients; not used: calibration_time)")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a:\n- 1\n- -2.5e+3\ng: # h\nl:\n  m:\n    n: [3.5, .5e-1,\n      4]\n  o: -0.5\n"
+        "'p q': [[1, 2],\n  [3, 4]]\ns: t u\n",
+        '%YAML 1.1\n---\na:\n  - 1\n  - 2\nb: {c: 2, d: [1, 2], e: "f"}\n...\nb: 1\n',
+    ],
+)
+def test_yaml(text: str) -> None:
+    """Numbers, texts and objects as a reader of YAML has them."""
+    yaml = pytest.importorskip("yaml")
+
+    def flat(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {key: flat(inner) for key, inner in value.items()}
+        rows = np.array(value, object).ravel().tolist() if isinstance(value, list) else value
+        return rows
+
+    assert flat(parse_document(text, "x")) == flat(next(yaml.safe_load_all(text)))
 
 
 # What other programs print or write: 64 x 48 px, focal lengths 60 and 61, the middle at 31.5, 23.5.
@@ -597,7 +619,7 @@ def test_the_output_of_camera_programs_is_accepted(text: str, lens: Lens | None)
     """pyrealsense2's two forms, Python's and NumPy's, Orbbec, Azure, RealSense Viewer, ScanNet,
     ROS's ost, sections.
     """
-    found = camera_file.parse(text, "x")
+    found = parse(text, "x")
     assert (found.camera, found.lens) == (SIZED, lens)
 
 
@@ -606,7 +628,7 @@ def test_the_modes_of_a_camera(tmp_path: Path) -> None:
     the frames' size.
     """
     (tmp_path / "camera.txt").write_text(ENUMERATED, encoding="utf-16")
-    for found in (camera_file.parse(ENUMERATED, "x"), camera_file.read(tmp_path / "camera.txt")):
+    for found in (parse(ENUMERATED, "x"), camera_file.read(tmp_path / "camera.txt")):
         assert isinstance(found.camera, View) and found.lens == Lens()
         assert found.camera.at(64, 48) == SIZED
         assert found.camera.at(128, 96) == Camera("own", 120, 122, 63.5, 47.5, 128, 96)

@@ -90,12 +90,12 @@ def test_the_users_camera_replaces_the_lens_of_the_file() -> None:
 
 def test_frames_without_times(tmp_path: Path) -> None:
     """30 frames per second are assumed, with a warning, unless a rate is given."""
-    np.save(tmp_path / "take.npy", np.full((2, 48, 64), 500, np.uint16))
-    given = CameraInfo(CAMERA, unit_mm=1.0)
-    found = open_recording(tmp_path / "take.npy", given)
-    assert found.rate == 30 and "30 frames per second assumed" in found.remarks[-1]
-    found = open_recording(tmp_path / "take.npy", replace(given, rate=60.0))
-    assert found.rate == 60 and RATE_UNKNOWN not in found.remarks
+    path = tmp_path / "a.npy"
+    np.save(path, np.ones((2, 48, 64), np.uint16))
+    for rate, expected in ((None, 30), (60.0, 60)):
+        found = open_recording(path, CameraInfo(CAMERA, unit_mm=1.0, rate=rate))
+        assert found.rate == expected
+        assert (RATE_UNKNOWN in found.remarks) == (rate is None)
 
 
 LENS = Lens((0.1, 0, 0, 0))
