@@ -24,11 +24,13 @@ seeds 0 to 2: 13.38 with all. The means of other seeds differ by up to 0.3.
                                           13.19   a synthetic hand, 15 frames/s: 3.9 to 5.1 mm,
                                                   found 96 to 89%
     fit.expected.unread=2 .hiding=2       13.70   wrong poses of covered hands
-    fit.steady.stay=1 .hold=1             13.43   jitter at rest 0.87 to 1.12 mm
-    fit.search.further=1 .momentum=0 .min_gain=0
+    fit.steady.cost_factor=1 .limb_precision=1
+                                          13.43   jitter at rest 0.87 to 1.12 mm
+    fit.search.step_factor=1 .momentum=0 .min_gain=0
                                           14.72
     fit.thin_px=1e9                       13.57   hpx mirrored 12.7 to 13.8 mm
-    track.size.every_s=0 .confident=0     13.30   as good; for hands that rest at first
+    track.size.min_interval_s=0 .min_confidence=0
+                                          13.30   as good; for hands that rest at first
     track.follow.first_credit=1 .sure=0.5 track.sides.clear=0
                                           13.52   P1 up to 19.7 mm
     fit.judge.covered=0 .max_ratio=1e9 fit.support.self_mm=0

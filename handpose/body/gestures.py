@@ -148,10 +148,12 @@ class GestureReader:
             )
         seen = np.array(list(scores(self._skeleton, hand, xyz, angles).values()))
         if before is None or time - before.time > FORGET_S:
-            smooth, name = seen, ""
+            smooth = seen
+            name = ""
         else:
             part = 1 - math.exp(-(time - before.time) / SMOOTH_S)
-            smooth, name = before.scores + part * (seen - before.scores), before.name
+            smooth = before.scores + part * (seen - before.scores)
+            name = before.name
         best = int(smooth.argmax())
         if smooth[best] > BEGIN:
             name = GESTURES[best]

@@ -15,6 +15,7 @@ skeleton, followed by the joints of the surface alone (for a hand: the arm).
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,8 @@ from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import (
     LENGTHS,
     CapsuleParameter,
+    FleshParameter,
+    OffsetParameter,
     WedgeParameter,
     format_length,
     max_length,
@@ -55,29 +58,55 @@ class Surface:
     """
 
     def __init__(self, skeleton: Skeleton) -> None:
-        self.skeleton, self.whole = skeleton, skeleton.with_surface()
+        self.skeleton = skeleton
+        self.whole = skeleton.with_surface()
         surface = skeleton.param.flesh
         assert surface is not None  # checked by with_surface
         if not surface.capsule and not surface.wedge:
             raise PrototxtError(schema.position_of(surface), "no capsule and no wedge in the flesh")
-        spheres: list[tuple[Sphere, Sphere]] = []
+        capsules, facets = self._capsules_of(surface)
+        self.start, self.end = np.array([[joint for joint, _ in ends] for ends in capsules]).T
+        self.radii = np.array([[radius for _, radius in ends] for ends in capsules])
+        self.facets = np.array(facets, dtype=int).reshape(-1, 3)
+        self.limbs = self.end >= len(skeleton.joint_names)
+        self.trunk = self._moves_with_root_alone()
+        self.offsets = self._offsets_of(surface.offset)
+        self.deviation = np.array([d.deviation for d in self.whole.param.dof])
+        self.apart = self._keep_apart()
+
+    def _capsules_of(
+        self, surface: FleshParameter
+    ) -> tuple[list[tuple[Sphere, Sphere]], list[list[int]]]:
+        """The capsules, the edges of wedges first, and the facets; sets ``parts``."""
+        capsules: list[tuple[Sphere, Sphere]] = []
         self.parts: list[str] = []
         facets = []
         for w in surface.wedge:
             corners = self._wedge(w)
             for edge in itertools.combinations(corners, 2):
-                if edge not in spheres and edge[::-1] not in spheres:
-                    spheres.append(edge)
+                if edge not in capsules and edge[::-1] not in capsules:
+                    capsules.append(edge)
                     self.parts.append(w.part)
-            every = [sphere for capsule in spheres for sphere in capsule]
-            facets.append([every.index(corner) for corner in corners])
-        spheres += [self._capsule(c) for c in surface.capsule]
+            spheres = list(itertools.chain(*capsules))
+            facets.append([spheres.index(corner) for corner in corners])
+        capsules += [self._capsule(c) for c in surface.capsule]
         self.parts += [c.part for c in surface.capsule]
-        self.start, self.end = np.array([[joint for joint, _ in capsule] for capsule in spheres]).T
-        self.radii = np.array([[radius for _, radius in capsule] for capsule in spheres])
-        self.facets = np.array(facets, dtype=int).reshape(-1, 3)
-        for i, o in enumerate(surface.offset):
-            if (o.joint, o.axes) in [(other.joint, other.axes) for other in surface.offset[:i]]:
+        return capsules, facets
+
+    def _moves_with_root_alone(self) -> NDArray[np.bool_]:
+        """Whether (M,) no motion but the root's moves a capsule."""
+        whole = self.whole
+        roots = np.flatnonzero(whole.parents < 0)
+        rows = [m.row for root in roots for m in whole.motions[root] if m.row >= 0]
+        bent = np.asarray(np.delete(whole.moves, rows, axis=0).any(axis=0))
+        return ~bent[self.start] & ~bent[self.end]
+
+    def _offsets_of(
+        self, offsets: Sequence[OffsetParameter]
+    ) -> dict[int, tuple[NDArray[np.int_], Array]]:
+        """The offsets by the joint f in whose axes they are. Raises PrototxtError."""
+        for i, o in enumerate(offsets):
+            if (o.joint, o.axes) in [(other.joint, other.axes) for other in offsets[:i]]:
                 raise PrototxtError(
                     schema.position_of(o), f"joint {o.joint!r} has two offsets along {o.axes!r}"
                 )
@@ -85,24 +114,10 @@ class Surface:
                 lengths = ", ".join(map(format_length, (o.x, o.y, o.z)))
                 found = f"offset {lengths}; expected lengths in {LENGTHS}"
                 raise PrototxtError(schema.position_of(o), found)
-        self.limbs = self.end >= len(skeleton.joint_names)
-        of_root = [
-            m.row
-            for own, parent in zip(self.whole.motions, self.whole.parents)
-            if parent < 0
-            for m in own
-        ]
-        others = np.delete(self.whole.moves, [row for row in of_root if row >= 0], axis=0)
-        bent = np.asarray(others.any(axis=0))
-        self.trunk = ~bent[self.start] & ~bent[self.end]
-        self.offsets: dict[int, tuple[NDArray[np.int_], Array]] = {}
-        axes = np.array([self._joint(o, "axes", o.axes) for o in surface.offset], dtype=int)
-        joints = np.array([self._joint(o, "joint", o.joint) for o in surface.offset], dtype=int)
-        vectors = np.array([(o.x, o.y, o.z) for o in surface.offset]).reshape(-1, 3)
-        for f in np.unique(axes):
-            self.offsets[int(f)] = joints[axes == f], vectors[axes == f]
-        self.deviation = np.array([d.deviation for d in self.whole.param.dof])
-        self.apart = self._keep_apart()
+        axes = np.array([self._joint(o, "axes", o.axes) for o in offsets], dtype=int)
+        joints = np.array([self._joint(o, "joint", o.joint) for o in offsets], dtype=int)
+        vectors = np.array([(o.x, o.y, o.z) for o in offsets]).reshape(-1, 3)
+        return {int(f): (joints[axes == f], vectors[axes == f]) for f in np.unique(axes)}
 
     @property
     def kinematics(self) -> Kinematics:
@@ -142,7 +157,7 @@ class Surface:
         radii (N, M, 2).
         """
         a, b = (ends[:, joints].transpose(2, 1, 0) for joints in (self.start, self.end))
-        return np.asarray(self._depths(a, b, radii.transpose(1, 2, 0)).max(axis=0, initial=-np.inf))
+        return self._depths(a, b, radii.transpose(1, 2, 0)).max(axis=0, initial=-np.inf)
 
     def mean_penetration(self, capsules: Capsules) -> Array:
         """The mean (N,), over all capsules, of how deep one that should be apart penetrates
@@ -153,7 +168,7 @@ class Surface:
         deepest = np.zeros(a.shape[1:])
         for own in self.apart:
             np.maximum.at(deepest, own, depths)
-        return np.asarray(deepest.mean(axis=0))
+        return deepest.mean(axis=0)
 
     def _depths(self, a: Array, b: Array, r: Array) -> Array:
         """The penetrations (P, N) of the pairs ``apart``; ends (3, M, N), radii (M, 2, N)."""
@@ -162,7 +177,7 @@ class Surface:
         ra, rb = r[i, 0], r[i, 1]
         rc, rd = r[j, 0], r[j, 1]
         thick = ra + s * (rb - ra) + rc + t * (rd - rc)
-        return np.asarray(thick - distance)
+        return thick - distance
 
     def _capsule(self, c: CapsuleParameter) -> tuple[Sphere, Sphere]:
         r = self._radii(c, c.radius, 2)
@@ -180,10 +195,8 @@ class Surface:
     def _radii(shape: object, given: tuple[float, ...], count: int) -> list[float]:
         are_lengths = all(0 < r <= max_length(shape) for r in given)
         if len(given) not in (1, count) or not are_lengths:
-            found, expected = (
-                f"radius {', '.join(map(format_length, given))}",
-                {2: "two", 3: "three"}[count],
-            )
+            found = f"radius {', '.join(map(format_length, given))}"
+            expected = {2: "two", 3: "three"}[count]
             raise PrototxtError(
                 schema.position_of(shape), f"{found}; expected one or {expected} > 0, in {LENGTHS}"
             )
@@ -259,7 +272,7 @@ class Fingers:
 
     def joints(self, joints: Array) -> Array:
         """The three joints (N, 5, 3, 3) of each finger, of the joints (N, K, 3) of hands."""
-        return np.asarray(self._weights @ joints).reshape(len(joints), len(FINGERS), 3, 3)
+        return (self._weights @ joints).reshape(len(joints), len(FINGERS), 3, 3)
 
 
 def _joints(finger: str) -> list[tuple[str, ...]]:

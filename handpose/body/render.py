@@ -242,14 +242,11 @@ def _visible_ends(capsules: Capsules) -> tuple[Array, Array, Array, Array]:
         raise DataError(
             "a capsule lies at or behind the camera, or has a coordinate that is not a number"
         )
-    B, w = b - a, ra - rb
-    e = (B * B).sum(1) - w * w
-    g = (a * B).sum(1) + ra * w
+    _, w, e, g, q = _cones(a, b, ra, rb)
     inside = e <= 0  # one sphere contains the other, and only the larger one is visible
     end = (w < 0).astype(float)
     # The camera is inside the cone, along the axis, so the nearer end hides the rest.
     s = -g / np.where(inside, 1, e)
-    q = (a * a).sum(1) - ra * ra
     in_cone = e * q - g * g <= 0
     along = ~inside & in_cone & (ra - s * w > 0)
     end = np.where(along, np.clip(s, 0, 1).round(), end)
@@ -259,6 +256,14 @@ def _visible_ends(capsules: Capsules) -> tuple[Array, Array, Array, Array]:
     a, ra = np.where(at_b[:, None], b, a), np.where(at_b, rb, ra)
     b, rb = np.where(at_a[:, None], a, b), np.where(at_a, ra, rb)
     return a, b, ra, rb
+
+
+def _cones(a: Array, b: Array, ra: Array, rb: Array) -> tuple[Array, Array, Array, Array, Array]:
+    """B, w, e and g of the cones that the spheres of capsules (L, ...) touch, and a.a - ra^2."""
+    B, w = b - a, ra - rb
+    e = (B * B).sum(1) - w * w
+    g = (a * B).sum(1) + ra * w
+    return B, w, e, g, (a * a).sum(1) - ra * ra
 
 
 def _extent(a: Array, b: Array, ra: Array, rb: Array, axis: int) -> tuple[Array, Array]:
@@ -289,11 +294,8 @@ def _coefficients(a: Array, b: Array, ra: Array, rb: Array) -> Floats:
     """The coefficients of each capsule for the pixels, (13, L): a, B, k1's vector, e, g,
     k0, a.a - ra^2.
     """
-    B, w = b - a, ra - rb
-    e = (B * B).sum(1) - w * w
-    g = (a * B).sum(1) + ra * w
+    B, _, e, g, q = _cones(a, b, ra, rb)
     e = np.where(e > 0, e, 1.0)  # a single sphere: B = 0, g = 0, and any e gives s = 0
-    q = (a * a).sum(1) - ra * ra
     k0 = e * q - g * g
     k1 = g[:, None] * B - e[:, None] * a
     return np.stack([*a.T, *B.T, *k1.T, e, g, k0, q]).astype(np.float32)

@@ -22,7 +22,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from netlib.blob import Array
+from netlib.blob import Array, divide_up
 from netlib.errors import DataError, system_error_of
 from netlib.files import atomic, hdf5
 from netlib.files.paths import exists, names_in
@@ -144,7 +144,7 @@ def check_space(out: Path, rows: Sequence[tuple[int, Columns]]) -> None:
     The files that are there are taken for parts that are kept or replaced.
     """
     need = sum(count * row_bytes(columns) for count, columns in rows)
-    need += sum(-(-count // FRAMES_PER_FILE) for count, _ in rows) * _PAGE
+    need += sum(divide_up(count, FRAMES_PER_FILE) for count, _ in rows) * _PAGE
     there = [out / name for name in names_in(out) if name.endswith(".h5")]
     need -= sum(path.stat().st_size for path in there if path.is_file())
     free = shutil.disk_usage(
@@ -162,7 +162,8 @@ def write_part(
     """
 
     def fill(path: Path) -> None:
-        written, several = 0, iter(pieces)
+        written = 0
+        several = iter(pieces)
         first = next(several)
         with _created(path, rows, first) as file:
             for piece in itertools.chain([first], several):

@@ -71,13 +71,15 @@ class PublishedFrames:
             except BadFrameError as error:
                 bad.append((i, error))
         some = np.array(good, np.int64)
-        center_uvd, half = self.center_uvd[some], np.asarray(self.cube_mm[some] / 2)
+        center_uvd = self.center_uvd[some]
+        half = self.cube_mm[some] / 2
         joints = normalise_joints(self.joints[some], self.camera.unproject(center_uvd), half)
         return Frames.of(np.asarray(crops), joints, center_uvd, self.camera, half, some), bad
 
     def depth(self, i: int) -> Array:
         """The depth image of frame ``i`` in mm. Raises BadFrameError."""
-        path, camera = self.files[i], self.camera
+        path = self.files[i]
+        camera = self.camera
         depth = self.read(path)
         if depth.shape != (camera.height, camera.width):
             found = f"{depth.shape[1]} x {depth.shape[0]} pixels, expected {camera.width} x {camera.height}"
@@ -86,7 +88,8 @@ class PublishedFrames:
 
     def crop(self, i: int) -> NDArray[np.float32]:
         """The crop of frame ``i``. Raises BadFrameError."""
-        path, center = self.files[i], self.center_uvd[i]
+        path = self.files[i]
+        center = self.center_uvd[i]
         is_finite = np.isfinite(center).all() and np.isfinite(self.joints[i]).all()
         if not is_finite or center[2] <= 0:
             raise BadFrameError(path, UNLABELLED)
@@ -105,7 +108,8 @@ class PublishedFrames:
         """The recipe of the crops of ``rows`` frames from ``start`` on, with the names and sizes
         of their images.
         """
-        stop, digest = start + rows, hashlib.sha256()
+        stop = start + rows
+        digest = hashlib.sha256()
         for array in (self.center_uvd, self.joints, self.cube_mm):
             digest.update(np.ascontiguousarray(array[start:stop], dtype="<f8").tobytes())
         for path in self.files[start:stop]:
@@ -150,7 +154,8 @@ def check_frames(
         return [f"{folder}: no readable labels"], [Flaw(str(error))]
     names = {parent: names_in(parent) for parent in {path.parent for path in frames.files}}
     missing = [path for path in frames.files if path.name not in names[path.parent]]
-    count, flaws = len(frames), whole(len(frames))
+    count = len(frames)
+    flaws = whole(len(frames))
     if missing:
         text = f"{folder}: {len(missing)} of {count} depth frames are missing, the first is {missing[0]}"
         found = f"; found {_shown(names[missing[0].parent])}" if len(missing) == count else ""
@@ -229,7 +234,9 @@ class PreparedSplit:
         self.parts = parts.parts_of(out, frames.split, len(frames), frames.made_from, frames.recipe)
         self.list, self.bad = out / f"{frames.split}.txt", out / f"bad_{frames.split}.txt"
         self.missing = parts.missing_of(self.parts, [self.list], force)
-        self.index, self.made, self.kinds = list[int](), 0, list[str]()
+        self.index: list[int] = []
+        self.made = 0
+        self.kinds: list[str] = []
 
     def write(
         self,
@@ -246,7 +253,7 @@ class PreparedSplit:
 
         An exception of ``advance`` or ``on_bad`` ends the run and keeps whole parts only.
         """
-        named = list[str]()
+        named: list[str] = []
 
         def report(i: int, error: BadFrameError) -> None:
             on_bad(i, error)
@@ -263,7 +270,8 @@ class PreparedSplit:
                     self.made += len(index)
                 else:
                     with hdf5.opened(part.path, "the data") as file:
-                        index, left_out = file["index"][...].tolist(), json.loads(file.attrs["bad"])
+                        index = file["index"][...].tolist()
+                        left_out = json.loads(file.attrs["bad"])
                     for i, kind in [
                         (i, kind) for kind, indices in left_out.items() for i in indices
                     ]:
@@ -284,7 +292,9 @@ class PreparedSplit:
         on_bad: Callable[[int, BadFrameError], None],
     ) -> list[int]:
         """Write a part; returns the numbers of its frames."""
-        frames, index, bad = self.frames, list[int](), dict[str, list[int]]()
+        frames = self.frames
+        index: list[int] = []
+        bad: dict[str, list[int]] = {}
         firsts = range(part.start, part.start + part.rows, _FRAMES_PER_TASK)
         stops = [min(first + _FRAMES_PER_TASK, part.start + part.rows) for first in firsts]
         pieces = []
@@ -308,7 +318,8 @@ class PreparedSplit:
     def write_list(self) -> None:
         """Write the list of the parts that have frames. Raises DataError if none has."""
         if not self.index:
-            folder, split = self.frames.files[0].parent, self.frames.split
+            folder = self.frames.files[0].parent
+            split = self.frames.split
             raise DataError(f"{folder}: none of the {len(self.frames)} {split} frames can be used")
         used = {i // parts.FRAMES_PER_FILE for i in self.index}
         # HDF5Data rejects files without rows

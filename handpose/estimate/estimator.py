@@ -26,7 +26,7 @@ from handpose.body.sides import Side, SideView, camera_of
 from handpose.estimate.candidates import Candidate, SearchRegion
 from handpose.estimate.crop_fits import fit_crops
 from handpose.estimate.expected import ExpectedBodies
-from handpose.estimate.hand import Hand, judge
+from handpose.estimate.hand import HandEstimate, judge
 from handpose.estimate.nets import network_joints, the_hand_layer
 from handpose.estimate.palm import recenter
 from handpose.fit.body import CapsuleModel, crop_variables
@@ -83,7 +83,7 @@ class HandEstimator:
 
     # -------------------------------------------------------------------------------------- a hand
 
-    def in_crop(self, crop: NDArray[np.float32], camera: Camera, center_uvd: Array) -> Hand:
+    def in_crop(self, crop: NDArray[np.float32], camera: Camera, center_uvd: Array) -> HandEstimate:
         """The hand in one crop (128, 128), of the side whose fit is least uncertain.
 
         Raises NetlibError.
@@ -91,7 +91,7 @@ class HandEstimator:
         candidates = [Candidate.of_side(side, crop, center_uvd, camera) for side in self.sides]
         return _likelier(self.estimate(candidates, camera, self.plan))
 
-    def in_frame(self, frame: SideView, place: Array, *, is_middle: bool = False) -> Hand:
+    def in_frame(self, frame: SideView, place: Array, *, is_middle: bool = False) -> HandEstimate:
         """The hand at a place (3,) in a frame, px, px, mm in its view.
 
         is_middle  the place is the middle of the joints, not that of a crop. Then the crop about it
@@ -140,7 +140,8 @@ class HandEstimator:
         """The candidate with its crop centred on the palm that is predicted in it, at most ``most``
         mm from its start; unchanged if the crop is already there.
         """
-        start, camera = candidate.center_uvd, view.camera
+        start = candidate.center_uvd
+        camera = view.camera
         for _ in range(self.refine):
             joints = network_joints(self.net, candidate.crop)
             palm = recenter(joints, self.skeleton, candidate.center_uvd, self.cube_mm, camera)
@@ -155,7 +156,7 @@ class HandEstimator:
                 break
         return candidate
 
-    def _select(self, candidates: list[Candidate], frame: SideView) -> Hand:
+    def _select(self, candidates: list[Candidate], frame: SideView) -> HandEstimate:
         """The hand of the crop whose fast fit is the least uncertain, as either side."""
         camera = camera_of(frame.camera, frame.side)
         if self.plan is None or len(candidates) == 1:
@@ -179,7 +180,7 @@ class HandEstimator:
 
     def in_regions(
         self, frame: SideView, regions: Sequence[SearchRegion], plan: Plan | None = None
-    ) -> list[Hand | None]:
+    ) -> list[HandEstimate | None]:
         """The hand in each region of a frame; None if it is outside the image. Raises NetlibError.
 
         What is in front of a region's cube and of the expected body hides a part of it.
@@ -197,7 +198,8 @@ class HandEstimator:
 
     def _in_region(self, view: SideView, region: SearchRegion) -> Candidate:
         """A region of a view with its crop. Raises DataError outside the image."""
-        place, before = region.center_uvd, region.before
+        place = region.center_uvd
+        before = region.before
         shown = clear_crop(view.depth, place, self.cube_mm, view.camera)
         if before is None:
             return Candidate(**vars(region), crop=shown)
@@ -210,7 +212,7 @@ class HandEstimator:
         camera: Camera,
         plan: Plan | None,
         view: SideView | None = None,
-    ) -> list[Hand]:
+    ) -> list[HandEstimate]:
         """The hands in crops of one camera's frames, judged if the network's errors are known.
 
         Raises NetlibError.
@@ -225,7 +227,7 @@ class HandEstimator:
             alike.setdefault(
                 (candidate.size is not None, candidate.moved_mm is not None), []
             ).append(i)
-        found: dict[int, Hand] = {}
+        found: dict[int, HandEstimate] = {}
         for rows in alike.values():
             found |= zip(
                 rows, self._fitted([candidates[i] for i in rows], camera, self.fitter, plan)
@@ -233,17 +235,18 @@ class HandEstimator:
         hands = [found[i] for i in range(len(candidates))]
         return judge(hands, view, self.judge) if self.fitter.errors.is_measured else hands
 
-    def _predicted(self, candidate: Candidate, camera: Camera) -> Hand:
+    def _predicted(self, candidate: Candidate, camera: Camera) -> HandEstimate:
         """The hand by the network alone."""
         joints = network_joints(self.net, candidate.crop) * (self.cube_mm / 2)
         place = candidate.center_uvd
-        return Hand(candidate.side, candidate.crop, place, self.cube_mm, camera, joints)
+        return HandEstimate(candidate.side, candidate.crop, place, self.cube_mm, camera, joints)
 
     def _fitted(
         self, candidates: Sequence[Candidate], camera: Camera, fitter: DepthFitter, plan: Plan
-    ) -> list[Hand]:
+    ) -> list[HandEstimate]:
         """The hands in crops of which all or none have a size, and all or none run the network."""
-        hands, first = self._crops(candidates, camera), candidates[0]
+        hands = self._crops(candidates, camera)
+        first = candidates[0]
         known = np.array([candidate.before is not None for candidate in candidates])
         sizes = (
             None if first.size is None else np.array([candidate.size for candidate in candidates])
@@ -258,7 +261,7 @@ class HandEstimator:
             is_tracked = known & (fit.start == len(plan.quarters))
         fits = [fit.take(slice(n, n + 1)) for n in range(len(candidates))]
         return [
-            Hand(
+            HandEstimate(
                 one.side,
                 one.crop,
                 one.center_uvd,
@@ -298,7 +301,7 @@ def _key(candidate: Candidate) -> tuple[object, ...]:
     return (*candidate.center_uvd, candidate.side)
 
 
-def _likelier(sides: Sequence[Hand]) -> Hand:
+def _likelier(sides: Sequence[HandEstimate]) -> HandEstimate:
     """The less uncertain hand of those of one crop, with the other side's, if any, as ``other``.
 
     On 1,024 synthetic frames the uncertainty of a fast fit finds the right side in 99%, its cost in

@@ -23,8 +23,10 @@ class ExpectedBodies:
     """
 
     def __init__(self, model: CapsuleModel, cube_mm: float, settings: FitSettings) -> None:
-        self.model, self.cube_mm = model, cube_mm
-        self.settings, self.support = settings.expected, ImageSupport(settings.support)
+        self.model = model
+        self.cube_mm = cube_mm
+        self.settings = settings.expected
+        self.support = ImageSupport(settings.support)
         reach = 2 * round(self.settings.around_mm * SIZE / cube_mm) + 1
         self._around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))
         self._middle = self._middle_of_crops()
@@ -37,7 +39,7 @@ class ExpectedBodies:
     def joints(self, pose: WorldPose) -> Array:
         """The joints (K, 3) of a body in mm, in its view."""
         x = crop_variables(self.model, pose, pose.place)[None]
-        return np.asarray(self.model.joints(x)[0] + pose.place)
+        return self.model.joints(x)[0] + pose.place
 
     def center_of(self, pose: WorldPose, camera: Camera) -> Array:
         """The crop centre (3,) of a body, px, px, mm of the camera of its view."""
@@ -51,8 +53,10 @@ class ExpectedBodies:
         """
         limbs, readings, camera = self.model.surface.limbs, view.readings, view.camera
         body = self.capsules(pose)
-        s, image = self.settings, np.asarray(readings, np.float32)
-        crop, seen = shown, self.support.support(body, limbs, image, camera)
+        s = self.settings
+        image = np.asarray(readings, np.float32)
+        crop = shown
+        seen = self.support.support(body, limbs, image, camera)
         if seen.hidden[0] >= s.hiding:
             crop = with_hidden(crop, readings, uvd, self.cube_mm, camera)
         missing = seen.missing[0] >= s.unread and seen.outside[0] < s.leaving
@@ -74,15 +78,17 @@ class ExpectedBodies:
 
     def _rendered(self, capsules: Capsules, center_uvd: Array, camera: Camera) -> Floats:
         """What a crop (S, S) about a centre (3,) would show of capsules; 1 without a surface."""
-        d, cube = center_uvd[2:], self.cube_mm
+        d = center_uvd[2:]
+        cube = self.cube_mm
         image = render_crop(in_front(capsules, d - cube / 2), center_uvd[None], cube, camera)
         return normalise_depth(image, d, cube)[0]
 
     def _middle_of_crops(self) -> Array:
         """The crop centre (3,) in mm, from the root's position and in its axes."""
-        model, far = self.model, np.array([0.0, 0.0, 1000.0])
+        model = self.model
+        far = np.array([0.0, 0.0, 1000.0])
         x = np.zeros((1, model.variables))
         root = world_pose(model, x[0], far)
         joints = model.joints(x)[0] / (self.cube_mm / 2)
         center = recenter(joints, model.skeleton, NYU.project(far), self.cube_mm, NYU)
-        return np.asarray(root.rotation.T @ (NYU.unproject(center) - root.place))
+        return root.rotation.T @ (NYU.unproject(center) - root.place)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.body.render import Capsules
-from handpose.body.sides import SIDES, Side, SideView, as_right, camera_of, mirror_of, pixel_of
+from handpose.body.sides import Side, SideView, as_right, camera_of, mirror_of, pixel_of
 from handpose.fit.body import SIZE_INDEX, THICKNESS_INDEX, CapsuleModel, WorldPose, world_pose
 from handpose.fit.depth_fit import DepthFit
 from handpose.fit.pose_confidence import Evidence, Judge, Judged, unknown_finger_errors
@@ -23,7 +23,7 @@ MIN_PRESENCE = 0.25  # 0.1 false hands a frame in scenes of the training's gener
 
 
 @dataclass(frozen=True)
-class Hand:
+class HandEstimate:
     """One hand, or one other body, in one crop of a depth image.
 
     hand        "right" or "left"; "right" for other bodies
@@ -59,7 +59,7 @@ class Hand:
     is_tracked: bool = False
     presence: float = float("nan")
     in_frame: bool = True
-    other: Hand | None = None
+    other: HandEstimate | None = None
     error_mm: float = float("nan")
     confidence: float = float("nan")
     finger_error_mm: Array = field(default_factory=unknown_finger_errors)
@@ -95,22 +95,22 @@ class Hand:
     @property
     def center_mm(self) -> Array:
         """(3,) crop centre in mm, camera axes."""
-        return np.asarray(self.view_center_mm * mirror_of(self.hand))
+        return self.view_center_mm * mirror_of(self.hand)
 
     @cached_property
     def joints_mm(self) -> Array:
         """(K, 3) mm from the crop's centre, camera axes."""
-        return np.asarray(self.view_joints_mm * mirror_of(self.hand))
+        return self.view_joints_mm * mirror_of(self.hand)
 
     @property
     def joints(self) -> Array:
         """(K, 3) half-cubes from the crop's centre: x right, y up, z away from the camera."""
-        return np.asarray(self.joints_mm / (self.cube_mm / 2))
+        return self.joints_mm / (self.cube_mm / 2)
 
     @property
     def xyz(self) -> Array:
         """(K, 3) joints in mm, camera axes."""
-        return np.asarray(self.center_mm + self.joints_mm)
+        return self.center_mm + self.joints_mm
 
     # ------------------------------------------------------------------------------- how sure it is
 
@@ -144,7 +144,7 @@ class Hand:
         """False if the joints are withheld."""
         return bool(np.isfinite(self.network_mm).all())
 
-    def given(self, min_confidence: float) -> Hand:
+    def given(self, min_confidence: float) -> HandEstimate:
         """This hand; below the minimum confidence without its joints, which are NaN, and
         without its fit.
 
@@ -170,19 +170,19 @@ class Hand:
     @property
     def x(self) -> Array:
         """(V,) the variables of the model; for a left hand, those of its mirror image."""
-        return np.asarray(self.the_fit.x[0])
+        return self.the_fit.x[0]
 
     @property
     def inputs(self) -> Array:
         """(D,) of the skeleton; for a left hand, those of its mirror image."""
-        return np.asarray(self.the_model.inputs_of(self.the_fit.x)[0])
+        return self.the_model.inputs_of(self.the_fit.x)[0]
 
     @property
     def whole_inputs(self) -> Array:
         """(D',) of the whole body, likewise: ``inputs`` and the degrees of freedom of the
         surface alone.
         """
-        return np.asarray(self.the_model.whole_inputs_of(self.the_fit.x)[0])
+        return self.the_model.whole_inputs_of(self.the_fit.x)[0]
 
     @cached_property
     def body(self) -> WorldPose:
@@ -210,25 +210,27 @@ class Hand:
         return self.model
 
 
-def judge(hands: Sequence[Hand], view: SideView | None, by: Judge) -> list[Hand]:
+Hand = HandEstimate  # the name that the modules of tracking still use
+
+
+def judge(hands: Sequence[HandEstimate], view: SideView | None, by: Judge) -> list[HandEstimate]:
     """Fitted hands of one body and cube with the error and the confidence of their poses, by what
     the frame of all of them shows; each by its crop alone without one.
     """
-    found: dict[int, Hand] = {}
-    for side in SIDES:
+    if view is None:
+        return [_judge([hand], *_as_frame(hand), by)[0] for hand in hands]
+    found: dict[int, HandEstimate] = {}
+    for side in {hand.hand for hand in hands}:
         rows = [n for n, hand in enumerate(hands) if hand.hand == side]
-        own = [hands[n] for n in rows]
-        if view is None:
-            found |= {n: _judge([hand], *_as_frame(hand), by)[0] for n, hand in zip(rows, own)}
-        elif own:
-            seen = view.of(side)
-            found |= zip(rows, _judge(own, np.asarray(seen.readings, np.float32), seen.camera, by))
+        seen = view.of(side)
+        readings = np.asarray(seen.readings, np.float32)
+        found |= zip(rows, _judge([hands[n] for n in rows], readings, seen.camera, by))
     return [found[n] for n in range(len(hands))]
 
 
 def _judge(
-    hands: Sequence[Hand], readings: NDArray[np.float32], camera: Camera, by: Judge
-) -> list[Hand]:
+    hands: Sequence[HandEstimate], readings: NDArray[np.float32], camera: Camera, by: Judge
+) -> list[HandEstimate]:
     """Hands of one side, by an image in their view."""
     fits = DepthFit.concatenate([hand.the_fit for hand in hands])
     center = np.stack([hand.view_center_mm for hand in hands])
@@ -240,7 +242,7 @@ def _judge(
     ]
 
 
-def with_quality(hand: Hand, found: Judged, n: int) -> Hand:
+def with_quality(hand: HandEstimate, found: Judged, n: int) -> HandEstimate:
     """A hand with the errors and the confidence of the judged pose ``n``."""
     return replace(
         hand,
@@ -250,9 +252,10 @@ def with_quality(hand: Hand, found: Judged, n: int) -> Hand:
     )
 
 
-def _as_frame(hand: Hand) -> tuple[NDArray[np.float32], Camera]:
+def _as_frame(hand: HandEstimate) -> tuple[NDArray[np.float32], Camera]:
     """A hand's crop as a depth image in mm, and its camera."""
-    camera, size = hand.view_camera, len(hand.view_crop)
+    camera = hand.view_camera
+    size = len(hand.view_crop)
     offset, factor = crop_scale(hand.view_uvd[None], hand.cube_mm, camera, size)
     fx, fy = factor[0] * (camera.fx, camera.fy)
     u0, v0 = offset[0] + factor[0] * (camera.u0, camera.v0)
@@ -262,7 +265,7 @@ def _as_frame(hand: Hand) -> tuple[NDArray[np.float32], Camera]:
     )
 
 
-def as_one_side(hand: Hand, judge: Judge) -> Hand:
+def as_one_side(hand: HandEstimate, judge: Judge) -> HandEstimate:
     """A hand that was fitted as either side, with the errors and the confidence if the
     side may be wrong.
 
@@ -276,7 +279,8 @@ def as_one_side(hand: Hand, judge: Judge) -> Hand:
     chance = judge.side_chance(judge.side_log_ratio(hand.cost, other.cost))
     apart = np.linalg.norm(hand.xyz - other.xyz, axis=1)
     error_mm = chance * hand.error_mm + (1 - chance) * max(float(apart.mean()), hand.error_mm)
-    of_fingers, fingers = hand.finger_error_mm, hand.the_model.fingers
+    of_fingers = hand.finger_error_mm
+    fingers = hand.the_model.fingers
     if fingers is not None:
         own = fingers.joints(np.stack([hand.xyz, other.xyz]))
         apart = np.linalg.norm(own[0] - own[1], axis=2).mean(axis=1)

@@ -122,7 +122,8 @@ def hand_poses(net: Net, crops: NDArray[np.floating]) -> HandPoses:
     found = _predicted(
         net, crops, [*hand.spec.bottom, *([JOINTS_BLOB] if JOINTS_BLOB in net.blobs else [])]
     )
-    inputs, size = found[hand.spec.bottom[0]], np.ones(len(crops))
+    inputs = found[hand.spec.bottom[0]]
+    size = np.ones(len(crops))
     if isinstance(hand, SizedHandModel):
         size = np.clip(found[hand.spec.bottom[1]][:, 0], *SIZES)
         inputs += (size - 1)[:, None] * hand.starts  # the size also scales the initial translations

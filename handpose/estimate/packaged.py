@@ -178,7 +178,8 @@ def predictor_of(
     net = trained(model, content, engine)
     fit = fit or best_fit(net)
     hand = hand or ("right" if fit == "no" else "either")
-    layer, fitter = hand_layer(net), None
+    layer = hand_layer(net)
+    fitter = None
     if fit != "no" and layer is not None:
         half = cube_of(layer.skeleton, cube_mm) / 2
         fitter = DepthFitter.of_file(layer.skeleton, content, half, seed, settings)

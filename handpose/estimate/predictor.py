@@ -21,7 +21,7 @@ from handpose.body.nyu import CUBE_MM
 from handpose.body.sides import SIDES, SOUGHT_SIDES, Side, SideView, SoughtSide, mirror_of, pixel_of
 from handpose.estimate.estimator import HandEstimator
 from handpose.estimate.finder import Finder, FoundHand
-from handpose.estimate.hand import MIN_CONFIDENCE, Hand, as_one_side
+from handpose.estimate.hand import MIN_CONFIDENCE, HandEstimate, as_one_side
 from handpose.estimate.nets import cube_of, is_hand, the_hand_layer
 from handpose.fit.body import CapsuleModel
 from handpose.fit.depth_fit import DepthFitter
@@ -55,7 +55,7 @@ class Predictor:
     fitter   of the net's body; by default one for a network with unknown errors
     finder   finds hands in frames, or a function that loads one when it is first used; without it,
              ``in_frame`` needs the hand's centre
-    min_confidence  below it a hand has no joints (``Hand.given``); 0 for all joints
+    min_confidence  below it a hand has no joints (``HandEstimate.given``); 0 for all joints
     settings  tuned numbers; with a fitter its own
 
     Nets know the hand of their training data, which is a right hand in NYU and in the synthetic
@@ -99,12 +99,14 @@ class Predictor:
             raise NetlibError(
                 f"skeleton {self.skeleton.name!r} is not a hand, so there is no left one"
             )
-        self.cube_mm, self.refine = cube_of(self.skeleton, cube_mm), refine if self.is_hand else 0
+        self.cube_mm = cube_of(self.skeleton, cube_mm)
+        self.refine = refine if self.is_hand else 0
         self.sides: tuple[Side, ...] = (
             (hand,) if hand != "either" else SIDES if self.is_hand else ("right",)
         )
         self.settings = fitter.settings if fitter else settings
-        self.plan, self.fitter = self.settings.search.plans.get(fit), None
+        self.plan = self.settings.search.plans.get(fit)
+        self.fitter = None
         if self.plan is not None:
             model = CapsuleModel(self.skeleton, self.cube_mm / 2)
             self.fitter = fitter or DepthFitter(model, settings=self.settings)
@@ -119,7 +121,7 @@ class Predictor:
         """The finder, loaded at the first access. Raises NetlibError."""
         return self._finder() if callable(self._finder) else self._finder
 
-    def in_crop(self, depth: NDArray[np.floating]) -> Hand:
+    def in_crop(self, depth: NDArray[np.floating]) -> HandEstimate:
         """The hand in a crop (128, 128) in [-1, 1]; masked pixels are background.
 
         Raises DataError, NetlibError.
@@ -143,7 +145,7 @@ class Predictor:
 
     def in_frame(
         self, depth: NDArray[np.generic], center: Sequence[float] | Array | None = None
-    ) -> Hand:
+    ) -> HandEstimate:
         """The hand in a depth frame (height, width) in mm, 0 or masked where there is no reading.
 
         center  where the first crop is: u, v in px and d in mm, or u, v, where the depth is
@@ -179,7 +181,7 @@ class Predictor:
 
     def _judged(
         self, frame: SideView, place: Array, is_middle: bool, presence: float = np.nan
-    ) -> Hand:
+    ) -> HandEstimate:
         """The hand at a place (3,) in a frame, px, px, mm in its view, as one side."""
         found = self.estimator.in_frame(frame, place, is_middle=is_middle)
         return dataclasses.replace(as_one_side(found, self.estimator.judge), presence=presence)

@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from handpose.body.model import Fingers, Surface, has_fingers
 from handpose.body.render import Capsules
@@ -70,48 +70,21 @@ class CapsuleModel:
         self.surface = surface = Surface(skeleton)
         self.skeleton, self.whole, self.unit_mm = skeleton, surface.whole, unit_mm
         whole = self.whole
-        self.free = np.unique(whole.driven)
-        # motions in the order of the variables
-        self._order = np.argsort(whole.driven, kind="stable")
-        driven = whole.driven[self._order]
-        self._one_each = np.array_equal(driven, self.free)
-        self._sums = (driven[:, None] == self.free).astype(float)
+        self.kinematics = kinematics_of(skeleton)
+        self._whole_kinematics = kinematics_of(whole)
+        self._root_joint = _root_of(skeleton.name, whole)
+        self._motions = motions = _EndMotions(surface)
+        self.free = motions.free
         self.lower = np.append(whole.lower[self.free], [np.log(MIN_SIZE), -THICKNESS_LIMIT])
         self.upper = np.append(whole.upper[self.free], [np.log(MAX_SIZE), THICKNESS_LIMIT])
         self.deviation = surface.deviation[self.free]
-        roots = np.flatnonzero(whole.parents < 0)
-        sliding = {j for j, own in enumerate(whole.motions) for m in own if m.kind == "translate"}
-        if len(roots) != 1 or whole.bone_axes[roots[0]] >= 0 or not sliding.issubset(roots):
-            raise NetlibError(
-                f"skeleton {skeleton.name!r}: expected one root, without a bone, that alone translates"
-            )
-        self._root_joint = int(roots[0])
-        everything = self._sums.T @ whole.moves[self._order] > 0  # (V - 2, K)
-        self.root = np.flatnonzero(everything[:, roots[0]])
+        self.root = motions.moving(self._root_joint)
         self.own = np.flatnonzero(self.free >= len(skeleton.initial))
         self.limbs = np.setdiff1d(np.arange(len(self.free)), np.concatenate([self.root, self.own]))
-        used = np.unique(np.concatenate([surface.start, surface.end]))
-        self._used = used
-        self.start, self.end = (
-            np.searchsorted(used, surface.start),
-            np.searchsorted(used, surface.end),
-        )
+        self.start = np.searchsorted(motions.joints, surface.start)
+        self.end = np.searchsorted(motions.joints, surface.end)
         self.radii = (surface.radii * unit_mm).astype(np.float32)
-        with_joint = whole.moves[:, used].T  # (E, Q): motions that move E_j with X_j
-        with_axes = with_joint.copy()
-        for f, (own_joints, _) in surface.offsets.items():
-            own = np.isin(used, own_joints)
-            with_axes[own] = whole.moves[:, f]
-        unlike = (with_joint != with_axes) & whole.turns
-        self._with_joint = with_joint[:, self._order].astype(np.float32)
-        # ends E_j that some motion moves unlike X_j
-        self._apart = np.flatnonzero(unlike.any(axis=1))
-        only_axes = unlike * np.where(with_axes, 1, -1)
-        self._only_axes = only_axes[self._apart][:, self._order].astype(np.float32)
-        self.kinematics, self._whole_kinematics = kinematics_of(skeleton), kinematics_of(whole)
-        self._turns = whole.turns[self._order].astype(np.float32)
-        alone = ~np.isin(whole.driven, self.free[self.root])
-        self.rigid = np.flatnonzero(~(with_joint | unlike)[:, alone].any(axis=1))
+        self.rigid = motions.moved_only_by(self.free[self.root])
 
     @cached_property
     def root_motion(self) -> RootMotion:
@@ -164,27 +137,10 @@ class CapsuleModel:
 
     def posed(self, x: Array) -> Posed:
         """The capsules' ends and their derivatives at x (N, V)."""
-        N, Q, E = len(x), len(self._order), len(self._used)
         joints, ends, pose = self._ends(x)
-        ordered = (v[:, self._order] for v in self._whole_kinematics.axes(pose))
-        # (3, N, Q)
-        axis, pivot = (np.ascontiguousarray(v.transpose(2, 0, 1), np.float32) for v in ordered)
-        turn = axis * self._turns
-        shift = (axis - turn - _cross(turn, pivot)) * np.float32(self.unit_mm)
-        turn = turn[:, :, None]
-        motion = np.empty((N, E, 3, Q + 2), np.float32)
-        by_axis = motion[..., :Q].transpose(2, 0, 1, 3)
-        moved = _cross(turn, _columns(ends))  # a turn moves E by a x E - a x P
-        moved += shift[:, :, None]
-        np.multiply(moved, self._with_joint, out=by_axis)
-        if len(self._apart):
-            offsets = ends[:, self._apart] - joints[:, self._used[self._apart]]
-            by_axis[:, :, self._apart] += _cross(turn, _columns(offsets)) * self._only_axes
-        motion[..., Q] = ends - joints[:, [self._root_joint]]
-        motion[..., Q + 1] = 0
-        if not self._one_each:
-            of_inputs = (motion[..., :Q] @ self._sums).astype(np.float32)
-            motion = np.concatenate([of_inputs, motion[..., Q:]], axis=-1)
+        axis, pivot = self._whole_kinematics.axes(pose)
+        motion = self._motions.derivatives(ends, joints, axis, pivot, np.float32(self.unit_mm))
+        motion[..., SIZE_INDEX] = ends - joints[:, [self._root_joint]]
         return Posed(ends, motion, self._thickness(x).astype(np.float32))
 
     def capsules(self, x: Array, center_mm: Array) -> Capsules:
@@ -198,26 +154,103 @@ class CapsuleModel:
 
     def _ends(self, x: Array) -> tuple[Floats, Floats, Pose]:
         """All joints (N, K, 3), the capsules' ends (N, E, 3), and their pose."""
-        unit, size = np.float32(self.unit_mm), np.exp(x[:, SIZE_INDEX])
-        pose = self._whole_kinematics.forward_pose(
-            self.whole_inputs_of(x), self.whole.bones * size[:, None]
-        )
+        unit = np.float32(self.unit_mm)
+        size = np.exp(x[:, SIZE_INDEX])
+        bones = self.whole.bones * size[:, None]
+        pose = self._whole_kinematics.forward_pose(self.whole_inputs_of(x), bones)
         joints = np.asarray(pose.joints, np.float32) * unit
         rotations = {
             f: np.asarray(self._whole_kinematics.rotation_of(pose, f), np.float32)
             for f in self.surface.offsets
         }
-        return (
-            joints,
-            self.surface.ends_at(joints, rotations, (size * unit).astype(np.float32))[
-                :, self._used
-            ],
-            pose,
-        )
+        ends = self.surface.ends_at(joints, rotations, (size * unit).astype(np.float32))
+        return joints, ends[:, self._motions.joints], pose
 
     def _thickness(self, x: Array) -> Array:
         """The scale of all radii (N,)."""
-        return np.asarray(np.exp(x[:, SIZE_INDEX] + x[:, THICKNESS_INDEX]))
+        return np.exp(x[:, SIZE_INDEX] + x[:, THICKNESS_INDEX])
+
+
+def _root_of(name: str, whole: Skeleton) -> int:
+    """The root of a body. Raises NetlibError for one with which a body cannot be placed."""
+    roots = np.flatnonzero(whole.parents < 0)
+    sliding = {j for j, own in enumerate(whole.motions) for m in own if m.kind == "translate"}
+    if len(roots) != 1 or whole.bone_axes[roots[0]] >= 0 or not sliding.issubset(roots):
+        raise NetlibError(
+            f"skeleton {name!r}: expected one root, without a bone, that alone translates"
+        )
+    return int(roots[0])
+
+
+class _EndMotions:
+    """How the Q motions of the whole body move the E ends of the capsules of a surface.
+
+    free    (F,) the DoFs that drive the motions
+    joints  (E,) the joints at which capsules end
+    """
+
+    def __init__(self, surface: Surface) -> None:
+        self._whole = whole = surface.whole
+        self.free = np.unique(whole.driven)
+        self.joints = np.unique(np.concatenate([surface.start, surface.end]))
+        # motions in the order of the DoFs, of which some may drive several
+        self._order = np.argsort(whole.driven, kind="stable")
+        driven = whole.driven[self._order]
+        self._one_each = np.array_equal(driven, self.free)
+        self._sums = (driven[:, None] == self.free).astype(float)
+        with_joint = whole.moves[:, self.joints].T  # (E, Q): motions that move E_j with X_j
+        with_axes = with_joint.copy()
+        for f, (own_joints, _) in surface.offsets.items():
+            own = np.isin(self.joints, own_joints)
+            with_axes[own] = whole.moves[:, f]
+        unlike = (with_joint != with_axes) & whole.turns
+        self._moves = with_joint | unlike
+        self._with_joint = with_joint[:, self._order].astype(np.float32)
+        # ends E_j that some motion moves unlike X_j
+        self._apart = np.flatnonzero(unlike.any(axis=1))
+        only_axes = unlike * np.where(with_axes, 1, -1)
+        self._only_axes = only_axes[self._apart][:, self._order].astype(np.float32)
+        self._turns = whole.turns[self._order].astype(np.float32)
+
+    def moving(self, joint: int) -> NDArray[np.int_]:
+        """The indices of the free DoFs that move a joint."""
+        moves = self._sums.T @ self._whole.moves[self._order, joint]
+        return np.flatnonzero(moves > 0)
+
+    def moved_only_by(self, dofs: NDArray[np.int_]) -> NDArray[np.int_]:
+        """The indices of the ends that only some DoFs move."""
+        others = ~np.isin(self._whole.driven, dofs)
+        return np.flatnonzero(~self._moves[:, others].any(axis=1))
+
+    def derivatives(
+        self, ends: Floats, joints: Floats, axis: Array, pivot: Array, unit_mm: np.float32
+    ) -> Floats:
+        """The derivatives (N, E, 3, F + 2) of ends (N, E, 3) by the DoFs; those by size and
+        thickness are 0.
+
+        joints       (N, K, 3) of the whole body
+        axis, pivot  (N, Q, 3) of the motions
+        """
+        N, E, _ = ends.shape
+        ordered = (v[:, self._order] for v in (axis, pivot))
+        # (3, N, Q)
+        axis, pivot = (np.ascontiguousarray(v.transpose(2, 0, 1), np.float32) for v in ordered)
+        turn = axis * self._turns
+        shift = (axis - turn - _cross(turn, pivot)) * unit_mm
+        turn = turn[:, :, None]
+        Q = len(self._order)
+        motion = np.zeros((N, E, 3, Q + 2), np.float32)
+        by_axis = motion[..., :Q].transpose(2, 0, 1, 3)
+        moved = _cross(turn, _columns(ends))  # a turn moves E by a x E - a x P
+        moved += shift[:, :, None]
+        np.multiply(moved, self._with_joint, out=by_axis)
+        if len(self._apart):
+            offsets = ends[:, self._apart] - joints[:, self.joints[self._apart]]
+            by_axis[:, :, self._apart] += _cross(turn, _columns(offsets)) * self._only_axes
+        if self._one_each:
+            return motion
+        by_dof = (motion[..., :Q] @ self._sums).astype(np.float32)
+        return np.concatenate([by_dof, motion[..., Q:]], axis=-1)
 
 
 def _columns(points: Floats) -> Floats:
@@ -276,13 +309,13 @@ class RootMotion:
     def place(self, x: Array) -> Array:
         """The root's position (N, 3) in mm from the crop's centre."""
         inputs = x[:, self.columns[:3]] + self._initial[:3]
-        return np.asarray(inputs * self._signs[:3])
+        return inputs * self._signs[:3]
 
     def rotation(self, x: Array) -> Array:
         """The root's rotation world_from_root (N, 3, 3)."""
         angles = (x[:, self.columns[3:]] + self._initial[3:]) * self._signs[3:]
         first, second, third = (rotation(axis, angle) for axis, angle in zip(self._axes, angles.T))
-        return np.asarray(first @ second @ third)
+        return first @ second @ third
 
     def variables(self, place: Array, R: Array) -> Array:
         """The variables (N, 6) of ``columns`` for positions (N, 3) and rotations (N, 3, 3);
@@ -332,7 +365,7 @@ class WorldPose(NamedTuple):
 
     def moved(self, step: Array) -> WorldPose:
         """The pose after a step (V,)."""
-        rotation = np.asarray(cv2.Rodrigues(step[3:6])[0]) @ self.rotation
+        rotation = cv2.Rodrigues(step[3:6])[0] @ self.rotation
         return WorldPose(self.place + step[:3], rotation, self.others + step[6:])
 
 
@@ -341,7 +374,8 @@ def world_pose(model: CapsuleModel, x: Array, center_mm: Array) -> WorldPose:
 
     Raises NetlibError for a root that cannot be followed.
     """
-    root, rows = model.root_motion, x[None]
+    root = model.root_motion
+    rows = x[None]
     return WorldPose(root.place(rows)[0] + center_mm, root.rotation(rows)[0], x[root.others])
 
 
@@ -350,7 +384,8 @@ def crop_variables(model: CapsuleModel, body: WorldPose, center_mm: Array) -> Ar
 
     Raises NetlibError.
     """
-    root, x = model.root_motion, np.empty(model.variables)
+    root = model.root_motion
+    x = np.empty(model.variables)
     x[root.others] = body.others
     x[root.columns] = root.variables((body.place - center_mm)[None], body.rotation[None])[0]
     return x

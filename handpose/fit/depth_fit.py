@@ -23,7 +23,7 @@ from handpose.fit.network_errors import NetworkErrors, read_errors, unknown_erro
 from handpose.fit.objective import Objective
 from handpose.fit.observation import HandCrops, Observation, observe
 from handpose.fit.rounding import NETWORK_STEP, rounded
-from handpose.fit.search import Search, SearchResult, drawn
+from handpose.fit.search import Search, SearchResult, Starts, drawn
 from handpose.fit.settings import FitSettings, Plan
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array, blocks
@@ -146,25 +146,19 @@ class DepthFitter:
         if predicted.shape[1] != len(seen):
             raise DataError(f"starts of {predicted.shape[1]} frames for {len(seen)} crops")
         first = predicted[0]
-        tried, priors, cost_factors = [predicted], [predicted], [np.ones(predicted.shape[:2])]
+        groups = [_alike(predicted, predicted)]
         if before is not None:
             unknown = np.isnan(before[:, :1])
-            tried.append(np.where(unknown, first, before)[None])
-            priors.append(np.where(unknown, first, self._expected(before))[None])
-            cost_factors.append(np.where(unknown, np.inf, self.settings.steady.stay).T)
+            x = np.where(unknown, first, before)
+            expected = np.where(unknown, first, self._expected(before))
+            factor = np.where(unknown, np.inf, self.settings.steady.cost_factor).T
+            groups.append(Starts(x[None], expected[None], factor))
         if plan.trials is not None:
             draws = plan.trials.draws
-            tried.append(drawn(model, first, self.errors.limbs, draws, self.seed))
-            priors.append(np.tile(first, (draws, 1, 1)))
-            cost_factors.append(np.ones((draws, len(seen))))
-        found = self._searched(
-            seen,
-            np.concatenate(tried),
-            np.concatenate(priors),
-            plan,
-            size,
-            np.concatenate(cost_factors),
-        )
+            x = drawn(model, first, self.errors.limbs, draws, self.seed)
+            groups.append(_alike(x, np.tile(first, (draws, 1, 1))))
+        starts_of_all = Starts(*map(np.concatenate, zip(*groups)))
+        found = self._searched(seen, starts_of_all, plan, size)
         return self._results(found, seen, model.joints(first))
 
     def follow(
@@ -184,14 +178,15 @@ class DepthFitter:
         moved_mm  (N,) distance of the last fit from the network's joints, which stays
                   one of the signs
         """
-        network, hold = self.model.joints(before), self.settings.steady.hold
-        priors, plan = self._expected(before)[None], self.search.refining(plan)
-        found = self._searched(
-            seen, before[None].copy(), priors, plan, size, np.ones((1, len(seen))), hold
-        )
-        off = (found.x - priors[0])[:, self.model.limbs]
+        network = self.model.joints(before)
+        held = self.settings.steady.limb_precision
+        expected = self._expected(before)
+        plan = self.search.refining(plan)
+        start = _alike(before[None].copy(), expected[None])
+        found = self._searched(seen, start, plan, size, held)
+        off = (found.x - expected)[:, self.model.limbs]
         squares = ((off @ self.precision) * off).sum(axis=1)
-        found.parts[:, 3] -= (hold - 1) * self.objective.weights.limbs * squares
+        found.parts[:, 3] -= (held - 1) * self.objective.weights.limbs * squares
         return self._results(found, seen, network, moved_mm)
 
     def _expected(self, before: Array) -> Array:
@@ -206,35 +201,26 @@ class DepthFitter:
     def _searched(
         self,
         seen: Observation,
-        starts: Array,
-        priors: Array,
+        starts: Starts,
         plan: Plan,
         size: float | Array | None,
-        cost_factor: Array,
-        hold: float = 1.0,
+        limb_precision: float = 1.0,
     ) -> SearchResult:
-        """The best of starts (K, N, V) with these priors, in batches that fit the cache.
+        """The best starts, in batches that fit the cache; the size is set in all if it is known.
 
-        cost_factor  (K, N) factors of the costs
-        hold         factor of the limbs' precision, relative to the network's
+        limb_precision  relative to that of the network's limbs
         """
-        objective, (K, N, V) = self.objective, starts.shape
-        precision = hold * self.precision
+        objective = self.objective
+        K, N, V = starts.x.shape
+        precision = limb_precision * self.precision
         if size is not None:
-            starts[:, :, SIZE_INDEX] = priors[:, :, SIZE_INDEX] = np.log(size)
+            starts.x[:, :, SIZE_INDEX] = starts.expected[:, :, SIZE_INDEX] = np.log(size)
             objective = objective.of_known_size()
         found = SearchResult(np.zeros((N, V)), np.zeros((N, 4)), np.zeros(N, int))
 
         def job(rows: slice) -> None:
-            part = self.search.best(
-                objective,
-                seen.take(rows),
-                priors[:, rows],
-                starts[:, rows],
-                precision,
-                plan,
-                cost_factor[:, rows],
-            )
+            own = Starts(*(values[:, rows] for values in starts))
+            part = self.search.best(objective, seen.take(rows), own, precision, plan)
             for whole, values in zip(found, part):
                 whole[rows] = values
 
@@ -260,3 +246,8 @@ class DepthFitter:
             start=found.start,
             signs=signs,
         )
+
+
+def _alike(x: Array, expected: Array) -> Starts:
+    """Starts (K, N, V) whose costs are compared as they are."""
+    return Starts(x, expected, np.ones(x.shape[:2]))

@@ -32,38 +32,60 @@ def near_joints(
     """Fit bodies x (N, V) to joints (N, K, 3) in mm; variables that the surface alone has
     are not changed.
     """
-    skeleton, kinematics = model.skeleton, model.kinematics
-    free = np.unique(skeleton.driven)
-    sums = (skeleton.driven[:, None] == free).astype(float)
-    columns = np.append(np.searchsorted(model.free, free), model.variables + SIZE_INDEX)
-    lower, upper = model.lower[columns], model.upper[columns]
-    unit, diagonal = settings.joint_mm / model.unit_mm, np.arange(len(columns))
-    precision = np.where(np.isin(columns, model.limbs), settings.limb**-2.0, 0.0)
-    precision[-1] = settings.size_std**-2.0
-    goal, root = joints / model.unit_mm, int(np.flatnonzero(skeleton.parents < 0)[0])
     found = aligned(model, x, joints)
+    problem = _NearJoints(model, found, joints, settings)
+    columns = problem.columns
+    lower, upper = model.lower[columns], model.upper[columns]
     start = found[:, columns]
-
-    def evaluate(columns_of_x: Array, rows: NDArray[np.int_]) -> tuple[Array, Array, Array]:
-        trial = found[rows]
-        trial[:, columns] = columns_of_x
-        pose = kinematics.forward_pose(
-            model.inputs_of(trial), skeleton.bones * np.exp(trial[:, [SIZE_INDEX]])
-        )
-        grows = (pose.joints - pose.joints[:, [root]]).reshape(len(trial), 1, -1)
-        J = np.concatenate([sums.T @ kinematics.jacobian(pose), grows], axis=1) / unit
-        r = (pose.joints - goal[rows]).reshape(len(trial), -1, 1) / unit
-        off = columns_of_x - start[rows]
-        A = J @ J.swapaxes(1, 2)
-        A[:, diagonal, diagonal] += precision
-        b = (J @ r)[..., 0] + precision * off
-        pull = (precision * off * off).sum(axis=1)
-        return (r * r).sum(axis=(1, 2)) + pull, A, b
-
     found[:, columns], _ = minimise(
-        evaluate, start, lower, upper, settings.steps, ridge=START_RIDGE
+        problem.evaluate, start, lower, upper, settings.steps, ridge=START_RIDGE
     )
     return found
+
+
+class _NearJoints:
+    """The cost of bodies near joints, relative to its unit.
+
+    columns  the variables that move the skeleton, and the size
+    """
+
+    def __init__(
+        self, model: CapsuleModel, x: Array, joints: Array, settings: JointStartSettings
+    ) -> None:
+        self._model = model
+        self._start = x
+        skeleton = model.skeleton
+        free = np.unique(skeleton.driven)
+        self._sums = (skeleton.driven[:, None] == free).astype(float)
+        self._root = int(np.flatnonzero(skeleton.parents < 0)[0])
+        self.columns = np.append(np.searchsorted(model.free, free), model.variables + SIZE_INDEX)
+        is_limb = np.isin(self.columns, model.limbs)
+        self._precision = np.where(is_limb, settings.limb**-2.0, 0.0)
+        self._precision[-1] = settings.size_std**-2.0
+        self._unit = settings.joint_mm / model.unit_mm
+        self._goal = joints / model.unit_mm
+
+    def evaluate(self, x: Array, rows: NDArray[np.int_]) -> tuple[Array, Array, Array]:
+        """Cost (n,), normal matrix (n, F, F) and half gradient (n, F) of the columns x (n, F) of
+        some bodies.
+        """
+        model = self._model
+        skeleton = self._model.skeleton
+        trial = self._start[rows]
+        trial[:, self.columns] = x
+        bones = skeleton.bones * np.exp(trial[:, [SIZE_INDEX]])
+        pose = model.kinematics.forward_pose(model.inputs_of(trial), bones)
+        grows = (pose.joints - pose.joints[:, [self._root]]).reshape(len(trial), 1, -1)
+        turns = self._sums.T @ model.kinematics.jacobian(pose)
+        J = np.concatenate([turns, grows], axis=1) / self._unit
+        r = (pose.joints - self._goal[rows]).reshape(len(trial), -1, 1) / self._unit
+        off = x - self._start[rows][:, self.columns]
+        diagonal = np.arange(len(self.columns))
+        A = J @ J.swapaxes(1, 2)
+        A[:, diagonal, diagonal] += self._precision
+        b = (J @ r)[..., 0] + self._precision * off
+        pull = (self._precision * off * off).sum(axis=1)
+        return (r * r).sum(axis=(1, 2)) + pull, A, b
 
 
 def aligned(model: CapsuleModel, x: Array, joints: Array) -> Array:
@@ -88,4 +110,4 @@ def aligned(model: CapsuleModel, x: Array, joints: Array) -> Array:
     turn = (U @ V).swapaxes(1, 2)
     place = goal_middle + (turn @ (root.place(x) - middle)[..., None])[..., 0]
     x[:, root.columns] = root.variables(place, turn @ root.rotation(x))
-    return np.asarray(np.clip(x, model.lower, model.upper))
+    return np.clip(x, model.lower, model.upper)

@@ -73,7 +73,8 @@ def read_errors(path: str | Path | Content, model: CapsuleModel) -> NetworkError
             for name in (LIMBS, POSES)
             if name in file[GROUP]
         }
-    limbs, poses = found.get(LIMBS, np.zeros(0)), found.get(POSES)
+    limbs = found.get(LIMBS, np.zeros(0))
+    poses = found.get(POSES)
     L = len(model.limbs)
     if limbs.shape != (L, L) or not _is_covariance(limbs):
         raise DataError(
@@ -102,4 +103,4 @@ def arrays_of(errors: NetworkErrors) -> dict[str, Array]:
 
 def covariance(errors: Array) -> Array:
     """(L, L) of errors (N, L), about 0."""
-    return np.asarray(errors.T @ errors / len(errors))
+    return errors.T @ errors / len(errors)

@@ -99,8 +99,10 @@ class Objective:
 
     def weigh(self, m: Measured, seen: Observation, robust: float) -> Cost:
         """The cost with a robust distance in mm, for a hand's cube."""
-        w, P = self.weights, seen.points.shape[2]
-        k, sigma = np.float32((robust * self.larger) ** 2), w.sigma * self.larger
+        w = self.weights
+        P = seen.points.shape[2]
+        k = np.float32((robust * self.larger) ** 2)
+        sigma = w.sigma * self.larger
         q = m.residuals.value * m.residuals.value
         of_points = q[:, :, :P]
         # a point's two residuals are robust together
@@ -128,7 +130,8 @@ class Objective:
 
     def _prior(self, x: Array, posed: Posed, prior: Prior) -> tuple[Array, Array, Array]:
         """The prior's cost (N,), curvature (N, V, V) and half gradient (N, V)."""
-        model, rigid = self.model, np.float32(self.weights.rigid * self.larger)
+        model = self.model
+        rigid = np.float32(self.weights.rigid * self.larger)
         d = x - prior.x
         b = d @ prior.curvature
         cost = (b * d).sum(axis=1)

@@ -89,7 +89,8 @@ class HandCrops:
 
     def take(self, rows: slice) -> HandCrops:
         """Some of the crops."""
-        cameras, shown = self.cameras, self.shown
+        cameras = self.cameras
+        shown = self.shown
         if not isinstance(cameras, Camera):
             cameras = cameras[rows]
         if shown is not None:
@@ -108,45 +109,54 @@ def observe(hands: HandCrops, points: int, thin_px: float) -> Observation:
     points   number of points that are sampled in each
     thin_px  as in ``FitSettings``
     """
-    crops, cameras = hands.crops, hands.cameras
+    crops = hands.crops
     if crops.ndim != 3 or crops.shape[1] != crops.shape[2]:
         raise DataError(f"crops of shape {crops.shape}, expected (N, size, size)")
     N, S, _ = crops.shape
     uvd = np.asarray(hands.center_uvd, dtype=np.float64)
-    each = [cameras] * N if isinstance(cameras, Camera) else cameras
-    camera = each[0]
-    u0, v0 = (np.array([getattr(own, name) for own in each]) for name in ("u0", "v0"))
-    center = np.stack([own.unproject(at) for own, at in zip(each, uvd)])
+    cameras = [hands.cameras] * N if isinstance(hands.cameras, Camera) else hands.cameras
+    camera = cameras[0]
+    middle = np.array([(own.u0, own.v0) for own in cameras])
+    center = np.stack([own.unproject(at) for own, at in zip(cameras, uvd)])
     half = np.full(N, hands.cube_mm / 2)
     picked = window(uvd, 2 * half, camera, S)
     first, scale = crop_scale(uvd, 2 * half, camera, S)
-    x = ((picked.columns - u0[:, None]) / camera.fx).astype(np.float32)
-    y = ((v0[:, None] - picked.rows) / camera.fy).astype(np.float32)
+    x = ((picked.columns - middle[:, :1]) / camera.fx).astype(np.float32)
+    y = ((middle[:, 1:] - picked.rows) / camera.fy).astype(np.float32)
     inside = (picked.columns >= 0)[:, None, :] & (picked.rows >= 0)[:, :, None]
     inside &= np.abs(crops) < FAR_FACE
 
     surface, rays = np.zeros((2, N, 3, points), np.float32)
     known = np.zeros((N, points), np.float32)
     outside, nearest = np.empty((2, N, S, S), np.float32)
-    for n in range(N):
-        outline = _outside(crops[n])
-        seen = np.flatnonzero(inside[n])
-        if len(seen) > points:
-            share = np.cumsum(1 / (thin_px + np.maximum(-outline.reshape(-1)[seen], 0)))
-            seen = seen[np.searchsorted(share, (np.arange(points) + 0.5) * (share[-1] / points))]
+    for n, crop in enumerate(crops):
+        outline = _outside(crop)
+        seen = _sampled(np.flatnonzero(inside[n]), outline, points, thin_px)
         row, column = np.divmod(seen, S)
-        z = crops[n].reshape(-1)[seen] * half[n] + center[n, 2]
+        z = crop.reshape(-1)[seen] * half[n] + center[n, 2]
         at = np.stack([x[n, column] * z, y[n, row] * z, z])
         surface[n, :, : len(seen)] = at - center[n][:, None]
         rays[n, :, : len(seen)] = at / np.linalg.norm(at, axis=0)
         known[n, : len(seen)] = 1
         outside[n] = outline * np.float32(2 * half[n] / S)
-        nearest[n] = cv2.erode(crops[n].astype(np.float32), _CROSS) * np.float32(half[n])
-    middle = np.stack([u0, v0], axis=1)
+        nearest[n] = cv2.erode(crop.astype(np.float32), _CROSS) * np.float32(half[n])
     focal = np.array([camera.fx, camera.fy])
     offset, factor = first + scale * middle, scale * focal * (1, -1)
     of_crops = (values.astype(np.float32) for values in (center, half, offset, factor))
     return Observation(surface, rays, known, np.arange(N), outside, nearest, *of_crops)
+
+
+def _sampled(
+    pixels: NDArray[np.int_], outline: Floats, points: int, thin_px: float
+) -> NDArray[np.int_]:
+    """At most ``points`` of these pixels of a crop, denser near the outline, whose distances (S, S)
+    are given.
+    """
+    if len(pixels) <= points:
+        return pixels
+    share = np.cumsum(1 / (thin_px + np.maximum(-outline.reshape(-1)[pixels], 0)))
+    places = (np.arange(points) + 0.5) * (share[-1] / points)
+    return pixels[np.searchsorted(share, places)]
 
 
 def _outside(crop: NDArray[np.floating]) -> Floats:

@@ -178,7 +178,7 @@ def mean_log_error(signs: Array, lag_mm: Array, hand: Regression) -> Array:
     fit = np.exp(np.log1p(signs) @ hand.weights + hand.constant)
     before = signs[:, SIGNS.index("before")]
     squares = fit**2 + lag_mm**2 + before**2
-    return np.asarray(np.log(np.sqrt(squares)))
+    return np.log(np.sqrt(squares))
 
 
 def least_error(confidence: Array) -> Array:
@@ -234,10 +234,8 @@ class Evidence(NamedTuple):
         """The same for poses with joints (N, K, 3) in mm instead of those of the fits, in one
         system of axes.
         """
-        lag, of_fingers = (
-            np.linalg.norm(joints - fit_joints, axis=2).mean(axis=1),
-            self.finger_lag_mm,
-        )
+        lag = np.linalg.norm(joints - fit_joints, axis=2).mean(axis=1)
+        of_fingers = self.finger_lag_mm
         if model.fingers is not None:
             apart = model.fingers.joints(joints) - model.fingers.joints(fit_joints)
             of_fingers = np.linalg.norm(apart, axis=3).mean(axis=2)
@@ -269,7 +267,8 @@ class Judge:
     """
 
     def __init__(self, settings: FitSettings) -> None:
-        self.settings, self.support = settings.judge, ImageSupport(settings.support)
+        self.settings = settings.judge
+        self.support = ImageSupport(settings.support)
         steps = np.arange(1, len(self.settings.unseen_confidence) + 2)
         self._unseen = self.settings.unseen * steps / 100  # shares, of per cent
 
@@ -304,7 +303,7 @@ class Judge:
         unread counts more.
         """
         covered = np.maximum(support.covered - self.settings.min_covered, 0)
-        return np.asarray(1 - support.seen + self.settings.covered * covered)
+        return 1 - support.seen + self.settings.covered * covered
 
     def evidence_of(
         self,
@@ -317,10 +316,12 @@ class Judge:
         """What one image (height, width) in mm, 0 without a reading, shows of N fits with the
         origins ``center_mm`` (N, 3).
         """
-        fingers, none = model.fingers, np.zeros(len(fits))
+        fingers = model.fingers
+        none = np.zeros(len(fits))
         capsules = model.capsules(fits.x, center_mm)
         parts = () if fingers is None else tuple(fingers.capsules)
-        limbs, support = model.surface.limbs, self.support
+        limbs = model.surface.limbs
+        support = self.support
         whole, *of_parts = support.support_of_parts(capsules, limbs, parts, readings, camera)
         seen = np.array([part.seen for part in of_parts]).reshape(len(parts), len(fits)).T
         guessed = 1 - seen.mean(axis=1) if parts else none

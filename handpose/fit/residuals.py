@@ -198,7 +198,8 @@ def point_residuals(cones: Cones, seen: Observation, capsule: NDArray[np.int_]) 
     """
     N, P = capsule.shape
     own = cones.of(belonging(capsule, cones.a.shape[2]))
-    q, w = seen.points - own.a, own.wider
+    q = seen.points - own.a
+    w = own.wider
     LL = np.maximum((own.along * own.along).sum(axis=1), _TINY)
     qq, t = (q * q).sum(axis=1), (q * own.along).sum(axis=1)
     h = np.sqrt(np.maximum(qq * LL - t * t, 0))
@@ -234,10 +235,12 @@ def sphere_residuals(
     slack    mm that are allowed
     """
     N, S, R = len(cones.a), seen.outside.shape[-1], len(spheres)
-    capsule, place = np.broadcast_to(spheres, (N, R)), np.ones((N, R), np.float32)
+    capsule = np.broadcast_to(spheres, (N, R))
+    place = np.ones((N, R), np.float32)
     c, radius = Cones(*(values[..., spheres] for values in cones)).at(place)
     at = c + seen.center[:, :, None]
-    z, far = at[:, 2], seen.center[:, 2:]
+    z = at[:, 2]
+    far = seen.center[:, 2:]
     pixel = seen.factor[:, :, None] * at[:, :2] / z[:, None]  # per column and per row
     pixel += seen.offset[:, :, None]
     shown = ((pixel >= 0) & (pixel < S - 1)).all(axis=1) & (z > 0)
@@ -281,7 +284,8 @@ def normal_equations(
 ) -> tuple[Array, Array]:
     """A (N, V, V) and b (N, V) of the squares weighted by (N, 2, R): half their gradient is b."""
     N, _, R = r.value.shape
-    M, V = len(model.start), model.variables
+    M = len(model.start)
+    V = model.variables
     root = np.sqrt(weight)
     z = np.empty((N, 8, 2, R), np.float32)
     np.multiply(r.direction, root[:, None], out=z[:, :3])

@@ -64,7 +64,7 @@ def damped_step(
     A[:, diagonal, diagonal] += ridge
     A[held[:, :, None] | held[:, None, :]] = 0
     A[:, diagonal, diagonal] += held
-    return np.asarray(np.linalg.solve(A, np.where(held, 0, -b)[..., None])[..., 0])
+    return np.linalg.solve(A, np.where(held, 0, -b)[..., None])[..., 0]
 
 
 def minimise(
@@ -91,7 +91,8 @@ def minimise(
         step = damped_step(A.copy(), b, mu[rows], x[rows], lower, upper, ridge)
         trial = np.clip(x[rows] + step, lower, upper)
         trial_cost, trial_A, trial_b = evaluate(trial, rows)
-        better, gain = trial_cost < cost[rows], cost[rows] - trial_cost
+        better = trial_cost < cost[rows]
+        gain = cost[rows] - trial_cost
         finished = better & (gain <= min_gain * cost[rows])
         accepted = rows[better]
         x[accepted], cost[accepted] = trial[better], trial_cost[better]
@@ -117,6 +118,14 @@ def _chosen(better: NDArray[np.bool_], new: T, old: T) -> T:
     return np.where(better.reshape(-1, *[1] * (new.ndim - 1)), new, old)
 
 
+class Starts(NamedTuple):
+    """K starts of each of N frames."""
+
+    x: Array  # (K, N, V)
+    expected: Array  # (K, N, V) the predictions about which their priors are
+    cost_factor: Array  # (K, N) of the costs that are compared
+
+
 class SearchResult(NamedTuple):
     """The best fit of each of N frames."""
 
@@ -140,10 +149,12 @@ class Search:
         stages: Sequence[Stage],
     ) -> tuple[Array, Cost]:
         """Minimise the objective from x (N, V); returns x after all stages, and its cost."""
-        further, momentum = self.settings.further, self.settings.momentum
+        factor = self.settings.step_factor
+        momentum = self.settings.momentum
         lower, upper = objective.model.lower, objective.model.upper
         x, mu = np.clip(rounded(x, FIT_STEP), lower, upper), np.full(len(x), FIRST_MU)
-        measured, moved = objective.measure(x, seen, prior), np.zeros_like(x)
+        measured = objective.measure(x, seen, prior)
+        moved = np.zeros_like(x)
         for stage in stages:
             now = objective.weigh(measured, seen, stage.robust)
             active = np.ones(len(x), bool)
@@ -151,7 +162,7 @@ class Search:
                 M, b = objective.equations(measured, now)
                 step = damped_step(M, b, mu, x, lower, upper, DESCENT_RIDGE)
                 trial = np.clip(
-                    rounded(x + further * step + momentum * moved, FIT_STEP), lower, upper
+                    rounded(x + factor * step + momentum * moved, FIT_STEP), lower, upper
                 )
                 trial_measured = objective.measure(trial, seen, prior)
                 found = objective.weigh(trial_measured, seen, stage.robust)
@@ -169,46 +180,35 @@ class Search:
         return x, now
 
     def best(
-        self,
-        objective: Objective,
-        seen: Observation,
-        priors: Array,
-        starts: Array,
-        precision: Array,
-        plan: Plan,
-        cost_factor: Array | float = 1.0,
+        self, objective: Objective, seen: Observation, starts: Starts, precision: Array, plan: Plan
     ) -> SearchResult:
-        """The best of K starts (K, N, V), each with a prior about the prediction ``priors``
-        (K, N, V).
-
-        cost_factor  (K, N) factors of the costs that are compared
-        """
-        K, N, _ = starts.shape
-        every, cost_factors = np.tile(np.arange(N), K), np.broadcast_to(cost_factor, (K, N))
-        x = starts.reshape(K * N, -1)
-        own = objective.prior_of(priors.reshape(K * N, -1), precision)
+        """The best start of each frame, with this precision (L, L) of the limbs."""
+        K, N, _ = starts.x.shape
+        every = np.tile(np.arange(N), K)
+        x = starts.x.reshape(K * N, -1)
+        own = objective.prior_of(starts.expected.reshape(K * N, -1), precision)
         chosen = np.arange(K * N)
         if plan.trials is not None and K > 1:
             few = seen.thinned(plan.trials.thin).take(every)
             x, cost = self.descend(objective, x, few, own, [plan.trials.stage])
-            order = (cost_factors * data_cost(cost.parts).reshape(K, N)).argsort(axis=0)
+            order = (starts.cost_factor * data_cost(cost.parts).reshape(K, N)).argsort(axis=0)
             chosen = (order[: plan.trials.keep] * N + np.arange(N)).reshape(-1)
         last = Stage(self.settings.robust, plan.iterations, plan.min_gain)
         own = Prior(own.x[chosen], own.rigid[chosen], own.curvature)
         x, cost = self.descend(objective, x[chosen], seen.take(every[chosen]), own, [last])
-        compared = cost_factors.reshape(-1)[chosen] * data_cost(cost.parts)
+        compared = starts.cost_factor.reshape(-1)[chosen] * data_cost(cost.parts)
         best = compared.reshape(-1, N).argmin(axis=0) * N + np.arange(N)
         return SearchResult(x[best], cost.parts[best], chosen[best] // N)
 
     def refining(self, plan: Plan) -> Plan:
         """The plan from one start that is already close to the solution."""
         s = self.settings
-        return Plan(plan.name, plan.points, s.refining, min_gain=s.min_gain)
+        return Plan(plan.name, plan.points, s.refining_iterations, min_gain=s.min_gain)
 
 
 def data_cost(parts: Array) -> Array:
     """The cost (N,) without the prior, by which starts are compared."""
-    return np.asarray(parts[:, :3].sum(axis=1))
+    return parts[:, :3].sum(axis=1)
 
 
 def drawn(model: CapsuleModel, x: Array, covariance: Array, count: int, seed: int) -> Array:
@@ -233,7 +233,8 @@ def turned_back(model: CapsuleModel, x: Array, quarter: int) -> Array:
     """
     if quarter % 4 == 0:
         return x
-    root, back = model.root_motion, x.copy()
+    root = model.root_motion
+    back = x.copy()
     turn = rotation(2, np.array(-quarter * np.pi / 2))
     back[:, root.columns] = root.variables(root.place(x) @ turn.T, turn @ root.rotation(x))
     return back

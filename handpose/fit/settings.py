@@ -74,11 +74,11 @@ class SearchSettings:
 
     # The nearest points slide along the surface as it moves, so a step is too short, and the next
     # one has the same direction: factor of a step, and part of the previous step that is added.
-    further: float = 1.5
+    step_factor: float = 1.5
     momentum: float = 0.2
     robust: float = 13.0  # mm, the robust distance at the end
     # iterations from a start that is close, and when they end earlier: ``Stage``
-    refining: int = 4
+    refining_iterations: int = 4
     min_gain: float = 0.02
     fast: Plan = Plan("fast", 300, 6)
     accurate: Plan = Plan("accurate", 400, 5, Trials(4, 6, 4, Stage(15.0, 5), 2))
@@ -128,10 +128,10 @@ class SteadySettings:
 
     # factor of the cost at the expected pose, so that fits do not jump between two equally good
     # poses
-    stay: float = 0.9
+    cost_factor: float = 0.9
     # precision of the expected limbs in ``DepthFitter.follow``, relative to that of the network's
     # limbs: those that are hardly visible would jitter
-    hold: float = 5.0
+    limb_precision: float = 5.0
 
 
 @dataclass(frozen=True)

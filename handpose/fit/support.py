@@ -84,7 +84,8 @@ class Samples(NamedTuple):
         if len(facets):
             ends = np.stack([a, b], axis=2).reshape(n, -1, 3)
             end_radii = np.stack([ra, rb], axis=2).reshape(n, -1)
-            corner, r = ends[:, facets], end_radii[:, facets]  # (N, T, 3, 3), (N, T, 3)
+            corner = ends[:, facets]
+            r = end_radii[:, facets]  # (N, T, 3, 3), (N, T, 3)
             center.append((across * corner[:, :, None]).sum(axis=3).reshape(n, -1, 3))
             radius.append((ACROSS * r[:, :, None]).sum(axis=3).reshape(n, -1))
             edges = corner[:, :, 1:] - corner[:, :, :1]
@@ -100,7 +101,7 @@ class Samples(NamedTuple):
     @property
     def front(self) -> Array:
         """The depths (N, P) of the spheres' nearest points."""
-        return np.asarray(self.center[..., 2] - self.radius)
+        return self.center[..., 2] - self.radius
 
     @property
     def nearest(self) -> Array:
@@ -152,12 +153,15 @@ class ImageSupport:
 
         All shares of a part that others cover entirely are 0.
         """
-        every, own = Samples.of(capsules), _samples_of(~limbs, capsules.facets)
+        every = Samples.of(capsules)
+        own = _samples_of(~limbs, capsules.facets)
         spheres = every.chosen(own)
         reading, inside = _readings(spheres.nearest, depth, camera)
         # NaN, which some drivers write, is missing
-        behind, missing = reading - spheres.front, inside & ~(reading > 0)
-        front, tolerance = spheres.front - self.settings.self_mm, self.settings.tolerance_mm
+        behind = reading - spheres.front
+        missing = inside & ~(reading > 0)
+        front = spheres.front - self.settings.self_mm
+        tolerance = self.settings.tolerance_mm
         weight = spheres.area * ~every.covers(spheres.center, front)
         read = inside & ~missing
         hidden, empty = read & (behind < -tolerance), read & (behind > tolerance)
@@ -178,7 +182,8 @@ class ImageSupport:
         reading, inside = _readings(joints, depth, camera)
         read = inside & (reading > 0)
         behind = np.where(read, joints[..., 2] - np.where(read, reading, 0), 0)
-        count, most = np.maximum(read.sum(axis=1), 1), self.settings.max_joint_depth_mm
+        count = np.maximum(read.sum(axis=1), 1)
+        most = self.settings.max_joint_depth_mm
         clipped = (np.clip(distance, 0, most) for distance in (behind, -behind))
         return JointDepths(*(distance.sum(axis=1) / count for distance in clipped))
 

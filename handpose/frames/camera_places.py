@@ -14,7 +14,8 @@ from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
-from handpose.frames.camera_file import COLOUR, NAME, rank_of, read
+from handpose.frames.camera_file import NAME, read
+from handpose.frames.camera_keys import COLOUR, rank_of
 from handpose.frames.recording import CameraInfo
 from netlib.errors import DataError
 from netlib.files.paths import exists, names_in, real

@@ -60,7 +60,7 @@ class Camera:
 
     def is_too_near(self, depth: NDArray[Any]) -> NDArray[np.bool_]:
         """True for readings of a depth image in mm that are nearer than the camera measures."""
-        return np.asarray((depth > 0) & (depth < self.min_range_mm))
+        return (depth > 0) & (depth < self.min_range_mm)
 
     def in_range(self, depth: NDArray[Any]) -> NDArray[Any]:
         """A depth image in mm whose readings nearer than the minimum range are 0, which

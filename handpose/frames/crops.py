@@ -95,7 +95,7 @@ def crop_pixels(
 ) -> Array:
     """Column and row (N, K, 2) of image points (N, K, 3) in the crops at the centres (N, 3)."""
     first, factor = (each[:, None] for each in crop_scale(center_uvd, cube_mm, camera, size))
-    return np.asarray(first + factor * np.asarray(uvd, dtype=np.float64)[..., :2] + 0.5)
+    return first + factor * np.asarray(uvd, dtype=np.float64)[..., :2] + 0.5
 
 
 def crop_scale(
@@ -128,7 +128,8 @@ def _spans(
             f"crop {bad}: centre u {u:g} px, v {v:g} px, depth {d:g} mm with a cube of {cube[bad]:g} mm; "
             "expected finite numbers, depth and cube above 0"
         )
-    d, half = center[:, 2], cube / 2
+    d = center[:, 2]
+    half = cube / 2
     edges = []
     for at, f in ((center[:, 0], camera.fx), (center[:, 1], camera.fy)):
         at_mm = at * d / f
@@ -200,14 +201,19 @@ def normalise_joints(xyz: ArrayLike, center_xyz: ArrayLike, half_cube: ArrayLike
     """Joints (N, K, 3) in mm, camera axes, to half-cubes from the centre (N, 3); ``half_cube``
     mm, one or (N,).
     """
-    center, half = np.asarray(center_xyz)[..., None, :], np.asarray(half_cube)[..., None, None]
-    return np.asarray((np.asarray(xyz, dtype=np.float64) - center) / half)
+    center, half = _each(center_xyz, half_cube)
+    return (np.asarray(xyz, dtype=np.float64) - center) / half
 
 
 def restore_joints(joints: ArrayLike, center_xyz: ArrayLike, half_cube: ArrayLike) -> Array:
     """The inverse of ``normalise_joints``: half-cubes to mm in camera axes."""
-    center, half = np.asarray(center_xyz)[..., None, :], np.asarray(half_cube)[..., None, None]
-    return np.asarray(np.asarray(joints, dtype=np.float64) * half + center)
+    center, half = _each(center_xyz, half_cube)
+    return np.asarray(joints, dtype=np.float64) * half + center
+
+
+def _each(center_xyz: ArrayLike, half_cube: ArrayLike) -> tuple[Array, Array]:
+    """The centre and the half-cube of each joint."""
+    return np.asarray(center_xyz)[..., None, :], np.asarray(half_cube)[..., None, None]
 
 
 def clear_crop(
@@ -217,7 +223,8 @@ def clear_crop(
 
     Raises DataError.
     """
-    d, half = float(np.asarray(center_uvd, dtype=np.float64)[2]), cube_mm / 2
+    d = float(np.asarray(center_uvd, dtype=np.float64)[2])
+    half = cube_mm / 2
     clean = without_flying_pixels(crop(depth, center_uvd, cube_mm, camera), half, d / camera.fx)
     return without_isolated_near(clean, half)
 
@@ -249,7 +256,7 @@ def unread(
     """
     columns, rows = (index[0] for index in window(np.reshape(center_uvd, (1, 3)), cube_mm, camera))
     picked = readings[rows[:, None], columns]
-    return np.asarray((columns >= 0) & (rows >= 0)[:, None] & ~(picked > 0))
+    return (columns >= 0) & (rows >= 0)[:, None] & ~(picked > 0)
 
 
 def without_flying_pixels(crop: Floats, half_mm: float, pixel_mm: float) -> Floats:

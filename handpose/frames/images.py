@@ -138,7 +138,7 @@ def read_crop(path: str | Path) -> NDArray[np.float32]:
             f"{path}: {image.shape[1]} x {image.shape[0]} pixels; expected a square crop"
         )
     if image.shape != (SIZE, SIZE):
-        image = np.asarray(cv2.resize(image, (SIZE, SIZE), interpolation=cv2.INTER_NEAREST))
+        image = cv2.resize(image, (SIZE, SIZE), interpolation=cv2.INTER_NEAREST)
     return (image / np.float32(127.5) - 1).astype(np.float32)
 
 

@@ -74,7 +74,8 @@ def inspect(recording: Recording) -> Inspection:
     if not seen:
         raise DataError(f"{recording.name}: no frame in it{recording.cut and f': {recording.cut}'}")
     shown = checked([frame.depth for frame in seen], recording.camera, recording.unit_mm)
-    depth_mm, warnings = None, [*recording.warnings, *shown.of_camera, *shown.of_depths]
+    depth_mm = None
+    warnings = [*recording.warnings, *shown.of_camera, *shown.of_depths]
     if len(shown.readings):
         low, middle, high = np.percentile(shown.readings, (1, 50, 99)).tolist()
         depth_mm = (low, middle, high)
@@ -171,7 +172,8 @@ def _angle(size: int, middle: float, focal: float) -> float:
 
 
 def _of_camera(camera: Camera) -> Iterator[str]:
-    view, size = view_of(camera), f"{camera.width} x {camera.height}"
+    view = view_of(camera)
+    size = f"{camera.width} x {camera.height}"
     if not all(VIEW_DEGREES[0] <= angle <= VIEW_DEGREES[1] for angle in view):
         yield (
             f"focal lengths of {camera.fx:g}, {camera.fy:g} px give a field of view of {view[0]:.0f} x "
@@ -194,30 +196,32 @@ def _of_unit(nearest: tuple[float, float], unit_mm: float) -> tuple[str, str]:
     unit; else empty.
     """
     distance, width = nearest
-    others = ""
+    seen = f"the nearest object is {_length(distance)} away and {_length(width)} wide"
+    others = _in_other_units(distance, width, unit_mm)
+    warning = doubt = ""
+    is_near = distance < NEAREST_HAND_MM or not NARROW_MM <= width <= WIDE_MM
+    is_body = distance > BODY_MM[0] and width > BODY_MM[1]
+    if is_near or is_body or distance > FARTHEST_HAND_MM:
+        advice = f"{others}; " if others else ""
+        warning = f"{seen}, which is not plausible for a hand: {advice}check the unit, here {unit_mm:g} mm"
+    is_usual = MIN_RANGE_MM <= distance <= BODY_MM[0] and width <= SMALL_MM
+    if others and not is_usual:
+        doubt = f"the unit, {unit_mm:g} mm, may be wrong: {seen}, {others}"
+    return warning, doubt
+
+
+def _in_other_units(distance: float, width: float, unit_mm: float) -> str:
+    """The units in which an object would be a hand, in words; empty without any."""
+    found: list[str] = []
     for unit in POSSIBLE_UNITS_MM:
         factor = unit / unit_mm
         away, wide = distance * factor, width * factor
-        plausible = USUAL_MM[0] <= away <= USUAL_MM[1] and HAND_MM[0] <= wide <= HAND_MM[1]
-        if plausible and unit != unit_mm:
-            others += f", with --unit {unit:g}" if others else f"with --unit {unit:g} it would be"
-            others += f" {away / 1000:.2f} m away and {_length(wide)} wide"
-    seen = f"the nearest object is {_length(distance)} away and {_length(width)} wide"
-    near = distance < NEAREST_HAND_MM or not NARROW_MM <= width <= WIDE_MM
-    far = distance > FARTHEST_HAND_MM or (distance > BODY_MM[0] and width > BODY_MM[1])
-    warning = ""
-    if near or far:
-        warning = (
-            f"{seen}, which is not plausible for a hand: {others and f'{others}; '}check the unit, here "
-            f"{unit_mm:g} mm"
-        )
-    is_usual = MIN_RANGE_MM <= distance <= BODY_MM[0] and width <= SMALL_MM
-    doubt = (
-        f"the unit, {unit_mm:g} mm, may be wrong: {seen}, {others}"
-        if others and not is_usual
-        else ""
-    )
-    return warning, doubt
+        is_hand = USUAL_MM[0] <= away <= USUAL_MM[1] and HAND_MM[0] <= wide <= HAND_MM[1]
+        if is_hand and unit != unit_mm:
+            verb = "" if found else " it would be"
+            size = f"{away / 1000:.2f} m away and {_length(wide)} wide"
+            found.append(f"with --unit {unit:g}{verb} {size}")
+    return ", ".join(found)
 
 
 def _length(mm: float) -> str:

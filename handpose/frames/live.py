@@ -67,7 +67,8 @@ class CaptureThread:
     """
 
     def __init__(self, device: Device) -> None:
-        self.name, self.info = device.name, device.info
+        self.name = device.name
+        self.info = device.info
         self._device = device
         self._changed = threading.Condition()
         self._newest: DeviceFrame | None = None
@@ -91,10 +92,8 @@ class CaptureThread:
                 number = count if frame.number is None else frame.number
                 count += 1
                 with self._changed:
-                    self._newest, self._failure = (
-                        frame._replace(values=np.array(frame.values), number=number),
-                        None,
-                    )
+                    self._newest = frame._replace(values=np.array(frame.values), number=number)
+                    self._failure = None
                     self._changed.notify()
 
     def read(self) -> DeviceFrame | None:
@@ -145,7 +144,8 @@ class LiveRecording(Recording):
     live = True
 
     def __init__(self, device: Device, given: CameraInfo = UNKNOWN) -> None:
-        self.name, self._device = device.name, device
+        self.name = device.name
+        self._device = device
         with contextlib.ExitStack() as stack:
             stack.callback(device.close)
             camera = device.info.camera
@@ -154,19 +154,15 @@ class LiveRecording(Recording):
                     f"{device.name}: expected the camera with its width and height, and unit_mm"
                 )
             shape = (camera.height, camera.width)
-            self._decode = DepthDecoder(shape, np.dtype(np.uint16), self.name, given, device.info)
+            self._decode_by(DepthDecoder(shape, np.dtype(np.uint16), self.name, given, device.info))
             stack.pop_all()
-        self.camera, self.unit_mm, self.rate = (
-            self._decode.camera,
-            self._decode.unit_mm,
-            self._decode.rate,
-        )
-        self.remarks = self._decode.remarks
 
     def __iter__(self) -> Iterator[DepthFrame]:
-        self.cut, self.remarks = "", self._decode.remarks
+        self.cut = ""
+        self.remarks = self._decode.remarks
         clock = _Clock(1 / (self.rate or RATE))
-        last, lost = -1, 0
+        last = -1
+        lost = 0
         before: int | None = None
         try:
             while (frame := self._next()) is not None:
@@ -220,6 +216,7 @@ class _Clock:
 
     def __call__(self, seconds: float, clock: object) -> float:
         if clock != self._clock or self._last < 0 or seconds - self._begin <= self._last:
-            self._clock, self._begin = clock, seconds - (self._last + self._step)
+            self._clock = clock
+            self._begin = seconds - (self._last + self._step)
         self._last = seconds - self._begin
         return self._last

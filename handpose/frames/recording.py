@@ -82,6 +82,18 @@ class Recording(ABC):
     def __iter__(self) -> Iterator[DepthFrame]:
         """The frames from the first on; of a live one, from now on."""
 
+    def _decode_by(self, decode: DepthDecoder) -> None:
+        """Take a decoder of the frames, and their parameters from it."""
+        self._decode = decode
+        self.camera, self.unit_mm = decode.camera, decode.unit_mm
+        self.rate, self.remarks = decode.rate, decode.remarks
+
+    def _assume_rate(self) -> None:
+        """Assume a rate for frames without times, unless it is known."""
+        if self.rate is None:
+            self.rate = RATE
+            self.remarks += (RATE_UNKNOWN,)
+
     def close(self) -> None:  # noqa: B027  # most have nothing to let go of
         """Close files and cameras."""
 
@@ -161,45 +173,33 @@ class DepthDecoder:
         check_values(dtype, where)
         known = given.or_else(own).or_else(camera_json)
         if known.camera is None:
-            found = known.doubt and f" (not used: {known.doubt})"
-            raise DataError(
-                f"{where}: the camera of these frames is unknown{found}; give --camera FILE with its "
-                "intrinsics from the SDK (also as camera.json next to the frames), or FX,FY,U0,V0, or a "
-                f"model, {', '.join((*CAMERAS, *VIEWS))}, or --fov DEGREES, its horizontal field of view"
-            )
+            raise _unknown_camera(known, where)
+        self.where = where
         try:
-            self.camera, self.lens, self.rate = (
-                sized(known.camera, shape, where),
-                known.lens,
-                known.rate,
-            )
+            self.camera = sized(known.camera, shape, where)
         except DataError as error:
             by = f", by {known.origin}" if known.camera is camera_json.camera else ""
             raise DataError(f"{error}{by}") from None
-        self.where, remarks = where, list[str]()
+        self.lens = known.lens
+        self.rate = known.rate
+        remarks: list[str] = []
         if isinstance(known.camera, View) and known.lens is None:
             remarks.append(
                 f"camera {known.camera.name}: focal lengths {self.camera.fx:.0f}, {self.camera.fy:.0f} px "
                 "by the field of view alone, often 5% off; the intrinsics from the SDK are better"
             )
         elif own.camera is None:
-            remarks.append(
-                f"camera {known.camera.name}, by {given.origin if given.camera else camera_json.origin}"
-            )
-        unit = known.unit_mm
-        if unit is None and dtype.kind != "f" and CAMERAS.get(known.camera.name) == known.camera:
-            unit = UNIT_MM.get(known.camera.name, 1.0)
+            origin = given.origin if given.camera else camera_json.origin
+            remarks.append(f"camera {known.camera.name}, by {origin}")
+        unit = _unit_of(known, dtype, where)
         if unit is None:
-            if dtype.kind == "f":
-                raise DataError(
-                    f"{where}: {dtype} depth of unknown unit; give --unit 1 for mm, --unit 1000 for "
-                    'metres, or write "unit_mm" into a camera.json next to it'
-                )
             unit = 1.0
             remarks.append(
                 "unit unknown: a value of 1 is taken for 1 mm; --unit MM if that is wrong"
             )
-        self.unit_mm, self._unit, self._undistort = unit, np.float32(unit), None
+        self.unit_mm = unit
+        self._unit = np.float32(unit)
+        self._undistort = None
         if known.lens is not None and not known.lens.is_straight:
             remarks.append("the distortion of the lens is taken out")
             try:
@@ -238,11 +238,32 @@ class DepthDecoder:
             )
         return depth if self._undistort is None else self._undistort(depth)
 
-    def paced(self) -> tuple[float, tuple[str, ...]]:
-        """Frames per second for frames without times, and a remark about it."""
-        if self.rate is not None:
-            return self.rate, ()
-        return RATE, (RATE_UNKNOWN,)
+
+def _unknown_camera(known: CameraInfo, where: str) -> DataError:
+    found = known.doubt and f" (not used: {known.doubt})"
+    return DataError(
+        f"{where}: the camera of these frames is unknown{found}; give --camera FILE with its "
+        "intrinsics from the SDK (also as camera.json next to the frames), or FX,FY,U0,V0, or a "
+        f"model, {', '.join((*CAMERAS, *VIEWS))}, or --fov DEGREES, its horizontal field of view"
+    )
+
+
+def _unit_of(known: CameraInfo, dtype: np.dtype[Any], where: str) -> float | None:
+    """The unit in mm of stored values; None if it is unknown.
+
+    Raises DataError if it is unknown and may be metres.
+    """
+    if known.unit_mm is not None:
+        return known.unit_mm
+    if dtype.kind == "f":
+        raise DataError(
+            f"{where}: {dtype} depth of unknown unit; give --unit 1 for mm, --unit 1000 for "
+            'metres, or write "unit_mm" into a camera.json next to it'
+        )
+    camera = known.camera
+    if isinstance(camera, Camera) and CAMERAS.get(camera.name) == camera:
+        return UNIT_MM.get(camera.name, 1.0)
+    return None
 
 
 def stored(depth: NDArray[np.float32], unit_mm: float, where: str) -> NDArray[np.uint16]:

@@ -59,7 +59,8 @@ class RecordingWriter:
             raise NetlibError(f"{path}: cannot write {suffix}; expected a folder or FILE.npz")
         refuse_existing(path)
         self.path, self.camera, self.unit_mm, self.count = path, camera, unit_mm, 0
-        self._rate, self._last = rate, -1
+        self._rate = rate
+        self._last = -1
 
     def __enter__(self) -> RecordingWriter:
         self._writer = self._kind(
@@ -69,7 +70,8 @@ class RecordingWriter:
 
     def write(self, frame: DepthFrame) -> None:
         """Add a frame; times must ascend, in microseconds."""
-        where, micro = f"{self.path}: frame {frame.number}", round(frame.time * MICRO)
+        where = f"{self.path}: frame {frame.number}"
+        micro = round(frame.time * MICRO)
         if frame.depth.shape != (self.camera.height, self.camera.width):
             raise DataError(
                 f"{where} has the shape {frame.depth.shape}, expected "
@@ -128,7 +130,8 @@ class _Stack:
     """
 
     def __init__(self, path: Path, given: CameraInfo) -> None:
-        self._path, self._given = path, given
+        self._path = path
+        self._given = given
         self._times: list[float] = []
         with contextlib.ExitStack() as stack, atomic.error_names(path):
             files.make_folder(path.parent)

@@ -57,7 +57,7 @@ def centers_of(net: Net, frames: NDArray[np.int_]) -> tuple[Array | None, Camera
         centers, camera = labels.read_crop_centers(data_layer(net).files)
     except DataError:
         return None, NYU
-    return np.asarray(centers[frames]), camera
+    return centers[frames], camera
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,8 @@ def predict_all(net: Net, progress: Callable[[int], None] = lambda done: None) -
 
     Raises NetlibError, DataError for labels that cannot be scored.
     """
-    data, hand = data_layer(net), hand_layer(net)
+    data = data_layer(net)
+    hand = hand_layer(net)
     for name in ("pred", "joint"):
         if name not in net.blobs:
             raise NetlibError(
@@ -136,7 +137,8 @@ def _check_annotated(joints: Array, files: Sequence[File]) -> None:
     """Raise DataError if joints (N, ...) of the files' frames, one file after the other,
     are not finite.
     """
-    wrong, start = np.asarray(~np.isfinite(joints).all(axis=1)), 0
+    wrong = np.asarray(~np.isfinite(joints).all(axis=1))
+    start = 0
     for file in files:
         own = wrong[start : start + file.rows]
         if own.any():
@@ -194,7 +196,8 @@ def deploy_of(net: Net, model: str | Path, weights: str | Path, engine: str | No
 
     Raises NetlibError, also for that of another body.
     """
-    deploy, hand = Net(model, TEST, engine=engine), hand_layer(net)
+    deploy = Net(model, TEST, engine=engine)
+    hand = hand_layer(net)
     own = skeleton_to_fit(deploy)
     if hand is not None and hand.skeleton.param != own.param:
         other = f"{hand.skeleton.name!r}" + (
@@ -220,7 +223,8 @@ def fit_all(
 
     weights  the weights file of both nets; it may contain the network's errors
     """
-    data, skeleton = data_layer(net), skeleton_to_fit(deploy)
+    data = data_layer(net)
+    skeleton = skeleton_to_fit(deploy)
     half = np.concatenate([labels.read_half_cubes(file) for file in data.files])
     centers, camera = labels.read_crop_centers(data.files)
     joints = np.zeros((len(half), len(skeleton.joint_names), 3))

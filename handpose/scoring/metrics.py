@@ -25,14 +25,14 @@ def joint_errors(predicted: ArrayLike, truth: ArrayLike) -> Array:
         raise DataError(
             f"predicted joints {p.shape} and true joints {t.shape}, expected the same (N, K, 3)"
         )
-    return np.asarray(np.linalg.norm(p - t, axis=-1))
+    return np.linalg.norm(p - t, axis=-1)
 
 
 def mean_errors_14(predicted: ArrayLike, truth: ArrayLike) -> Array:
     """Means (N,) of ``joint_errors`` over NYU's 14 joints, of joints (N, 31, 3) in mm."""
     few = list(EVALUATION_JOINTS)
     errors = joint_errors(np.asarray(predicted)[:, few], np.asarray(truth)[:, few])
-    return np.asarray(errors.mean(axis=1))
+    return errors.mean(axis=1)
 
 
 def success_rate(errors: Array, thresholds: ArrayLike, worst: bool = True) -> Array:

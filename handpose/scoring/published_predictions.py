@@ -106,20 +106,24 @@ def read_frames(
         raise DataError(f"{path}: empty, expected the numbers of a frame on each line")
     lines = text.rstrip().split("\n")
     has_names = IMAGE_NAME.match(lines[0]) is not None
-    names, rows = [], []
+    names: list[str] = []
+    rows = []
     for number, line in enumerate(lines, 1):
-        named = IMAGE_NAME.match(line) if has_names else None
-        if has_names and named is None:
-            raise DataError(f"{path}:{number}: no name of an image, as the lines before have")
-        start = 0 if named is None else named.end()
-        rows.append(_numbers(line, start, f"{path}:{number}"))
-        if named is not None:
+        where = f"{path}:{number}"
+        start = 0
+        if has_names:
+            named = IMAGE_NAME.match(line)
+            if named is None:
+                raise DataError(f"{where}: no name of an image, as the lines before have")
+            start = named.end()
             names.append(PurePosixPath(named[1].replace("\\", "/")).name)
-        if len(rows[-1]) != 3 * joints:
+        row = _numbers(line, start, where)
+        if len(row) != 3 * joints:
             raise DataError(
-                f"{path}:{number}: found {len(rows[-1])} number{'s' * (len(rows[-1]) != 1)}, "
+                f"{where}: found {len(row)} number{'s' * (len(row) != 1)}, "
                 f"expected {3 * joints} = {joints} joints x 3"
             )
+        rows.append(row)
     if len(set(names)) < len(names):
         twice = next(name for name, count in Counter(names).items() if count > 1)
         raise DataError(f"{path}: has {twice} twice")

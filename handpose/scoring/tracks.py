@@ -38,7 +38,8 @@ def jitter(numbers: Array, times: Array, tracked: Array, true: Array) -> float:
     which is a high-pass filter: a wrong length of a bone is an error, but no jitter. Frames (N,)
     have numbers; a missing frame ends a rest.
     """
-    squares, freedom = 0.0, 0
+    squares = 0.0
+    freedom = 0
     for window in _windows(numbers, times, true):
         off = tracked[window] - true[window]
         squares += float(((off - off.mean(axis=0)) ** 2).sum())
@@ -81,7 +82,8 @@ def lag_s(numbers: Array, times: Array, tracked: Array, true: Array) -> float:
 
     squares = np.zeros(len(LAGS_S))
     for first, last in [(a, b + 1) for a, b in _runs(np.diff(numbers) == 1)]:
-        t, truth = times[first:last], true[first:last]
+        t = times[first:last]
+        truth = true[first:last]
         if last - first < 4:
             continue
         spline = CubicSpline(t, truth)
@@ -99,7 +101,8 @@ def lag_s(numbers: Array, times: Array, tracked: Array, true: Array) -> float:
         return NAN
     before, least, after = squares[best - 1 : best + 2]
     # the minimum of the parabola through the three
-    step, curvature = LAGS_S[1] - LAGS_S[0], before - 2 * least + after
+    step = LAGS_S[1] - LAGS_S[0]
+    curvature = before - 2 * least + after
     return float(LAGS_S[best] + step * (before - after) / (2 * curvature))
 
 

@@ -65,7 +65,8 @@ class Volume(NamedTuple):
 
     def outside(self, place: Array) -> Array:
         """The position (3,) outside the image next to another one, at the closer side."""
-        c, z = self.camera, place[2]
+        c = self.camera
+        z = place[2]
         u, v, _ = c.project(place)
         margin = GONE_MM * c.fx / z
         is_left = u < (c.width - 1) / 2
@@ -129,7 +130,8 @@ class Actor:
             side,
             volume,
         )
-        self.outward, self.time = outward, 0.0
+        self.outward = outward
+        self.time = 0.0
         fingers = fingers_of("relaxed", person, sampler)
         palm, arm = self.next_palm(None, FACING)
         self.movement = Movement(
@@ -162,10 +164,8 @@ class Actor:
 
     def _gestures(self, of: tuple[str, ...], end: float) -> None:
         names: list[str] = []
-        self._turn(
-            *self.next_palm(self.movement.palm.keys[-1], FACING), self.rng.uniform(*STROKE), end
-        )
-        middle = self.movement.place.keys[-1]
+        self._turn(*self.next_palm(self.movement.palm.last, FACING), self.rng.uniform(*STROKE), end)
+        middle = self.movement.place.last
         while self.time < end:
             names = names or [
                 str(name) for name in self.rng.permutation(list(of or self.sampler.poses))
@@ -178,23 +178,26 @@ class Actor:
             self.time += self.rng.uniform(0.4, 1.2)
 
     def _wave(self, end: float) -> None:
-        palm, began = self.movement.palm, self.time
+        palm = self.movement.palm
+        began = self.time
         self._show(fingers_of("five", self.person, self.sampler), end)
-        middle, side = palm.keys[-1], 1.0
+        middle = palm.last
+        side = 1.0
         self.time = began
         waved = {way: Rotation.from_rotvec([0, 0, way * WAVE]) * middle for way in (1.0, -1.0)}
-        while self._turn(waved[side], self.movement.arm.keys[-1], WAVE_S, end):
+        while self._turn(waved[side], self.movement.arm.last, WAVE_S, end):
             side = -side
 
     def _moving(self, end: float) -> None:
         """Fingers, palm and position have movements at different times."""
         while self.time < end:
-            began, bout = self.time, min(self.time + self.rng.uniform(*BOUT), end)
-            while self._show(self.next_fingers(self.movement.fingers.keys[-1]), bout):
+            began = self.time
+            bout = min(self.time + self.rng.uniform(*BOUT), end)
+            while self._show(self.next_fingers(self.movement.fingers.last), bout):
                 pass
             self.time = began
             while self._turn(
-                *self.next_palm(self.movement.palm.keys[-1]), self.rng.uniform(*STROKE), bout
+                *self.next_palm(self.movement.palm.last), self.rng.uniform(*STROKE), bout
             ):
                 pass
             self.time = began
@@ -204,7 +207,7 @@ class Actor:
 
     def _away(self, end: float, first: bool) -> None:
         place = self.movement.place
-        inside = place.keys[-1]
+        inside = place.last
         outside = self.volume.outside(inside)
         if first:
             place.keys[-1] = outside
@@ -221,10 +224,10 @@ class Actor:
         """
         values = self.movement.fingers
         ways = [fingers]
-        if self.depth_between(values.keys[-1], fingers[None])[0] > self.sampler.prior.penetration:
+        if self.depth_between(values.last, fingers[None])[0] > self.sampler.prior.penetration:
             ways.insert(0, fingers_of("open", self.person, self.sampler))
         for way in ways:
-            angle = float(np.abs(way - values.keys[-1]).max())
+            angle = float(np.abs(way - values.last).max())
             lasts = max(self.rng.uniform(*STROKE), TOP_SPEED * angle / FINGER_SPEED)
             if not self._stroke(values, way, lasts, self.time, end):
                 return False
@@ -233,8 +236,8 @@ class Actor:
     def _turn(self, palm: Rotation, arm: Array, lasts: float, end: float) -> bool:
         """Turn the palm and the forearm."""
         turns = self.movement.palm
-        arm_angle = float(np.abs(arm - self.movement.arm.keys[-1]).max())
-        angle = (turns.keys[-1].inv() * palm).magnitude() + arm_angle
+        arm_angle = float(np.abs(arm - self.movement.arm.last).max())
+        angle = (turns.last.inv() * palm).magnitude() + arm_angle
         lasts = max(lasts, TOP_SPEED * angle / PALM_SPEED)
         if not self._stroke(turns, palm, lasts, self.time, end):
             return False
@@ -244,7 +247,7 @@ class Actor:
     def _go(self, to: Array, time: float, end: float) -> bool:
         """Move the hand to a position."""
         place = self.movement.place
-        distance = float(np.linalg.norm(to - place.keys[-1]))
+        distance = float(np.linalg.norm(to - place.last))
         lasts = max(self.rng.uniform(*STROKE), TOP_SPEED * distance / HAND_SPEED)
         return self._stroke(place, to, lasts, time, end)
 
@@ -264,7 +267,7 @@ class Actor:
         drawn = self.sampler.draw(self.rng, CANDIDATES).inputs
         drawn[:, [*self.sampler.rotation, *self.sampler.translation]] = 0
         depth = self.depth_between(before, drawn)
-        return np.asarray(drawn[_first(depth, self.sampler.prior.penetration)])
+        return drawn[_first(depth, self.sampler.prior.penetration)]
 
     def depth_between(self, before: Array, after: Array) -> Array:
         """The penetration (N,) of fingers in mm on the way from one pose (D,) to others (N, D)."""
@@ -272,7 +275,7 @@ class Actor:
         way = before + parts * (after - before)
         whole = np.zeros((way[..., 0].size, len(self.person.surface.whole.initial)))
         whole[:, : way.shape[-1]] = way.reshape(len(whole), -1)
-        return np.asarray(self.person.penetration_mm(whole).reshape(len(way), -1).max(axis=0))
+        return self.person.penetration_mm(whole).reshape(len(way), -1).max(axis=0)
 
     def next_palm(self, before: Rotation | None, facing: float = 1.0) -> tuple[Rotation, Array]:
         """A palm rotation and the inputs of its forearm, such that the arm can be that of a person
@@ -281,7 +284,8 @@ class Actor:
         before  the palm rotation to start from, if there is one
         facing  factor of pitch and yaw
         """
-        sampler, surface = self.sampler, self.sampler.surface
+        sampler = self.sampler
+        surface = self.sampler.surface
         own = len(sampler.skeleton.initial)
         palms = Rotation.from_euler(
             "ZXY", sampler.rotations(self.rng, CANDIDATES) * (1, facing, -facing)
@@ -299,7 +303,8 @@ class Actor:
 
     def _strain(self, before: Rotation | None, palms: Rotation, arms: Array) -> Array:
         """The implausibility (N,) of palms and forearms, also on the way; 0 is plausible."""
-        surface, count = self.sampler.surface, len(arms)
+        surface = self.sampler.surface
+        count = len(arms)
         steps = np.zeros((count, 3)) if before is None else (before.inv() * palms).as_rotvec()
         over = np.zeros(count)
         for left in (0.0, 0.5):
@@ -312,4 +317,4 @@ class Actor:
             x, y, z = limb.T
             too_far = np.stack([-z - TOWARDS, y - UPWARDS, -x * self.outward - INWARDS])
             over = np.maximum(over, np.maximum(too_far, 0).sum(axis=0))
-        return np.asarray(over + np.maximum(np.linalg.norm(steps, axis=1) - MAX_TURN, 0))
+        return over + np.maximum(np.linalg.norm(steps, axis=1) - MAX_TURN, 0)

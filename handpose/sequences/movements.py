@@ -61,16 +61,14 @@ class Person:
     def draw(rng: np.random.Generator, sampler: BodySampler) -> Person:
         """A random person."""
         hand, surface, prior = sampler.draw(rng, 1), sampler.surface, PERSON_SURFACE
-        size, unit_mm = float(hand.scale[0]), sampler.cube_mm / 2
+        size = float(hand.scale[0])
+        unit_mm = sampler.cube_mm / 2
         radii = surface.radii * size * (1 + prior.thickness_std * cut_normal(rng, (), prior.clip))
         radii *= 1 + prior.radius_std * cut_normal(rng, radii.shape, prior.clip)
         radii[surface.limbs] *= rng.uniform(*prior.limb)
         worn = rng.random() < prior.sleeve
-        sleeve = (
-            float(rng.uniform(*prior.sleeve_from)),
-            worn * float(rng.uniform(*prior.sleeve_mm)) / unit_mm,
-        )
-        offset = float(rng.uniform(*prior.offsets))
+        sleeve = (rng.uniform(*prior.sleeve_from), worn * rng.uniform(*prior.sleeve_mm) / unit_mm)
+        offset = rng.uniform(*prior.offsets)
         return Person(
             surface, hand.bones[0], size, radii, offset, sleeve, unit_mm, sampler.center * size
         )
@@ -99,7 +97,8 @@ class Person:
     def worn(self, capsules: Capsules) -> Capsules:
         """The sleeve (1, 1) over the forearm of ``capsules``."""
         a, b, ra, rb, _ = capsules.chosen(self.surface.limbs)
-        first, thicker = self.sleeve[0], self.sleeve[1] * self.unit_mm
+        first = self.sleeve[0]
+        thicker = self.sleeve[1] * self.unit_mm
         start, radius = a + first * (b - a), ra + first * (rb - ra)
         return Capsules(start, b, radius + thicker, rb + thicker)
 
@@ -120,12 +119,13 @@ def fingers_of(name: str, person: Person, sampler: BodySampler) -> Array:
     whole = np.zeros((RELAXING_STEPS, len(person.surface.whole.initial)))
     whole[:, : trials.shape[1]] = trials
     fits = person.penetration_mm(whole) <= sampler.prior.penetration
-    return np.asarray(trials[int(np.argmax(fits)) if fits.any() else -1])
+    return trials[int(np.argmax(fits)) if fits.any() else -1]
 
 
 def poses(sampler: BodySampler) -> dict[str, dict[str, float]]:
     """The limbs of every pose on the skeleton's own body: inputs by DoF."""
-    surface, unit_mm = sampler.surface, sampler.cube_mm / 2
+    surface = sampler.surface
+    unit_mm = sampler.cube_mm / 2
     person = Person(
         surface, surface.whole.bones, 1.0, surface.radii, 1.0, (1.0, 0.0), unit_mm, sampler.center
     )
@@ -150,7 +150,7 @@ def eased(part: Array) -> Array:
     """
     s = np.clip(part, 0, 1)
     polynomial = 10 - 15 * s + 6 * s * s
-    return np.asarray(s * s * s * polynomial)
+    return s * s * s * polynomial
 
 
 class Values:
@@ -164,6 +164,11 @@ class Values:
         self.keys = [first]
         self.begins: list[float] = []
         self.lasts: list[float] = []
+
+    @property
+    def last(self) -> Any:
+        """The values (n,) after the last stroke."""
+        return self.keys[-1]
 
     @property
     def end(self) -> float:
@@ -194,7 +199,7 @@ class Values:
         """The values (n,) at a time in s."""
         if len(self.keys) == 1:
             return self.keys[0]
-        return np.asarray(self.keys[0] + self.done(time) @ np.diff(self.keys, axis=0))
+        return self.keys[0] + self.done(time) @ np.diff(self.keys, axis=0)
 
 
 class Turns(Values):
@@ -238,9 +243,12 @@ class Movement:
 
     def pose_at(self, time: float) -> HandPose:
         """The pose at a time in s."""
-        origin, whole = self.place.at(time), self.inputs_at(time)
-        skeleton, person = self.sampler.skeleton, self.person
-        inputs, bones = whole[: len(skeleton.initial)], person.bones[: len(skeleton.joint_names)]
+        origin = self.place.at(time)
+        whole = self.inputs_at(time)
+        skeleton = self.sampler.skeleton
+        person = self.person
+        inputs = whole[: len(skeleton.initial)]
+        bones = person.bones[: len(skeleton.joint_names)]
         xyz = joints_of(skeleton, person.unit_mm, self.side, inputs, bones, origin)
         return HandPose(
             skeleton,
@@ -257,11 +265,9 @@ class Movement:
     def inputs_at(self, time: float) -> Array:
         """The inputs (D,) of the whole body, the forearm included."""
         fingers, palm, arm = self.fingers.at(time), self.palm.at(time), self.arm.at(time)
-        return np.asarray(
-            posed(
-                self.sampler, self.person, fingers[None], Rotation.concatenate([palm]), arm[None]
-            )[0]
-        )
+        return posed(
+            self.sampler, self.person, fingers[None], Rotation.concatenate([palm]), arm[None]
+        )[0]
 
 
 def posed(

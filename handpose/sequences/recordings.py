@@ -113,7 +113,7 @@ def draw_surroundings(
     farthest  depth in mm that the middles of hands do not exceed
     """
     middle = np.array([rng.uniform(-60, 60), rng.uniform(-120, 40), farthest + BEHIND_MM])
-    wall = float(rng.uniform(middle[2] + 300, middle[2] + 1500))
+    wall = rng.uniform(middle[2] + 300, middle[2] + 1500)
     image = np.full(
         (camera.height, camera.width), wall if rng.random() < 0.5 else NOWHERE_MM, dtype=np.float32
     )
@@ -239,7 +239,7 @@ class SyntheticRecording(Recording):
                 self._upper_arm(forearm.b[:, -1:], movement.side),
             ]
         layers.append(render_image(in_front(joined(arms)), self.camera, NOWHERE_MM)[0])
-        return np.asarray(np.minimum.reduce(layers))
+        return np.minimum.reduce(layers)
 
     def _upper_arm(self, elbow: Array, side: Side) -> Capsules:
         """The capsule (1, 1) from an elbow (1, 1, 3) to the shoulder of the person, who
@@ -257,7 +257,8 @@ class SyntheticRecording(Recording):
         """Frame ``number``, the same at every call, in whole units as in a file."""
         depth = self._depth(number / self.rate)
         if self.sensor:
-            far, faults = np.array([NOWHERE_MM]), self._numbers(FRAMES_STREAM, number)
+            far = np.array([NOWHERE_MM])
+            faults = self._numbers(FRAMES_STREAM, number)
             depth = sense(faults, depth[None], far, self.sensor, self.camera)[0]
         unit = np.float32(self.unit_mm)
         read = np.where(depth < NOWHERE_MM, np.rint(depth / unit) * unit, np.float32(0))
@@ -282,7 +283,8 @@ class SyntheticRecording(Recording):
 
         A hand that was never visible is not listed, unless it is partly visible.
         """
-        time, every = number / self.rate, []
+        time = number / self.rate
+        every = []
         for id, movement in enumerate(self.movements):
             unseen = self._unseen(id, number)
             if not unseen:

@@ -23,6 +23,7 @@ from handpose.datasets import parts
 from handpose.datasets.frames import Frames
 from handpose.datasets.parts import Columns, Part
 from handpose.synthetic.generator import BLOCK, Generator
+from netlib.blob import divide_up
 from netlib.errors import DataError
 from netlib.files import atomic
 
@@ -37,7 +38,7 @@ def generate(
     ``pool`` is made by ``processes``; the frames and their order do not depend on it. Processes are
     spawned, so a script with a pool needs the usual ``if __name__ == "__main__":``.
     """
-    numbers = range(start // BLOCK, -(-(start + count) // BLOCK))
+    numbers = range(start // BLOCK, divide_up(start + count, BLOCK))
     with no_interrupt():
         blocks = (
             map(generator.block, numbers) if pool is None else pool.map(generator.block, numbers)

@@ -79,7 +79,8 @@ def targets_of(scenes: Scenes) -> tuple[Array, Array, Array, Array]:
     """The class, heat, vote and own of the layer's tops."""
     half = scenes.depth[:, ::2, ::2] > 0
     classes = np.where(half, scenes.classes[:, ::2, ::2], IGNORE_LABEL)[:, None]
-    depth, which = scenes.depth[:, ::4, ::4], scenes.which[:, ::4, ::4]
+    depth = scenes.depth[:, ::4, ::4]
+    which = scenes.which[:, ::4, ::4]
     row, column = np.indices(depth.shape[1:])
     heat = np.zeros(depth.shape)
     for k in range(2):
@@ -93,7 +94,8 @@ def targets_of(scenes: Scenes) -> tuple[Array, Array, Array, Array]:
     forward = np.ones((*depth.shape, 1))
     rays = np.concatenate([scenes.slopes[:, ::4, ::4], forward], axis=-1)
     points = rays * depth[..., None]
-    frame, hand = np.arange(len(depth))[:, None, None], np.maximum(which - 1, 0)
+    frame = np.arange(len(depth))[:, None, None]
+    hand = np.maximum(which - 1, 0)
     vote = (scenes.middle[frame, hand] - points) / VOTE_MM
     is_close = np.linalg.norm(vote, axis=-1) < LONGEST_VOTE
     own = (which > 0) & (depth > 0) & is_close

@@ -132,21 +132,13 @@ class Generator:
         """The bodies, crops and labels of a block."""
         rng = numbers_of(self.seed, self.split, number)
         sampler = self._samplers[number % len(self._samplers)]
-        cube_mm, half = sampler.cube_mm, sampler.cube_mm / 2
-        camera, sensor = self.recipe.views[int(rng.integers(len(self.recipe.views)))]
+        cube_mm = sampler.cube_mm
+        half = sampler.cube_mm / 2
+        camera, sensor = self.recipe.views[rng.integers(len(self.recipe.views))]
         bodies = sampler.draw(rng, BLOCK)
         center_uvd = sampler.centers(rng, BLOCK, camera)
         center = camera.unproject(center_uvd)
-        capsules = draw_capsules(
-            rng,
-            self.recipe.flesh,
-            sampler.surface,
-            bodies.inputs,
-            bodies.bones,
-            bodies.scale,
-            half,
-            center,
-        )
+        capsules = draw_capsules(rng, self.recipe.flesh, sampler.surface, bodies, half, center)
         depth = render_crop(capsules, center_uvd, cube_mm, camera)
         if sensor is not None:
             pixel = SIZE * center_uvd[:, 2] / (cube_mm * camera.fx)
@@ -180,7 +172,8 @@ class Generator:
 
     def _another(self, subject: Subject) -> BodySampler:
         """Draws another person."""
-        skeleton, rng = self.sampler.skeleton, np.random.Generator(np.random.SFC64(subject.seed))
+        skeleton = self.sampler.skeleton
+        rng = np.random.Generator(np.random.SFC64(subject.seed))
         differ = 1 + subject.bone_std * cut_normal(
             rng, skeleton.bones.shape, self.recipe.prior.scale_clip
         )
@@ -191,7 +184,8 @@ class Generator:
 def _blank_outside(depth: Floats, center_uvd: Array, camera: Camera, cube_mm: float) -> None:
     """Make crop pixels without an image pixel background again, after ragged edges moved there."""
     picked = window(center_uvd, cube_mm, camera)
-    columns, rows = picked.columns < 0, picked.rows < 0
+    columns = picked.columns < 0
+    rows = picked.rows < 0
     for n in np.flatnonzero(columns.any(axis=1) | rows.any(axis=1)):
         far = center_uvd[n, 2] + cube_mm / 2
         depth[n][:, columns[n]] = far

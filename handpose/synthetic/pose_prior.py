@@ -15,7 +15,6 @@ from handpose.body.model import Surface
 from handpose.frames.cameras import Camera
 from handpose.synthetic import prior_file
 from handpose.synthetic.prior_file import BendParameter, PoseParameter, PosePrior, TurnParameter
-from layers.hand.bodies import kinematics_of
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 
@@ -52,7 +51,6 @@ class BodySampler:
         self.cube_mm = cube_mm or prior.cube_mm
         self.skeleton = skeleton or prior.body()
         self.surface = Surface(self.skeleton)
-        self.kinematics = kinematics_of(self.skeleton)
         self.rotation = self._dofs(turn.dof for turn in prior.turn)
         self.translation = self._translation()
         self._bent = [[self._dofs(chain.dof) for chain in bend.chain] for bend in prior.bend]
@@ -67,12 +65,7 @@ class BodySampler:
 
     def draw(self, rng: np.random.Generator, count: int) -> Bodies:
         """Draw ``count`` bodies in poses without collisions of their parts."""
-        p, sk, surface, kinematics = (
-            self.prior,
-            self.skeleton,
-            self.surface,
-            self.surface.kinematics,
-        )
+        p, sk, surface = self.prior, self.skeleton, self.surface
         scale = p.scale_mean + p.scale_std * cut_normal(rng, (count,), p.scale_clip)
         own = surface.whole.bones
         differ = 1 + p.bone_std * cut_normal(rng, (count, len(own)), p.scale_clip)
@@ -86,10 +79,9 @@ class BodySampler:
         for _ in range(p.redraws):
             trial = inputs[todo]
             self._draw_limbs(rng, trial)
-            ends = surface.ends(kinematics.forward(trial, bones[todo]), scale[todo])
-            found = surface.penetration(ends, surface.radii * scale[todo, None, None]) * (
-                self.cube_mm / 2
-            )
+            ends = surface.ends(surface.kinematics.forward(trial, bones[todo]), scale[todo])
+            penetration = surface.penetration(ends, surface.radii * scale[todo, None, None])
+            found = penetration * (self.cube_mm / 2)
             better = found < depth[todo]
             inputs[todo[better]] = trial[better]
             depth[todo[better]] = found[better]
@@ -97,13 +89,13 @@ class BodySampler:
             if not len(todo):
                 break
         self._place(rng, inputs, bones, scale)
-        joints = kinematics.joints(inputs, bones)[:, : len(sk.joint_names)]
+        joints = surface.kinematics.joints(inputs, bones)[:, : len(sk.joint_names)]
         return Bodies(inputs[:, : len(sk.initial)], bones, joints, scale)
 
     def rotations(self, rng: np.random.Generator, count: int) -> Array:
         """Draw the angles (count, T) of the turns in radians."""
         angles = [_angles(rng, turn, count) for turn in self.prior.turn]
-        return np.asarray(np.deg2rad(np.stack(angles, axis=1) if angles else np.zeros((count, 0))))
+        return np.deg2rad(np.stack(angles, axis=1) if angles else np.zeros((count, 0)))
 
     def centers(self, rng: np.random.Generator, count: int, camera: Camera) -> Array:
         """Crop centres (count, 3): px, px, mm; exact in float32, as the labels store them."""
@@ -142,7 +134,8 @@ class BodySampler:
         chains: list[NDArray[np.int_]],
     ) -> None:
         """Set the DoFs of a ``bend``."""
-        N, dofs = len(inputs), np.concatenate(chains)
+        N = len(inputs)
+        dofs = np.concatenate(chains)
         own = rng.beta(bend.own.a, bend.own.b, (N, len(chains)))
         shared = rng.beta(bend.shared.a, bend.shared.b, (N, 1))
         part = np.where(rng.random((N, 1)) < bend.independent, own, shared)
@@ -164,7 +157,8 @@ class BodySampler:
 
     def _place(self, rng: np.random.Generator, inputs: Array, bones: Array, scale: Array) -> None:
         """Move the bodies so that their crop centres, except for the jitter, are at the origin."""
-        p, half = self.prior, self.cube_mm / 2
+        p = self.prior
+        half = self.cube_mm / 2
         if p.center is None:
             return
         wide = rng.random((len(inputs), 1)) < p.wide
@@ -201,8 +195,8 @@ class BodySampler:
         """The inputs (..., n) of DoFs bent by a fraction from 0 to 1."""
         lower, upper = self.skeleton.lower[dofs], self.skeleton.upper[dofs]
         if bend.straight == "UPPER":
-            return np.asarray(upper - part * (upper - lower))
-        return np.asarray(lower + part * (upper - lower))
+            return upper - part * (upper - lower)
+        return lower + part * (upper - lower)
 
     def _dofs(self, names: Iterable[str]) -> NDArray[np.int_]:
         return np.array([self.skeleton.dof_names.index(name) for name in names], dtype=int)

@@ -17,10 +17,12 @@ Lengths are in mm.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Collection, Iterator
+import math
+import sys
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -210,28 +212,36 @@ def _load(path: Path, whole_path: Path) -> PosePrior:
     return prior
 
 
-# The numbers that fields of these names may have, in any message.
-_NUMBERS: dict[tuple[str, ...], tuple[Callable[[float], bool], str]] = {
-    (
-        "std",
-        "noise",
-        "blend_noise",
-        "scale_std",
-        "bone_std",
-        "center_jitter",
-        "center_jitter_wide",
-    ): (lambda value: 0 <= value <= MAX_DISTANCE_MM, f"0 or more, up to {MAX_DISTANCE_MM:g}"),
-    ("mean", "x", "y", "z"): (
-        lambda value: abs(value) <= MAX_DISTANCE_MM,
-        f"a number between -{MAX_DISTANCE_MM:g} and {MAX_DISTANCE_MM:g}",
-    ),
-    ("most", "scale_clip"): (lambda value: value >= 0, "0 or more"),
-    ("any", "independent", "wide", "blend"): (lambda value: 0 <= value <= 1, "a fraction, 0 to 1"),
-    ("part",): (lambda value: 0 <= value <= 1, "a part of the range, 0 to 1"),
-    ("penetration",): (lambda value: not np.isnan(value), "a depth in mm"),
-    ("scale_mean",): (lambda value: 0 < value <= MAX_DISTANCE_MM, "a factor above 0"),
-    ("cube_mm",): (lambda value: 0 < value < np.inf, "a length in mm > 0"),
-    ("redraws",): (lambda value: 0 < value <= MAX_REDRAWS, f"1 to {MAX_REDRAWS}"),
+class Bounds(NamedTuple):
+    """The least and the largest value of a number, and both in words."""
+
+    least: float
+    largest: float
+    in_words: str
+
+
+ABOVE_ZERO = math.ulp(0.0)
+MAX_FINITE = sys.float_info.max
+DEVIATION = Bounds(0, MAX_DISTANCE_MM, f"0 or more, up to {MAX_DISTANCE_MM:g}")
+DISTANCE = Bounds(
+    -MAX_DISTANCE_MM,
+    MAX_DISTANCE_MM,
+    f"a number between -{MAX_DISTANCE_MM:g} and {MAX_DISTANCE_MM:g}",
+)
+FRACTION = Bounds(0, 1, "a fraction, 0 to 1")
+NOT_NEGATIVE = Bounds(0, math.inf, "0 or more")
+# of the fields of these names, in any message
+BOUNDS = {
+    **dict.fromkeys(("std", "noise", "blend_noise", "scale_std", "bone_std"), DEVIATION),
+    **dict.fromkeys(("center_jitter", "center_jitter_wide"), DEVIATION),
+    **dict.fromkeys(("mean", "x", "y", "z"), DISTANCE),
+    **dict.fromkeys(("most", "scale_clip"), NOT_NEGATIVE),
+    **dict.fromkeys(("any", "independent", "wide", "blend"), FRACTION),
+    "part": Bounds(0, 1, "a part of the range, 0 to 1"),
+    "penetration": Bounds(-math.inf, math.inf, "a depth in mm"),
+    "scale_mean": Bounds(ABOVE_ZERO, MAX_DISTANCE_MM, "a factor above 0"),
+    "cube_mm": Bounds(ABOVE_ZERO, MAX_FINITE, "a length in mm > 0"),
+    "redraws": Bounds(1, MAX_REDRAWS, f"1 to {MAX_REDRAWS}"),
 }
 
 
@@ -259,10 +269,10 @@ def messages(message: Any) -> Iterator[Any]:
 
 def _check_numbers(message: Any) -> None:
     """Check each number of a message alone, and ranges and Beta distributions."""
-    for names, (is_right, expected) in _NUMBERS.items():
-        for name in names:
-            value = getattr(message, name, None)
-            expect(message, name, value is None or is_right(value), expected)
+    for name, bounds in BOUNDS.items():
+        value = getattr(message, name, None)
+        if value is not None:
+            expect(message, name, bounds.least <= value <= bounds.largest, bounds.in_words)
     if isinstance(message, RangeParameter):
         right = 0 < message.low <= message.high <= MAX_DISTANCE_MM
         expect(message, "low", right, f"0 < low <= high <= {MAX_DISTANCE_MM:g}, in mm")
@@ -272,17 +282,20 @@ def _check_numbers(message: Any) -> None:
 
 def _check_sizes(prior: PosePrior, skeleton: Skeleton) -> None:
     """Check that no size or bone length can be drawn below 0."""
-    drawn: list[tuple[object, str, float]] = [
-        (prior, "scale_std", prior.scale_mean),
-        (prior, "bone_std", 1.0),
-    ]
-    for message, name, mean in (*drawn, *((group, "std", 1.0) for group in prior.proportion)):
-        std = getattr(message, name)
-        expected = "less than 1 / scale_clip, so that none is below 0"
-        expect(message, name, not std or std * prior.scale_clip < mean, expected)
+    _check_above_zero(prior, "scale_std", prior.scale_mean, prior)
+    _check_above_zero(prior, "bone_std", 1.0, prior)
+    for group in prior.proportion:
+        _check_above_zero(group, "std", 1.0, prior)
     for group in prior.proportion:
         for joint in group.joint:
             _known(group, "joint", joint, skeleton.joint_names)
+
+
+def _check_above_zero(message: object, name: str, mean: float, prior: PosePrior) -> None:
+    """Check that numbers with this mean, and the deviation in a field, are above 0."""
+    std = getattr(message, name)
+    is_above = not std or std * prior.scale_clip < mean
+    expect(message, name, is_above, "less than 1 / scale_clip, so that none is below 0")
 
 
 def _check_center(prior: PosePrior, skeleton: Skeleton) -> None:
@@ -306,12 +319,8 @@ def translations(skeleton: Skeleton, joint: int) -> dict[int, int]:
 def _check_dofs(prior: PosePrior, skeleton: Skeleton) -> None:
     """Check that every DoF exists and is drawn once, and that those that need limits have them."""
     chains = [chain for bend in prior.bend for chain in bend.chain]
-    several: list[ChainParameter | SpreadParameter | BetweenParameter] = [
-        *chains,
-        *prior.spread,
-        *prior.between,
-    ]
-    drawn: list[tuple[object, str]] = [(turn, turn.dof) for turn in prior.turn]
+    several: list[Any] = [*chains, *prior.spread, *prior.between]
+    drawn: list[tuple[Any, str]] = [(turn, turn.dof) for turn in prior.turn]
     drawn += [(message, dof) for message in several for dof in message.dof]
     seen: set[str] = set()
     for message, dof in drawn:
@@ -319,11 +328,11 @@ def _check_dofs(prior: PosePrior, skeleton: Skeleton) -> None:
         expect(message, "dof", dof not in seen, f"DoF {dof!r} once")
         d = skeleton.dof_names.index(dof)
         expect(message, "dof", not skeleton.fixed[d], f"no fixed DoF such as {dof!r}")
-        bounded = (
-            isinstance(message, TurnParameter)
-            or np.isfinite([skeleton.lower[d], skeleton.upper[d]]).all()
+        is_bounded = bool(np.isfinite([skeleton.lower[d], skeleton.upper[d]]).all())
+        needs_none = isinstance(message, TurnParameter)
+        expect(
+            message, "dof", needs_none or is_bounded, f"limits of DoF {dof!r} in {prior.skeleton}"
         )
-        expect(message, "dof", bool(bounded), f"limits of DoF {dof!r} in {prior.skeleton}")
         seen.add(dof)
 
 
@@ -332,23 +341,22 @@ def _check_poses(prior: PosePrior) -> None:
     chains = [chain.name for bend in prior.bend for chain in bend.chain]
     drawn = [dof for spread in prior.spread for dof in spread.dof]
     drawn += [dof for between in prior.between for dof in between.dof]
-    for n, pose in enumerate(prior.pose):
-        expect(
-            pose,
-            "name",
-            pose.name not in [other.name for other in prior.pose[:n]],
-            f"pose {pose.name!r} once",
-        )
-        for parts, known in ((pose.bend, chains), (pose.at, drawn)):
-            for i, part in enumerate(parts):
-                _known(part, "of", part.of, known)
-                expect(
-                    part,
-                    "of",
-                    part.of not in [other.of for other in parts[:i]],
-                    f"{part.of!r} once in a pose",
-                )
+    names: set[str] = set()
+    for pose in prior.pose:
+        expect(pose, "name", pose.name not in names, f"pose {pose.name!r} once")
+        names.add(pose.name)
+        _check_parts(pose.bend, chains)
+        _check_parts(pose.at, drawn)
     expect(prior, "blend", not prior.blend or bool(prior.pose), "a pose { ... } to be between")
+
+
+def _check_parts(parts: Sequence[PosePartParameter], known: Collection[str]) -> None:
+    """Check that the parts of a pose are of known names, each once."""
+    names: set[str] = set()
+    for part in parts:
+        _known(part, "of", part.of, known)
+        expect(part, "of", part.of not in names, f"{part.of!r} once in a pose")
+        names.add(part.of)
 
 
 def expect(message: object, field: str, true: bool, expected: str) -> None:

@@ -61,7 +61,8 @@ def like_nyu() -> PosePrior:
 
 
 def _people() -> Recipe:
-    kinect, noisy = replace(KINECT, spread=(0.0, 1.5)), replace(NOISY_KINECT, spread=(0.0, 2.0))
+    kinect = replace(KINECT, spread=(0.0, 1.5))
+    noisy = replace(NOISY_KINECT, spread=(0.0, 2.0))
     time_of_flight = replace(
         TIME_OF_FLIGHT, spread=(0.0, 3.0), depth_noise=(0.5, 3.0), dropout=(0.0, 0.9)
     )

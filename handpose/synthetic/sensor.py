@@ -15,7 +15,7 @@ not see what lies behind. Readings are missing in patches and beyond the range, 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -62,16 +62,12 @@ class Sensor:
         """One camera of this kind: what each frame draws is drawn once, and the same
         in all frames.
         """
-        bounds: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(self)}
-        if not self.spread[1]:
-            # draw nothing, so that recordings of sensors without it do not change
-            del bounds["spread"]
-        drawn = {
-            name: (float(rng.uniform(*two)),) * 2
-            for name, two in bounds.items()
-            if isinstance(two, tuple)
-        }
-        return replace(self, **{**bounds, **drawn})
+        drawn: dict[str, Any] = {}
+        for name, bounds in vars(self).items():
+            # a sensor without spread draws none, so that its recordings do not change
+            if isinstance(bounds, tuple) and (name != "spread" or bounds[1]):
+                drawn[name] = (rng.uniform(*bounds),) * 2
+        return replace(self, **drawn)
 
 
 KINECT = Sensor()
@@ -183,21 +179,20 @@ def _shift(rng: np.random.Generator, depth: Floats, sensor: Sensor) -> Floats:
     position[1] += np.arange(N, dtype=np.float32)[:, None, None] * H
     position[1] *= W  # below 2^24, so exact
     position[1] += position[0]
-    return np.asarray(depth.reshape(-1)[position[1].astype(np.int32)])
+    return depth.reshape(-1)[position[1].astype(np.int32)]
 
 
 def _measure(
     rng: np.random.Generator, depth: Floats, far: Floats, sensor: Sensor, focal_baseline: float
 ) -> None:
     """Noise and rounding of the disparity, in place."""
-    deviation = np.broadcast_to(_draw(rng, sensor.disparity_noise, len(depth)), depth.shape)
-    seen = np.flatnonzero(depth < far)
-    disparity = np.float32(focal_baseline) / depth.reshape(-1)[seen]
+    seen, true, deviation = _read(rng, depth, far, sensor.disparity_noise)
+    disparity = np.float32(focal_baseline) / true
     noise = _noise(rng, (2, len(seen)))
     # the sum of two uniform numbers approximates a normal one
     both = np.add(noise[0], noise[1], dtype=np.int16)
     unit = np.float32(1 / (_BYTE_STD * 2**0.5))
-    disparity += both * (deviation.reshape(-1)[seen] * unit)
+    disparity += both * (deviation * unit)
     disparity *= np.float32(1 / sensor.disparity_step)
     np.rint(disparity, out=disparity)
     depth.reshape(-1)[seen] = np.float32(focal_baseline / sensor.disparity_step) / disparity
@@ -205,13 +200,22 @@ def _measure(
 
 def _time(rng: np.random.Generator, depth: Floats, far: Floats, sensor: Sensor) -> None:
     """Noise and rounding of the depth, in place."""
-    deviation = np.broadcast_to(_draw(rng, sensor.depth_noise, len(depth)), depth.shape)
-    seen = np.flatnonzero(depth < far)
-    true = depth.reshape(-1)[seen]
-    noise = rng.standard_normal(len(seen), dtype=np.float32) * deviation.reshape(-1)[seen]
+    seen, true, deviation = _read(rng, depth, far, sensor.depth_noise)
+    noise = rng.standard_normal(len(seen), dtype=np.float32) * deviation
     step = np.float32(sensor.depth_step)
     noisy = true + noise * (true / 1000) ** 2
     depth.reshape(-1)[seen] = np.rint(noisy / step) * step
+
+
+def _read(
+    rng: np.random.Generator, depth: Floats, far: Floats, noise: tuple[float, float]
+) -> tuple[NDArray[np.int64], Floats, Floats]:
+    """Flat indices of the pixels before the background, their depths, and the deviation of each,
+    which its frame draws between two bounds.
+    """
+    deviation = np.broadcast_to(_draw(rng, noise, len(depth)), depth.shape)
+    seen = np.flatnonzero(depth < far)
+    return seen, depth.reshape(-1)[seen], deviation.reshape(-1)[seen]
 
 
 def _fly(rng: np.random.Generator, depth: Floats, far: Floats, sensor: Sensor) -> None:
@@ -219,10 +223,8 @@ def _fly(rng: np.random.Generator, depth: Floats, far: Floats, sensor: Sensor) -
     behind ``far``.
     """
     _, H, W = depth.shape
-    where = _at_edges(depth, sensor)
+    where = _some(rng, depth, _at_edges(depth, sensor), sensor.flying)
     frame, pixel = np.divmod(where, H * W)
-    flies = rng.random(len(where)) < _draw(rng, sensor.flying, len(depth))[frame, 0, 0]
-    where, frame, pixel = where[flies], frame[flies], pixel[flies]
     step = rng.integers(0, 4, len(where))
     down = np.array([-1, 1, 0, 0])[step]
     right = np.array([0, 0, -1, 1])[step]
@@ -249,13 +251,21 @@ def _at_edges(depth: Floats, sensor: Sensor) -> NDArray[np.int64]:
     return np.flatnonzero(edge)
 
 
+def _some(
+    rng: np.random.Generator, depth: Floats, where: NDArray[np.int64], share: tuple[float, float]
+) -> NDArray[np.int64]:
+    """Some of the pixels with these flat indices: of each frame a share between two bounds."""
+    frame = where // depth[0].size
+    chosen = rng.random(len(where)) < _draw(rng, share, len(depth))[frame, 0, 0]
+    return where[chosen]
+
+
 def _drop(rng: np.random.Generator, depth: Floats, far: Floats, sensor: Sensor) -> None:
     """Pixels and small holes at edges that are not read, in place."""
     _, H, W = depth.shape
     where = _at_edges(depth, sensor)
-    frame = where // (H * W)
-    dropped = where[rng.random(len(where)) < _draw(rng, sensor.dropout, len(depth))[frame, 0, 0]]
-    holes = where[rng.random(len(where)) < _draw(rng, sensor.holes, len(depth))[frame, 0, 0]]
+    dropped = _some(rng, depth, where, sensor.dropout)
+    holes = _some(rng, depth, where, sensor.holes)
     n, row, column = (index[:, None] for index in np.unravel_index(holes, depth.shape))
     down, right = np.arange(9) // 3 - 1, np.arange(9) % 3 - 1
     rows = np.clip(row + down, 0, H - 1)
@@ -283,6 +293,13 @@ STEREO = Sensor(
     holes=(0.0, 0.01),
     spread=(0.0, 1.5),
 )
+# Shares of frames with an error, and what each frame draws between two bounds.
+SMOOTHED, SMOOTH_PX = 0.8, (0.6, 2.2)  # of cameras that smooth; deviation of the filter
+SHORT, SHORT_MM, LONG_MM = 0.4, (900.0, 2500.0), 6000.0  # range of the camera; of the others
+SHADOWED, BASELINE_MM = 0.7, (20.0, 75.0)  # behind edges, of stereo cameras
+HOLED, LEVEL, IN_HANDS = 0.5, (1.0, 2.2), 0.35  # where smooth noise is above a level; also in hands
+STRIPED, STRIP_PX = 0.3, 25  # the strip that one of the cameras does not see; its largest width
+SPECKED, SPECKS, SPECK_MM = 0.3, (0.0, 0.004), (200, 1500)  # share of pixels, and their depth
 DIM = 0.35  # share of frames in which dark things are not read, ...
 UNEVEN = 0.15  # deviation of the logarithm of the depth up to which they are, from place to place
 # share of frames in which what is far away is read in islands, of these sizes in px, where smooth
@@ -310,23 +327,22 @@ def measure_frame(
     focal     focal length in px
     reflects  (H, W) the part of the light that surfaces send back
     """
-    sensor, smooths = FRAME_SENSORS[int(rng.integers(len(FRAME_SENSORS)))]
+    sensor, smooths = FRAME_SENSORS[rng.integers(len(FRAME_SENSORS))]
     height, width = depth.shape
     # The sensors' pixels are smaller than these: as if the frame were one of a camera of three
     # times the resolution.
     fine = Camera("fine", 3 * focal, 3 * focal, 0, 0, 3 * width, 3 * height)
     clean = np.minimum(depth, np.float32(NO_READING_MM))
     out = sense(rng, clean[None], np.array([NO_READING_MM]), sensor.settled(rng), fine)[0]
-    if smooths and rng.random() < 0.8:
-        out = _merged(out, float(rng.uniform(0.6, 2.2)))
-    lost = out >= min(
-        NO_READING_MM, float(rng.uniform(900, 2500)) if rng.random() < 0.4 else 6000.0
-    )
-    if sensor.baseline and rng.random() < 0.7:
-        lost |= _shadow(rng, clean, focal * rng.uniform(20, 75))
-    if rng.random() < 0.5:
-        hole = _patches(rng, depth) > rng.uniform(1.0, 2.2)
-        lost |= hole if rng.random() < 0.35 else hole & ~hand
+    if smooths and rng.random() < SMOOTHED:
+        out = _merged(out, rng.uniform(*SMOOTH_PX))
+    range_mm = rng.uniform(*SHORT_MM) if rng.random() < SHORT else LONG_MM
+    lost = out >= range_mm
+    if sensor.baseline and rng.random() < SHADOWED:
+        lost |= _shadow(rng, clean, focal * rng.uniform(*BASELINE_MM))
+    if rng.random() < HOLED:
+        hole = _patches(rng, depth) > rng.uniform(*LEVEL)
+        lost |= hole if rng.random() < IN_HANDS else hole & ~hand
     far = _behind(rng, clean, hand)
     if rng.random() < DIM:
         farthest = far * np.sqrt(reflects) * np.exp(UNEVEN * _patches(rng, clean))
@@ -335,18 +351,18 @@ def measure_frame(
         grain = int(rng.integers(*GRAINS))
         sea = _patches(rng, clean, grain) < rng.uniform(*SEA)
         lost |= ~hand & (clean > far) & sea
-    if rng.random() < 0.3:
-        lost[:, : int(rng.integers(25))] = True  # the strip that one of the cameras does not see
+    if rng.random() < STRIPED:
+        lost[:, : rng.integers(STRIP_PX)] = True
     out = np.where(lost, np.float32(0), np.round(out))
-    if rng.random() < 0.3:
-        speck = rng.random(out.shape) < rng.uniform(0, 0.004)
-        out[speck] = rng.integers(200, 1500, int(speck.sum()))
+    if rng.random() < SPECKED:
+        speck = rng.random(out.shape) < rng.uniform(*SPECKS)
+        out[speck] = rng.integers(*SPECK_MM, int(speck.sum()))
     return np.asarray(out, np.float32)
 
 
 def _behind(rng: np.random.Generator, depth: Floats, hand: NDArray[np.bool_]) -> float:
     """A depth in mm behind all hands, from which a camera may read less."""
-    farthest = float(depth[hand].max()) if hand.any() else float(rng.uniform(*HANDS_AT_MM))
+    farthest = float(depth[hand].max()) if hand.any() else rng.uniform(*HANDS_AT_MM)
     return farthest * float(np.exp(rng.uniform(*np.log(REACHES))))
 
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from handpose.body.model import Surface
-from handpose.body.render import Capsules, in_front
-from handpose.synthetic.pose_prior import cut_normal
+from handpose.body.render import NO_FACETS, Capsules, in_front, joined
+from handpose.synthetic.pose_prior import Bodies, cut_normal
 from netlib.blob import Array
 
 
@@ -52,80 +53,79 @@ def draw_capsules(
     rng: np.random.Generator,
     prior: SurfacePrior,
     surface: Surface,
-    inputs: Array,
-    bones: Array,
-    scale: Array,
+    bodies: Bodies,
     unit_mm: float,
     origin: Array,
 ) -> Capsules:
     """The capsules of N bodies and their limbs, in mm, camera axes.
 
-    inputs   (N, D) of the skeleton (the surface's additional DoFs are drawn)
-    bones    (N, K) of the whole body
-    scale    (N,) size of each body
+    bodies   whose DoFs of the surface alone are drawn
     unit_mm  length unit
     origin   (N, 3) mm, origin of the inputs
     """
-    N, M = len(inputs), len(surface.radii)
+    N = len(bodies.scale)
     offset = rng.uniform(*prior.offsets, N)
-    ends = _least_towards_camera(rng, prior, surface, inputs, bones, scale, offset)
-    thickness = scale * (
-        prior.thickness_mean + prior.thickness_std * cut_normal(rng, (N,), prior.clip)
-    )
-    radii = surface.radii * thickness[:, None, None]
-    if (prior.trunk_mean, prior.trunk_std) != (1.0, 0.0):
-        thicker = prior.trunk_mean + prior.trunk_std * cut_normal(rng, (N, 1, 1), prior.clip)
-        radii[:, surface.trunk] *= thicker
-    if prior.radius_std:
-        radii = radii * (1 + prior.radius_std * cut_normal(rng, (N, M, 2), prior.clip))
-    radii[:, surface.limbs] *= rng.uniform(*prior.limb, (N, 1, 1))
+    ends = _least_towards_camera(rng, prior, surface, bodies, offset)
+    radii = _draw_radii(rng, prior, surface, bodies.scale) * unit_mm
     a = origin[:, None] + ends[:, surface.start] * unit_mm
     b = origin[:, None] + ends[:, surface.end] * unit_mm
-    radii *= unit_mm
     cut = np.where(rng.random(N) < prior.cut, rng.uniform(*prior.cut_at, N), 1.0)
     worn = rng.random(N) < prior.sleeve
     sleeve_from = rng.uniform(*prior.sleeve_from, N)
     thicker = np.where(worn, rng.uniform(*prior.sleeve_mm, N), 0.0)
-    further = []
+    sleeves = []
     for m in np.flatnonzero(surface.limbs):
         start, end, r = a[:, m], b[:, m], radii[:, m]  # views
         start[:], end[:], r[:] = _piece(start, end, r, np.zeros(N), cut)
-        if prior.sleeve:
+        if prior.sleeve:  # bodies without one have a second arm in the same place
             sleeve = r + thicker[:, None]
-            further.append(_piece(start, end, sleeve, sleeve_from * worn, np.ones(N)))
-    for start, end, r in further:  # bodies without a sleeve have a second arm in the same place
-        a = np.concatenate([a, start[:, None]], axis=1)
-        b = np.concatenate([b, end[:, None]], axis=1)
-        radii = np.concatenate([radii, r[:, None]], axis=1)
-    return in_front(Capsules(a, b, radii[:, :, 0], radii[:, :, 1], surface.facets))
+            piece = _piece(start, end, sleeve, sleeve_from * worn, np.ones(N))
+            sleeves.append(_capsules(*(values[:, None] for values in piece)))
+    return in_front(joined([_capsules(a, b, radii, surface.facets), *sleeves]))
+
+
+def _draw_radii(
+    rng: np.random.Generator, prior: SurfacePrior, surface: Surface, scale: Array
+) -> Array:
+    """The radii (N, M, 2) of bodies of these sizes (N,)."""
+    N, M = len(scale), len(surface.radii)
+    thickness = prior.thickness_mean + prior.thickness_std * cut_normal(rng, (N,), prior.clip)
+    radii = surface.radii * (scale * thickness)[:, None, None]
+    if (prior.trunk_mean, prior.trunk_std) != (1.0, 0.0):
+        thicker = prior.trunk_mean + prior.trunk_std * cut_normal(rng, (N, 1, 1), prior.clip)
+        radii[:, surface.trunk] *= thicker
+    if prior.radius_std:
+        radii *= 1 + prior.radius_std * cut_normal(rng, (N, M, 2), prior.clip)
+    radii[:, surface.limbs] *= rng.uniform(*prior.limb, (N, 1, 1))
+    return radii
+
+
+def _capsules(a: Array, b: Array, radii: Array, facets: NDArray[np.int_] = NO_FACETS) -> Capsules:
+    """The capsules with radii (N, M, 2)."""
+    return Capsules(a, b, radii[:, :, 0], radii[:, :, 1], facets)
 
 
 def _least_towards_camera(
-    rng: np.random.Generator,
-    prior: SurfacePrior,
-    surface: Surface,
-    inputs: Array,
-    bones: Array,
-    scale: Array,
-    offset: Array,
+    rng: np.random.Generator, prior: SurfacePrior, surface: Surface, bodies: Bodies, offset: Array
 ) -> Array:
     """Ends (N, K, 3) with drawn limbs: of the first draw that does not point at the
     camera, or the best.
     """
-    whole, own = surface.whole, len(surface.skeleton.initial)
+    whole = surface.whole
+    own = len(surface.skeleton.initial)
     free = own + np.flatnonzero(~whole.fixed[own:] & np.isfinite(surface.deviation[own:]))
-    posed = np.zeros((len(inputs), len(whole.initial)))
-    posed[:, :own] = inputs[:, :own]
-    least = np.full(len(inputs), np.inf)
-    best = np.zeros((len(inputs), len(whole.joint_names), 3))
-    todo = np.arange(len(inputs))
+    N = len(offset)
+    posed = np.zeros((N, len(whole.initial)))
+    posed[:, :own] = bodies.inputs
+    least = np.full(N, np.inf)
+    best = np.zeros((N, len(whole.joint_names), 3))
+    todo = np.arange(N)
     for wider in np.linspace(1, prior.redraw_wider, 1 + prior.redraws):
         trial = posed[todo]
         drawn = wider * surface.deviation[free] * rng.standard_normal((len(todo), len(free)))
         trial[:, free] = np.clip(drawn, whole.lower[free], whole.upper[free])
-        ends = surface.ends(
-            surface.kinematics.forward(trial, bones[todo]), scale[todo], offset[todo]
-        )
+        pose = surface.kinematics.forward(trial, bodies.bones[todo])
+        ends = surface.ends(pose, bodies.scale[todo], offset[todo])
         limb = ends[:, surface.end[surface.limbs]] - ends[:, surface.start[surface.limbs]]
         cosines = -limb[..., 2] / np.linalg.norm(limb, axis=-1)
         towards = cosines.max(axis=1, initial=-1.0)

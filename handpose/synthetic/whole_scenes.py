@@ -51,6 +51,7 @@ NEARER = 0.7  # share of surroundings about the first hand, not the second
 # numbers of objects in a frame; those from THINGS on are solids of things
 GROUPS = ("nothing", "hand", "person", "table", "planes", "held", "held")
 THINGS = len(GROUPS)
+HAND_OBJECT, PERSON_OBJECT, TABLE_OBJECT, PLANE_OBJECT, HELD_OBJECT = range(1, 6)
 
 
 class Scenes(NamedTuple):
@@ -101,7 +102,8 @@ class SceneGenerator:
     def __init__(
         self, seed: int = 0, split: Split = "train", prior: ScenePrior | None = None
     ) -> None:
-        self.seed, self.split = seed, split
+        self.seed = seed
+        self.split = split
         self.prior = prior or scene_prior.load()
         self.sampler = BodySampler(prior_file.load(prior_file.PEOPLE_PRIOR))
         self.names = (*GROUPS[:-1], *(thing.name for thing in self.prior.things.thing))
@@ -132,17 +134,17 @@ def draw_scenes(
     ]
     hand = np.minimum(*hands)
     solids, of = _surroundings(rng, prior, people, rays, hands[0])
-    others = [one(_arms(rng, prior, people, rays), GROUPS.index("person")), *solids]
+    others = [one(_arms(rng, prior, people, rays), PERSON_OBJECT), *solids]
     behind = nearest(others)
     far = _farthest(rng, prior.light, people.palms[:, 0])[:, None, None]
     is_hand = np.isfinite(hand) & (hand <= behind.depth + TOLERANCE_MM) & (hand < far)
     depth = np.minimum(hand, behind.depth)
     depth = np.where(depth < far, depth, NOTHING)
-    number = np.where(is_hand, GROUPS.index("hand"), behind.number)
+    number = np.where(is_hand, HAND_OBJECT, behind.number)
     number[np.isinf(depth)] = 0
     what_of_number = np.array([*range(THINGS - 1), THINGS - 2, *(THINGS - 1 + of)])
     what = what_of_number[number]
-    classes = np.select([is_hand, what == GROUPS.index("person")], [HAND, PERSON], OTHER)
+    classes = np.select([is_hand, what == PERSON_OBJECT], [HAND, PERSON], OTHER)
     middles = np.stack([hand.middle for hand in people.hands], axis=1)
     seen = [_mostly_seen(own, is_hand & (own == hand)) for own in hands]
     nearer = np.where(hands[1] < hands[0], 2, 1)
@@ -190,23 +192,23 @@ def _surroundings(
     held = draw_held(rng, prior.held, people.hands[0], palms[:, 0], people.there[:, 0])
     with_body = rng.random(count) < prior.body.share
     layers = {
-        "body": one(body, GROUPS.index("person")).only(with_body),
-        "table": solid_layer(table.board, GROUPS.index("table"), rays),
+        "body": one(body, PERSON_OBJECT).only(with_body),
+        "table": solid_layer(table.board, TABLE_OBJECT, rays),
         "things": solid_layer(things, THINGS, rays),
-        "planes": one(planes, GROUPS.index("planes")),
+        "planes": one(planes, PLANE_OBJECT),
     }
     kept = [
         layer.only(_hidden(layer.depth, first) <= getattr(prior.hidden, name))
         for name, layer in layers.items()
     ]
-    return [*kept, solid_layer(held, GROUPS.index("held"), rays)], of
+    return [*kept, solid_layer(held, HELD_OBJECT, rays)], of
 
 
 def _hidden(depth: Floats, hand: Floats) -> Array:
     """The part (N,) of hands that something nearer hides."""
     own = np.isfinite(hand)
     hides = ((depth < hand) & own).sum((1, 2))
-    return np.asarray(hides / np.maximum(own.sum((1, 2)), 1))
+    return hides / np.maximum(own.sum((1, 2)), 1)
 
 
 def _farthest(rng: np.random.Generator, light: LightParameter, palm: Array) -> Array:
@@ -221,8 +223,8 @@ def _farthest(rng: np.random.Generator, light: LightParameter, palm: Array) -> A
 def _light(rng: np.random.Generator, light: LightParameter, count: int, objects: int) -> Floats:
     """The part of the light (N, objects) that objects send back; hands send all."""
     reflects = light.reflects.draw(rng, count, objects)
-    reflects[:, GROUPS.index("person")] = light.people_reflect.draw(rng, count)
-    reflects[:, GROUPS.index("hand")] = 1.0
+    reflects[:, PERSON_OBJECT] = light.people_reflect.draw(rng, count)
+    reflects[:, HAND_OBJECT] = 1.0
     return reflects.astype(np.float32)
 
 

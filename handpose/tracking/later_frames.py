@@ -102,7 +102,7 @@ class LaterFrames(Generic[T]):
         """The frames that are still held, at the end of the recording."""
         last = {hand.id: hand for _, frame in self._held[self._settled :] for hand in frame.hands}
         for hand in last.values():
-            if hand.side_confidence >= self._settings.sides.likely:
+            if hand.side_confidence >= self._settings.sides.min_probability:
                 self._decide(hand.id, hand.the_pose.side)
         while self._settled < len(self._held):
             self._settle()
@@ -135,7 +135,8 @@ class LaterFrames(Generic[T]):
         """The first frames that are held, smoothed by all that are settled."""
         filters: dict[tuple[int, Side | None], PoseFilter] = {}
         released = []
-        sure, smooth = self._sure_ids(), self._settings.smooth
+        sure = self._sure_ids()
+        smooth = self._settings.smooth
         for n in range(self._settled - 1, -1, -1):
             item, frame = self._held[n]
             poses = {

@@ -11,7 +11,7 @@ import numpy as np
 
 from handpose.body.render import Capsules
 from handpose.body.sides import mirror_of
-from handpose.estimate.hand import Hand, with_quality
+from handpose.estimate.hand import HandEstimate, with_quality
 from handpose.estimate.nets import is_hand
 from handpose.fit.body import SIZE_INDEX, CapsuleModel, WorldPose, crop_variables
 from handpose.tracking.hand_track import HandTrack, SideState
@@ -35,7 +35,8 @@ def _as_side(
     track: HandTrack, seen: SideState, chance: float, model: CapsuleModel, smooth: bool
 ) -> TrackedHand:
     """The hand in the state of one of its sides, which has this probability."""
-    estimate, center = seen.estimate, seen.estimate.view_center_mm[None]
+    estimate = seen.estimate
+    center = seen.estimate.view_center_mm[None]
     x = variables_of(model, [estimate.body], center, track.size)
     pose = posed(_pose_of(estimate, model.skeleton), model, x)
     if smooth:
@@ -57,7 +58,7 @@ def _as_side(
     )
 
 
-def predicted_hand(found: Hand, skeleton: Skeleton) -> TrackedHand:
+def predicted_hand(found: HandEstimate, skeleton: Skeleton) -> TrackedHand:
     """The hand of a single image, with the number 0. It has no side if the body is none.
 
     Values that only a fit determines are NaN without one. Without a frame, positions are from the
@@ -72,7 +73,7 @@ def predicted_hand(found: Hand, skeleton: Skeleton) -> TrackedHand:
     return hand.without_pose(hand.hand, pose.origin_mm, uncertain(found.confidence))
 
 
-def _result(id: int, found: Hand, pose: HandPose) -> TrackedHand:
+def _result(id: int, found: HandEstimate, pose: HandPose) -> TrackedHand:
     """What an estimate shows of a hand, in this pose."""
     return TrackedHand(
         id,
@@ -85,7 +86,7 @@ def _result(id: int, found: Hand, pose: HandPose) -> TrackedHand:
     )
 
 
-def _pose_of(found: Hand, skeleton: Skeleton) -> HandPose:
+def _pose_of(found: HandEstimate, skeleton: Skeleton) -> HandPose:
     """The pose of an estimate, without its surface."""
     unknown = np.full(len(skeleton.dof_names), math.nan)
     if found.in_frame:

@@ -60,7 +60,7 @@ class SideSettings:
     min_times: int = 6
     clear: float = 0.1  # mean ratio that decides before the maximum
     # probability of a side that is reported at the end of a recording, before it was decided
-    likely: float = 0.69
+    min_probability: float = 0.69
 
 
 @dataclass(frozen=True)
@@ -99,9 +99,9 @@ class PresentSettings:
 class SizeSettings:
     """The poses from which the size of a hand is estimated (``sizing``)."""
 
-    collected: int = 32  # number of poses, of which the less uncertain half is used
-    every_s: float = 0.1  # between poses, which must differ
-    confident: float = 0.5  # minimum confidence of a pose
+    poses: int = 32  # number of poses, of which the less uncertain half is used
+    min_interval_s: float = 0.1  # between poses, which must differ
+    min_confidence: float = 0.5  # of a pose
     stages: tuple[Stage, Stage] = (Stage(15.0, 4), Stage(10.0, 3))  # of the fits of each size
 
 
@@ -110,13 +110,13 @@ class Cutoff(NamedTuple):
     γ in Hz per unit, and δ.
     """
 
-    least: float
+    min_hz: float
     slope: float
-    speed: float
+    speed_hz: float
     noise: float = 0.0
-    most: float = math.inf
-    gap: float = 0.0
-    least_gap: float = 0.0
+    max_noise: float = math.inf
+    gap_slope: float = 0.0
+    min_gap: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from handpose.estimate.hand import Hand
+from handpose.estimate.hand import HandEstimate
 from handpose.fit.body import MAX_SIZE, MIN_SIZE, SIZE_INDEX, TYPICAL_SIZE
 from handpose.fit.depth_fit import DepthFitter
 from handpose.fit.objective import Objective
@@ -27,6 +27,9 @@ from netlib.errors import DataError
 # logarithms of the sizes tried, about the median of the single fits
 NEAR = np.linspace(-0.12, 0.12, 9)
 POPULATION = 0.114  # deviation of the logarithm of the sizes of the recipe `people`
+# Weights of the priors about single fits: strong ones would keep the size of these fits.
+WEAK_LIMBS, WEAK_RIGID_MM = 0.1, 100.0
+MAX_LEFT = 3  # times the usual least cost; a frame with more, at any size, does not count
 
 
 def checked(size: float) -> float:
@@ -49,33 +52,40 @@ class SizeKeeper:
         self, fitter: DepthFitter, settings: SizeSettings, size: float | None = None
     ) -> None:
         self.size = size
-        self._fitter, self._settings = fitter, settings
-        self._estimates: list[Hand] = []
+        self._fitter = fitter
+        self._settings = settings
+        self._estimates: list[HandEstimate] = []
         self._time = -np.inf
 
-    def take(self, estimate: Hand, time: float) -> None:
+    def take(self, estimate: HandEstimate, time: float) -> None:
         """Add a pose of a frame, from which the size may follow."""
-        is_known, s = self.size is not None, self._settings
-        if is_known or estimate.chance < s.confident or time - self._time < s.every_s:
+        s = self._settings
+        if self.size is not None or estimate.chance < s.min_confidence:
             return
-        self._estimates = [*(one for one in self._estimates if one.hand == estimate.hand), estimate]
+        if time - self._time < s.min_interval_s:
+            return
         self._time = time
-        if len(self._estimates) < s.collected:
-            return
-        estimates = sorted(self._estimates, key=lambda one: one.uncertainty)[: s.collected // 2]
-        self._estimates = []
-        crops, uvd = (
-            np.stack(values)
-            for values in zip(*((one.view_crop, one.view_uvd) for one in estimates))
-        )
-        hands = HandCrops(crops, uvd, estimate.view_camera, estimate.cube_mm)
+        same_side = [one for one in self._estimates if one.hand == estimate.hand]
+        self._estimates = [*same_side, estimate]
+        if len(self._estimates) >= s.poses:
+            self.size = self._estimated()
+            self._estimates = []
+
+    def _estimated(self) -> float:
+        """The size by the less uncertain half of the poses."""
+        count = self._settings.poses // 2
+        last = self._estimates[-1]
+        best = sorted(self._estimates, key=lambda one: one.uncertainty)[:count]
+        crops = np.stack([one.view_crop for one in best])
+        center_uvd = np.stack([one.view_uvd for one in best])
+        hands = HandCrops(crops, center_uvd, last.view_camera, last.cube_mm)
         seen = self._fitter.observe(hands, self._fitter.settings.search.fast)
-        x = np.stack([one.x for one in estimates])
+        x = np.stack([one.x for one in best])
         size = float(np.exp(np.median(x[:, SIZE_INDEX])))
         least, most = np.log(MIN_SIZE) - NEAR[0], np.log(MAX_SIZE) - NEAR[-1]
         middle = np.clip(np.log(size), least, most)
-        self.size = size_of(
-            self._fitter, seen, x, s.stages, sizes=np.exp(middle + NEAR), deviation=POPULATION
+        return size_of(
+            self._fitter, seen, x, self._settings.stages, np.exp(middle + NEAR), POPULATION
         )
 
 
@@ -95,10 +105,8 @@ def size_of(
                much as one frame, however many there are, because the model differs from a hand in
                the same way in all of them.
     """
-    # Weak priors: strong ones about poses that were fitted with another size would keep that size.
-    objective = Objective(
-        fitter.model, replace(fitter.objective.weights, size=0.0, limbs=0.1, rigid=100.0)
-    )
+    weights = replace(fitter.objective.weights, size=0.0, limbs=WEAK_LIMBS, rigid=WEAK_RIGID_MM)
+    objective = Objective(fitter.model, weights)
     left = np.zeros((len(sizes), len(x)))
     for costs, size in zip(left, sizes):
         start = x.copy()
@@ -107,8 +115,9 @@ def size_of(
         _, cost = fitter.search.descend(objective, start, seen, prior, stages)
         costs[:] = data_cost(cost.parts)
     least = left.min(axis=0)
-    explained = left[:, least <= 3 * np.median(least)]  # frames that no size explains do not count
-    return lowest(sizes, explained.mean(axis=1) + (np.log(sizes / TYPICAL_SIZE) / deviation) ** 2)
+    explained = left[:, least <= MAX_LEFT * np.median(least)]
+    prior_cost = (np.log(sizes / TYPICAL_SIZE) / deviation) ** 2
+    return lowest(sizes, explained.mean(axis=1) + prior_cost)
 
 
 def lowest(sizes: Array, values: Array) -> float:

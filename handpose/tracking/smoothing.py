@@ -69,7 +69,8 @@ class PoseFilter:
 
         error_mm  expected error of its joints; NaN if unknown
         """
-        kept, s = self._kept, self._settings
+        kept = self._kept
+        s = self._settings
         if kept is None:
             still = np.zeros(6 + len(body.others))
             self._kept = _Kept(time, body, body, still, still, 1)
@@ -86,7 +87,7 @@ class PoseFilter:
             else max((GOOD_MM / max(error_mm, GOOD_MM)) ** s.power, s.min_trust)
         )
         now = kept.raw.step_to(body) / seconds
-        speed = kept.speed + share(self._each.speed, seconds) * (now - kept.speed)
+        speed = kept.speed + share(self._each.speed_hz, seconds) * (now - kept.speed)
         scatter = np.log(np.maximum(_sizes(now - speed), NO_SPEED))
         scatter = kept.scatter + max(share(s.scatter_hz, seconds), 1 / kept.number) * (
             scatter - kept.scatter
@@ -103,16 +104,16 @@ class PoseFilter:
         The part of the gap is scaled by its cube, because a doubtful pose may be far off.
         """
         c = self._each
-        known = np.maximum(speed - np.minimum(c.noise * scatter, c.most), 0.0)
-        far = np.maximum(gap - c.least_gap, 0.0)
-        by_speed = c.least + c.slope * known
-        return np.asarray(trust * by_speed + trust**3 * c.gap * far)
+        known = np.maximum(speed - np.minimum(c.noise * scatter, c.max_noise), 0.0)
+        far = np.maximum(gap - c.min_gap, 0.0)
+        by_speed = c.min_hz + c.slope * known
+        return trust * by_speed + trust**3 * c.gap_slope * far
 
 
 def share(cutoff: Array | float, seconds: float) -> Array:
     """α, the weight of a new value, for a cutoff in Hz and the seconds since the last value."""
     radians = 2 * np.pi * np.asarray(cutoff) * seconds
-    return np.asarray(1 / (1 + 1 / radians))
+    return 1 / (1 + 1 / radians)
 
 
 def _sizes(step: Array) -> Array:

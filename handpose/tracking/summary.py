@@ -88,14 +88,16 @@ class Summary:
         """Add a frame."""
         if not self.frames:
             self._first = frame.time
-        self.frames, self._last = self.frames + 1, frame.time
+        self.frames = self.frames + 1
+        self._last = frame.time
         for hand in (*frame.hands, *frame.lost):
             own = self.hands.setdefault(hand.id, HandSummary(side_name(hand.known_side)))
             if hand.pose is None:
                 own.losses += not own.is_lost
                 own.longest = max(own.longest, frame.time - hand.since)
             else:
-                own.hand, own.frames = side_name(hand.known_side), own.frames + 1
+                own.hand = side_name(hand.known_side)
+                own.frames = own.frames + 1
                 own.size = float(np.median(hand.pose.bones[self._has_bone] / self._bones))
             own.is_lost = hand.is_lost
             if np.isfinite(hand.confidence):

@@ -108,7 +108,7 @@ def test_several_numbers_are_set() -> None:
         ("fit.search.fast.name=1", "no such number"),
         ("track.follow.sure=x", "'x' is no number"),
         ("track.follow.sure", "'' is no number"),
-        ("fit.search.refining=1.5", "'1.5' is no whole number"),
+        ("fit.search.refining_iterations=1.5", "'1.5' is no whole number"),
     ],
 )
 def test_numbers_that_cannot_be_set(text: str, line: str) -> None:
@@ -142,8 +142,8 @@ def test_every_number_is_read_from_the_settings_that_are_passed(
     """While two hands are tracked, of which one leaves, and which are covered and not read for a
     moment. Some numbers are set so that all rules apply in three seconds.
     """
-    values = ["track.sides.clear=2", "track.sides.max_s=1.2", "track.size.collected=8"]
-    given = copy.deepcopy(settings_of(["fit.steady.stay=10", *values]))
+    values = ["track.sides.clear=2", "track.sides.max_s=1.2", "track.size.poses=8"]
+    given = copy.deepcopy(settings_of(["fit.steady.cost_factor=10", *values]))
     names, read, others = names_of(given), set(), set()
     classes = [
         kind
@@ -214,7 +214,7 @@ def test_a_recording_is_scored(tmp_path: Path, mirrored: bool) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["track.smooth.place.least=0.01", "fit.search.further=1", "fit.judge.unseen=0"]
+    "text", ["track.smooth.place.min_hz=0.01", "fit.search.step_factor=1", "fit.judge.unseen=0"]
 )
 def test_other_numbers_give_other_hands(tmp_path: Path, text: str) -> None:
     source, path = write_labelled(tmp_path)

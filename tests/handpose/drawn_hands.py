@@ -22,6 +22,4 @@ def capsules_of(
 ) -> Capsules:
     """Capsules in mm of hands whose crop centres (N, 3) or (3,) are given in mm."""
     center = np.broadcast_to(np.asarray(center_mm, float), (len(hands.joints), 3))
-    return draw_capsules(
-        rng, prior, sampler.surface, hands.inputs, hands.bones, hands.scale, CUBE_MM / 2, center
-    )
+    return draw_capsules(rng, prior, sampler.surface, hands, CUBE_MM / 2, center)

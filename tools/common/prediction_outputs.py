@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from handpose.body.joint_formats.formats import FORMATS, FormatName
-from handpose.estimate.hand import Hand
+from handpose.estimate.hand import HandEstimate
 from handpose.estimate.nets import hand_poses
 from handpose.estimate.predictor import Predictor
 from handpose.frames.cameras import Camera
@@ -35,7 +35,9 @@ from tools.common import outputs
 from tools.common.console import DONE, say
 
 
-def table(found: Hand, predictor: Predictor, joints: FormatName | None) -> tuple[str, list[str]]:
+def table(
+    found: HandEstimate, predictor: Predictor, joints: FormatName | None
+) -> tuple[str, list[str]]:
     """A summary of a prediction, and lines of its joints, or of those in another format.
 
     Raises DataError.
@@ -52,7 +54,10 @@ def table(found: Hand, predictor: Predictor, joints: FormatName | None) -> tuple
 
 
 def write_csv(
-    path: Path, hands: Sequence[tuple[str, Hand]], predictor: Predictor, joints: FormatName | None
+    path: Path,
+    hands: Sequence[tuple[str, HandEstimate]],
+    predictor: Predictor,
+    joints: FormatName | None,
 ) -> None:
     """Write a table with a row for each image and its prediction. Raises DataError, OSError."""
     columns = HandColumns(predictor.skeleton, joints, angles=predictor.fitter is not None)
@@ -68,7 +73,7 @@ def write_csv(
 
 def write_json(
     file: str,
-    hands: Sequence[tuple[str, Hand]],
+    hands: Sequence[tuple[str, HandEstimate]],
     pictures: Sequence[Path],
     predictor: Predictor,
     joints: FormatName | None,
@@ -95,7 +100,7 @@ def write_json(
 
 
 def frame_values(
-    number: int, found: Hand, skeleton: Skeleton, joints: FormatName | None = None
+    number: int, found: HandEstimate, skeleton: Skeleton, joints: FormatName | None = None
 ) -> dict[str, Any]:
     """The JSON frame of one prediction, without a time; ``joints`` is an additional format.
 
@@ -108,13 +113,14 @@ def frame_values(
 
 def document(
     source: str,
-    found: Sequence[Hand],
+    found: Sequence[HandEstimate],
     frames: Sequence[dict[str, Any]],
     skeleton: Skeleton,
     joints: FormatName | None = None,
 ) -> str:
     """The JSON text of predictions, at least one, and of their frames (``frame_values``)."""
-    header, cameras = _header(source, found[0], skeleton), {hand.camera for hand in found}
+    header = _header(source, found[0], skeleton)
+    cameras = {hand.camera for hand in found}
     if len(cameras) > 1:  # images of several sizes
         header = replace(header, camera=replace(header.camera, width=0, height=0))
     head = json.dumps(header_values(header, joints, in_frames=found[0].in_frame), allow_nan=False)
@@ -122,16 +128,16 @@ def document(
     return f'{head[:-1]}, "frames": [\n{lines}\n], "complete": true}}'
 
 
-def _header(source: str, found: Hand, skeleton: Skeleton) -> TrackHeader:
+def _header(source: str, found: HandEstimate, skeleton: Skeleton) -> TrackHeader:
     return TrackHeader(source, found.camera, skeleton, found.cube_mm / 2, smoothed=False)
 
 
-def _camera_of(found: Hand) -> Camera | None:
+def _camera_of(found: HandEstimate) -> Camera | None:
     """The camera of a hand in a frame."""
     return found.camera if found.in_frame else None
 
 
-def in_words(found: Hand, predictor: Predictor) -> str:
+def in_words(found: HandEstimate, predictor: Predictor) -> str:
     """Summary of a prediction on one line."""
     words = f"{found.hand} hand" if predictor.is_hand else predictor.skeleton.name
     if not math.isnan(found.error_mm):
@@ -147,7 +153,7 @@ def in_words(found: Hand, predictor: Predictor) -> str:
     )
 
 
-def _format_lines(found: Hand, name: FormatName, values: dict[str, Any]) -> list[str]:
+def _format_lines(found: HandEstimate, name: FormatName, values: dict[str, Any]) -> list[str]:
     """Tables of a format's joints and of the angles; each line shows the
     ``values`` of one joint.
     """
@@ -170,7 +176,7 @@ def _format_lines(found: Hand, name: FormatName, values: dict[str, Any]) -> list
     ]
 
 
-def views(found: Hand, predictor: Predictor, zoom: int = 4) -> list[strokes.Image]:
+def views(found: HandEstimate, predictor: Predictor, zoom: int = 4) -> list[strokes.Image]:
     """The skeleton on the crop and in space, and between them the surface, if there was a fit.
 
     Fingers that are guesses are hollow. Of a hand without joints only the crop is drawn.
@@ -197,13 +203,13 @@ def views(found: Hand, predictor: Predictor, zoom: int = 4) -> list[strokes.Imag
     return drawn
 
 
-def draw(picture: Path, found: Hand, predictor: Predictor) -> None:
+def draw(picture: Path, found: HandEstimate, predictor: Predictor) -> None:
     """Write the views of a prediction as one picture. Raises NetlibError."""
     drawn = views(found, predictor)
     outputs.write_image(picture, strokes.sheet(drawn, len(drawn), captions(found, predictor)))
 
 
-def captions(found: Hand, predictor: Predictor) -> list[str]:
+def captions(found: HandEstimate, predictor: Predictor) -> list[str]:
     """A caption for each view: what was found and how sure it is, and what the colours of
     the surface mean.
     """
@@ -216,7 +222,7 @@ def captions(found: Hand, predictor: Predictor) -> list[str]:
     return [first, *surface_view, "in space, from the side"]
 
 
-def write_page(path: Path, found: Sequence[tuple[str, Hand]], predictor: Predictor) -> None:
+def write_page(path: Path, found: Sequence[tuple[str, HandEstimate]], predictor: Predictor) -> None:
     """Write one page for all images, with a list to select from of those whose joints are known.
 
     Raises OSError, NetlibError, and DataError if there is none.
@@ -246,7 +252,7 @@ def write_page(path: Path, found: Sequence[tuple[str, Hand]], predictor: Predict
     )
 
 
-def _on_page(image: str, found: Hand, predictor: Predictor) -> dict[str, Any]:
+def _on_page(image: str, found: HandEstimate, predictor: Predictor) -> dict[str, Any]:
     if found.fit is not None:
         inputs, size, thickness = found.whole_inputs, found.size, found.thickness
     else:

@@ -17,7 +17,7 @@ from handpose import Camera, CameraInfo, Recording, open_recording
 from handpose.body.joint_formats.formats import FORMAT_NAMES
 from handpose.estimate.hand import MIN_CONFIDENCE
 from handpose.frames import camera_file
-from handpose.frames.camera_file import INTRINSICS, RANGES, TIME_UNITS
+from handpose.frames.camera_keys import INTRINSICS, RANGES
 from handpose.frames.cameras import CAMERAS, UNIT_MM, VIEWS, View, by_field_of_view
 from handpose.frames.crops import CUBES_MM
 from handpose.frames.formats import EXPECTED
@@ -25,6 +25,7 @@ from handpose.frames.images import read_picture
 from handpose.frames.inspection import Inspection, checked, view_of
 from handpose.frames.lens import Lens
 from handpose.frames.recording import sized
+from handpose.frames.time_units import TIME_UNITS
 from netlib.errors import DataError
 from netlib.files.paths import exists
 from tools.common.arguments import expected, numbers, real

@@ -85,8 +85,46 @@ def anatomical_angles(skeleton: Skeleton, hand: Side, xyz: Array) -> dict[str, f
     perpendicular to the palm.
     """
     right = joints_of(skeleton, hand, xyz) * mirror_of(hand)
-    R, rest = palm_frame(right, skeleton), _rest(skeleton)
-    points = rest.points @ right  # wrist, then cmc and mcp of every finger
+    R = palm_frame(right, skeleton)
+    rest = _rest(skeleton)
+    palm = _palm_of(rest.points @ right)
+    found: list[float] = []
+    for finger, m in zip(("thumb", *LONG_FINGERS), (palm.metacarpals[0], *palm.metacarpals)):
+        bones = _bones_of(finger, right[rest.hinges[finger]], palm.size)
+        M = R @ rest.frames[finger]
+        u = bones[0]
+        d = M.T @ u
+        r = np.cross(m, palm.dorsal)
+        r = r / np.linalg.norm(r)
+        if finger == "thumb":
+            a = np.arctan2(d[1], d[0])
+            back = M @ rotation(2, a)[:, 1] * -1
+            radial = np.arctan2(u @ r, u @ m)
+            palmar = np.arcsin(np.clip(-(u @ palm.dorsal), -1, 1))
+            found += [radial, palmar]
+        else:
+            a, b = _spread_and_bend(d, rest.ahead[finger])
+            back = M @ (rotation(2, a) @ rotation(0, b))[:, 2]
+            away = -1.0 if finger in ("ring", "little") else 1.0
+            flexion = np.arctan2(-(u @ palm.dorsal), u @ m)
+            radial = np.arcsin(np.clip(u @ r, -1, 1))
+            found += [flexion, away * radial]
+        found += _bends(bones, back)
+    return dict(zip(ANGLES, np.degrees(found).tolist()))
+
+
+class _Palm(NamedTuple):
+    """The palm of a hand: directions from its back and along the metacarpals of the long fingers,
+    and the shorter of two sides.
+    """
+
+    dorsal: Array
+    metacarpals: list[Array]
+    size: float
+
+
+def _palm_of(points: Array) -> _Palm:
+    """The palm by the wrist, then the ends of every metacarpal. Raises DataError."""
     wrist, cmc, mcp = points[0], points[1::2], points[2::2]
     sides = mcp[[0, -1]] - wrist
     across = np.cross(*sides)
@@ -101,34 +139,18 @@ def anatomical_angles(skeleton: Skeleton, hand: Side, xyz: Array) -> dict[str, f
         raise DataError(
             "a metacarpal has no length or is perpendicular to the palm; expected a hand"
         )
-    found: list[float] = []
-    for finger, m in zip(("thumb", *LONG_FINGERS), (metacarpals[0], *metacarpals)):
-        ends = right[rest.hinges[finger]]
-        phalanges = ends[1:] - ends[:-1]
-        lengths = np.linalg.norm(phalanges, axis=1)
-        if not lengths.min() > MIN_SHARE * size:
-            raise DataError(
-                f"a bone of the {finger} has no length; expected joints at different positions"
-            )
-        bones = phalanges / lengths[:, None]
-        u, M = bones[0], R @ rest.frames[finger]
-        r, d = np.cross(m, dorsal), M.T @ bones[0]
-        r = r / np.linalg.norm(r)
-        if finger == "thumb":
-            a = np.arctan2(d[1], d[0])
-            back = M @ rotation(2, a)[:, 1] * -1
-            radial = np.arctan2(u @ r, u @ m)
-            palmar = np.arcsin(np.clip(-(u @ dorsal), -1, 1))
-            found += [radial, palmar]
-        else:
-            a, b = _spread_and_bend(d, rest.ahead[finger])
-            back = M @ (rotation(2, a) @ rotation(0, b))[:, 2]
-            away = -1.0 if finger in ("ring", "little") else 1.0
-            flexion = np.arctan2(-(u @ dorsal), u @ m)
-            radial = np.arcsin(np.clip(u @ r, -1, 1))
-            found += [flexion, away * radial]
-        found += _bends(bones, back)
-    return dict(zip(ANGLES, np.degrees(found).tolist()))
+    return _Palm(dorsal, metacarpals, size)
+
+
+def _bones_of(finger: str, ends: Array, palm_size: float) -> Array:
+    """The directions (3, 3) of the phalanges between these ends (4, 3). Raises DataError."""
+    phalanges = ends[1:] - ends[:-1]
+    lengths = np.linalg.norm(phalanges, axis=1)
+    if not lengths.min() > MIN_SHARE * palm_size:
+        raise DataError(
+            f"a bone of the {finger} has no length; expected joints at different positions"
+        )
+    return phalanges / lengths[:, None]
 
 
 class _Rest(NamedTuple):
@@ -142,7 +164,8 @@ class _Rest(NamedTuple):
 def _rest(skeleton: Skeleton) -> _Rest:
     """What a skeleton's initial pose gives, in the axes of its palm."""
     names = ["wrist", *(f"{finger}_{part}" for finger in LONG_FINGERS for part in ("cmc", "mcp"))]
-    points, hinges = weights_of([POINTS[name] for name in names], skeleton), hinges_of(skeleton)
+    points = weights_of([POINTS[name] for name in names], skeleton)
+    hinges = hinges_of(skeleton)
     kinematics = Kinematics(skeleton)
     pose = kinematics.forward(np.zeros((1, len(skeleton.initial))))
     middle = kinematics.forward(
@@ -155,7 +178,7 @@ def _rest(skeleton: Skeleton) -> _Rest:
         x, y, _ = middle.frames[0, knuckle].T @ phalanx
         ahead[finger] = float(np.arctan2(-x, y))
     frames = {finger: root.T @ pose.frames[0, own[0]] for finger, own in hinges.items()}
-    return _Rest(frames, ahead, {finger: list(own) for finger, own in hinges.items()}, points)
+    return _Rest(frames, ahead, hinges, points)
 
 
 def _spread_and_bend(d: Array, ahead: float) -> tuple[float, float]:
@@ -170,7 +193,7 @@ def _spread_and_bend(d: Array, ahead: float) -> tuple[float, float]:
 
 def _unit(vector: Array) -> Array:
     """A vector (3,) scaled to length 1; 0 stays 0."""
-    return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-12))
+    return vector / max(float(np.linalg.norm(vector)), 1e-12)
 
 
 def _bends(bones: Array, back: Array) -> list[float]:
@@ -186,8 +209,9 @@ def _bends(bones: Array, back: Array) -> list[float]:
 
 def turned(vector: Array, before: Array, after: Array) -> Array:
     """A vector turned by the smallest rotation that moves one direction (3,) to another."""
-    v, cos = np.cross(before, after), float(before @ after)
+    v = np.cross(before, after)
+    cos = float(before @ after)
     if cos < -0.999999:  # the axis of a half turn is not determined
         return -vector
     along_axis = v * (v @ vector) / (1 + cos)
-    return np.asarray(vector * cos + np.cross(v, vector) + along_axis)
+    return vector * cos + np.cross(v, vector) + along_axis

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import functools
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -30,6 +31,8 @@ from netlib.errors import DataError, did_you_mean
 FormatName = Literal["mediapipe", "mano", "nyu"]
 FORMAT_NAMES: tuple[FormatName, ...] = get_args(FormatName)
 METRE = 1000.0
+# the joints of a finger, from the palm outwards
+PARTS, PARTS_OF_THUMB = ("mcp", "pip", "dip", "tip"), ("cmc", "mcp", "ip", "tip")
 
 
 @dataclass(frozen=True)
@@ -46,9 +49,15 @@ class JointFormat:
     name: FormatName
     joints: dict[str, Point]
     bones: tuple[tuple[str, str], ...]
-    unit: Literal["m", "mm"]
-    axes: tuple[int, int, int]
-    in_words: str
+    unit: Literal["m", "mm"] = "m"
+    axes: tuple[int, int, int] = (1, -1, 1)
+    in_words: str = "x right, y down, z away from the camera"
+
+
+def _points_of(finger: str, names: Sequence[str]) -> dict[str, Point]:
+    """The points of the joints of a finger, from the palm outwards, by these names."""
+    parts = PARTS_OF_THUMB if finger == "thumb" else PARTS
+    return {name: POINTS[f"{finger}_{part}"] for name, part in zip(names, parts)}
 
 
 def _mediapipe() -> JointFormat:
@@ -56,9 +65,9 @@ def _mediapipe() -> JointFormat:
     bones: list[tuple[str, str]] = []
     for finger in ("thumb", *LONG_FINGERS):
         own = {"thumb": "THUMB", "little": "PINKY"}.get(finger, f"{finger.upper()}_FINGER")
-        parts = ("cmc", "mcp", "ip", "tip") if finger == "thumb" else ("mcp", "pip", "dip", "tip")
+        parts = PARTS_OF_THUMB if finger == "thumb" else PARTS
         names = [f"{own}_{part.upper()}" for part in parts]
-        joints |= dict(zip(names, (POINTS[f"{finger}_{part}"] for part in parts)))
+        joints |= _points_of(finger, names)
         bones += itertools.pairwise(names)
     knuckles = [f"{name}_MCP" for name in ("INDEX_FINGER", "MIDDLE_FINGER", "RING_FINGER", "PINKY")]
     bones += [
@@ -67,23 +76,15 @@ def _mediapipe() -> JointFormat:
         ("WRIST", knuckles[-1]),
         *itertools.pairwise(knuckles),
     ]
-    return JointFormat(
-        "mediapipe",
-        joints,
-        tuple(bones),
-        "m",
-        (1, -1, 1),
-        "x right, y down, z away from the camera",
-    )
+    return JointFormat("mediapipe", joints, tuple(bones))
 
 
 def _mano() -> JointFormat:
     joints = {"wrist": POINTS["wrist"]}
     bones: list[tuple[str, str]] = []
     for finger in ("index", "middle", "little", "ring", "thumb"):
-        parts = ("cmc", "mcp", "ip") if finger == "thumb" else ("mcp", "pip", "dip")
         names = [f"{_pinky(finger)}{i}" for i in (1, 2, 3)]
-        joints |= dict(zip(names, (POINTS[f"{finger}_{part}"] for part in parts)))
+        joints |= _points_of(finger, names)
         bones += [
             ("wrist", names[0]),
             *itertools.pairwise(names),
@@ -92,9 +93,7 @@ def _mano() -> JointFormat:
     joints |= {
         f"{_pinky(finger)}_tip": POINTS[f"{finger}_skin"] for finger in ("thumb", *LONG_FINGERS)
     }
-    return JointFormat(
-        "mano", joints, tuple(bones), "m", (1, -1, 1), "x right, y down, z away from the camera"
-    )
+    return JointFormat("mano", joints, tuple(bones))
 
 
 def _pinky(finger: str) -> str:
@@ -161,7 +160,8 @@ def formatted(
         raise DataError(
             f"format {name!r}{did_you_mean(str(name), FORMATS)}; expected {', '.join(FORMATS)}"
         )
-    chosen, xyz = FORMATS[name], joints_of(skeleton, hand, xyz)
+    chosen = FORMATS[name]
+    xyz = joints_of(skeleton, hand, xyz)
     points = _weights(name, skeleton) @ xyz
     scale = np.array(chosen.axes) / (METRE if chosen.unit == "m" else 1.0)
     landmarks = _landmarks(points, camera, cube_mm) if name == "mediapipe" else None

@@ -76,7 +76,8 @@ def _points() -> dict[str, Point]:
         "thumb_skin": Point(_beyond("thumb", SKIN), "the end of the thumb in the surface model"),
     }
     for finger in LONG_FINGERS:
-        radial, base = PALM_BONES[finger], 1 - CARPALS
+        radial = PALM_BONES[finger]
+        base = 1 - CARPALS
         cmc = {
             "wrist_middle": base * radial,
             "wrist_left": base * (1 - radial),
@@ -111,7 +112,7 @@ def _beyond(finger: str, skin: dict[str, float]) -> dict[str, float]:
 POINTS = _points()
 
 
-def hinges_of(skeleton: Skeleton) -> dict[str, tuple[int, ...]]:
+def hinges_of(skeleton: Skeleton) -> dict[str, list[int]]:
     """By finger the joints at which it bends, from the knuckle outwards, and its tip: the ends of
     its rigid phalanges.
 
@@ -133,7 +134,7 @@ def hinges_of(skeleton: Skeleton) -> dict[str, tuple[int, ...]]:
             raise DataError(
                 f"skeleton {skeleton.name!r}: {finger} bends at {len(ends) - 1} joints; expected 3"
             )
-        found[finger] = tuple(reversed(ends))
+        found[finger] = ends[::-1]
     return found
 
 
@@ -192,10 +193,11 @@ def palm_frame(joints: Array, skeleton: Skeleton) -> Array:
     """
     if "palm" not in skeleton.joint_names:
         raise DataError(NO_JOINT.format("palm"))
-    joints, (fixed, in_palm) = joints_of(skeleton, "right", joints), _fixed_to_palm(skeleton)
+    joints = joints_of(skeleton, "right", joints)
+    fixed, in_palm = _fixed_to_palm(skeleton)
     from_palm = joints[fixed] - joints[skeleton.joint_names.index("palm")]
     U, _, Vt = np.linalg.svd(from_palm.T @ in_palm)
-    return np.asarray(U @ np.diag([1, 1, np.linalg.det(U @ Vt)]) @ Vt)
+    return U @ np.diag([1, 1, np.linalg.det(U @ Vt)]) @ Vt
 
 
 @functools.lru_cache(maxsize=16)

@@ -115,7 +115,7 @@ def canonical(skeleton: Skeleton, inputs: ArrayLike, *, limits: bool = False) ->
         """(N, len(dofs)): is the value, wrapped, within the limits, but for rounding?"""
         x = wrap(values[:, dofs] - skeleton.initial[dofs])
         lower, upper = skeleton.lower[dofs] - ROUNDING, skeleton.upper[dofs] + ROUNDING
-        return np.asarray((x >= lower) & (x <= upper))
+        return (x >= lower) & (x <= upper)
 
     for flip in flips(skeleton):
         other = theta.copy()
@@ -152,4 +152,4 @@ def angle_errors(skeleton: Skeleton, inputs: ArrayLike, truth: ArrayLike) -> Arr
     """
     chosen = rotations(skeleton)
     difference = canonical(skeleton, inputs)[:, chosen] - canonical(skeleton, truth)[:, chosen]
-    return np.asarray(np.rad2deg(np.abs(wrap(difference))))
+    return np.rad2deg(np.abs(wrap(difference)))

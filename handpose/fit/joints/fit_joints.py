@@ -69,7 +69,8 @@ class PoseProblem:
     def __init__(
         self, skeleton: Skeleton, joints: Sequence[int], limits: bool, ridge: float
     ) -> None:
-        self.skeleton, self.joints = skeleton, list(joints)
+        self.skeleton = skeleton
+        self.joints = list(joints)
         self.kinematics = kinematics_of(skeleton)
         self.free = np.unique(skeleton.driven)
         # (Q, F): motions of one DoF are added
@@ -105,7 +106,7 @@ class PoseProblem:
         r = np.nan_to_num(self.kinematics.forward(inputs).joints[:, self.joints] - goal)
         x = inputs[:, self.free]
         pull = (self.ridge * x * x).sum(axis=1)
-        return np.asarray((r * r).sum(axis=(1, 2)) + pull)
+        return (r * r).sum(axis=(1, 2)) + pull
 
     def result(self, inputs: Array, goal: Array, limits: bool) -> JointFit:
         """Inputs (N, D) in canonical form, within the limits or not, and their distances from the
@@ -258,7 +259,8 @@ class RotationGrid:
     """First guesses with one pose of the limbs, inputs (D,), in all rotations of the body."""
 
     def __init__(self, problem: PoseProblem, limbs: Array) -> None:
-        self.problem, sk = problem, problem.skeleton
+        self.problem = problem
+        sk = problem.skeleton
         grid = np.arange(-np.pi, np.pi - 1e-9, GRID_STEP)
         angles = np.array(list(itertools.product(grid, repeat=len(problem.root_turns))))
         if len(problem.root_turns) == 3:  # the second angle needs half a turn only: see angles.py
@@ -272,7 +274,8 @@ class RotationGrid:
 
     def near(self, goal: Array) -> Array:
         """The best inputs (N, D) of the grid for joints (N, K, 3)."""
-        problem, centre = self.problem, np.nanmean(goal, axis=1)
+        problem = self.problem
+        centre = np.nanmean(goal, axis=1)
         # unknown joints: in the middle
         shapes = np.nan_to_num(goal - centre[:, None]).reshape(len(goal), -1)
         best = np.argmin(self.sizes - 2 * shapes @ self.shapes.T, axis=1)

@@ -79,7 +79,8 @@ def open_recording(source: str | Path, given: CameraInfo = UNKNOWN) -> Recording
 
     Raises DataError, and NetlibError if the source needs a package that is missing.
     """
-    name, path = str(source), Path(source)
+    name = str(source)
+    path = Path(source)
     if name.partition(":")[0] == LIVE and not exists(path):
         from handpose.frames.formats.realsense import open_live
 

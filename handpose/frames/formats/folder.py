@@ -39,7 +39,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.frames.camera_file import FRAME_UNIT, TICKS, since_1970
 from handpose.frames.camera_places import next_to
 from handpose.frames.cameras import Camera, View
 from handpose.frames.formats import CONVERTED, OF_ONE_FRAME, RAW, STACKS, conversion, is_pattern
@@ -60,6 +59,7 @@ from handpose.frames.recording import (
     NotDepthError,
     Recording,
 )
+from handpose.frames.time_units import FRAME_UNIT, TICKS, since_1970
 from netlib import files
 from netlib.errors import DataError, did_you_mean, system_error_of
 from netlib.files.paths import exists, list_folder, names_in
@@ -89,7 +89,8 @@ class FolderRecording(Recording):
             raise DataError(
                 f"{path}: a TIFF of {pictures} pictures; expected one for each frame, or all in an .npy"
             )
-        own, taken = UNKNOWN, list[str]()
+        own = UNKNOWN
+        taken: list[str] = []
         if path.suffix.lower() in STACKS:
             first = arrays_in(path, is_single=True)
             own, fields, taken = parameters_in(first.others, where, given)
@@ -102,14 +103,13 @@ class FolderRecording(Recording):
                 if not in_names[1].ticks:
                     self._names, self._reading = in_names
                     self._reading = self._timed_by(timed, given, own, camera_json)
-        self._decode = decode = DepthDecoder(raw.shape, raw.dtype, where, given, own, camera_json)
-        self.name, self.count, self.rate = str(source), len(names), decode.rate
-        self.camera, self.unit_mm = decode.camera, decode.unit_mm
-        remarks = [self._reading.how, *taken, *decode.remarks]
+        self._decode_by(DepthDecoder(raw.shape, raw.dtype, where, given, own, camera_json))
+        self.name = str(source)
+        self.count = len(names)
+        self.remarks = (self._reading.how, *taken, *self.remarks)
         if not self._reading.ticks and len(names) > 1:
-            self.rate, assumed = decode.paced()
-            remarks += assumed
-        self.remarks = self._remarks = tuple(remarks)
+            self._assume_rate()
+        self._remarks = self.remarks
 
     def _timed_by(
         self, name: str, given: CameraInfo, own: CameraInfo, camera_json: CameraInfo
@@ -412,7 +412,8 @@ def _readings(stems: list[str], unit: str | None) -> list[Reading]:
     if unit == FRAME_UNIT:
         return counts
     if unit is not None:
-        how, factor = f"times from the file names, in {unit} as given", NANO // TICKS[unit]
+        how = f"times from the file names, in {unit} as given"
+        factor = NANO // TICKS[unit]
         given = []
         for matches in _in_columns(stems, DECIMAL):
             numbers = [Decimal(match[0].replace(",", ".")) for match in matches]

@@ -106,7 +106,8 @@ class _Device:
             raise TimeoutError(reason_of(error)) from error
         if not frame:
             return None
-        time, clock = frame.get_timestamp() / 1000, frame.get_frame_timestamp_domain()
+        time = frame.get_timestamp() / 1000
+        clock = frame.get_frame_timestamp_domain()
         return DeviceFrame(
             time, np.asanyarray(frame.get_data()), int(frame.get_frame_number()), clock
         )

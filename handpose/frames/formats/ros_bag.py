@@ -144,17 +144,15 @@ class BagRecording(Recording):
             values = values_of(image, where)
             own = _own(bag, self._topic, encoding_of(image), values.shape, given.camera is not None)
             camera_json = next_to(self._path, given.camera is None and own.camera is None)
-            self._decode = DepthDecoder(values.shape, values.dtype, where, given, own, camera_json)
-            self.name, self.count = str(self._path), bag.topics(*IMAGES)[self._topic]
-        self.camera, self.unit_mm, self.rate = (
-            self._decode.camera,
-            self._decode.unit_mm,
-            self._decode.rate,
-        )
-        self.remarks = self._decode.remarks
+            self._decode_by(
+                DepthDecoder(values.shape, values.dtype, where, given, own, camera_json)
+            )
+            self.name = str(self._path)
+            self.count = bag.topics(*IMAGES)[self._topic]
 
     def __iter__(self) -> Iterator[DepthFrame]:
-        self.cut, self.remarks = "", self._decode.remarks
+        self.cut = ""
+        self.remarks = self._decode.remarks
         number, last, late = -1, -math.inf, 0
         try:
             for number, (time, raw) in enumerate(self._stored()):

@@ -28,7 +28,8 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from handpose.frames import camera_file
-from handpose.frames.camera_file import FRAME_UNIT, MAX_NAMES, TICKS, since_1970
+from handpose.frames.camera_file import MAX_NAMES
+from handpose.frames.camera_keys import SIZE, has_camera, is_known
 from handpose.frames.camera_places import next_to
 from handpose.frames.images import errors_of
 from handpose.frames.recording import (
@@ -41,6 +42,7 @@ from handpose.frames.recording import (
     Recording,
     check_values,
 )
+from handpose.frames.time_units import FRAME_UNIT, TICKS, since_1970
 from netlib import files
 from netlib.errors import DataError
 from netlib.files.pictures import MAX_PIXELS
@@ -63,11 +65,13 @@ class StackRecording(Recording):
 
     def __init__(self, path: Path, given: CameraInfo = UNKNOWN) -> None:
         self._frames = frames = arrays_in(path)
-        self.name, self.count = where, count = str(path), frames.shape[0]
+        self.name = where = str(path)
+        self.count = count = frames.shape[0]
         others = frames.others
         own, fields, taken = parameters_in(others, where, given)
         camera_json = next_to(path, given.camera is None and own.camera is None)
-        self._times, times = None, name_of_times(others, count)
+        self._times = None
+        times = name_of_times(others, count)
         if times is not None:
             numbers = checked_times(others[times], count, f"{where}: {times}")
             unit, how = unit_of_times(times, numbers, where, given.time_unit, own, camera_json)
@@ -78,14 +82,13 @@ class StackRecording(Recording):
             raise DataError(
                 f"{path}: has no times, so --time-unit has no meaning; expected an array time"
             )
-        self._decode = decode = DepthDecoder(
-            frames.shape[1:], frames.dtype, where, given, own, camera_json
+        self._decode_by(
+            DepthDecoder(frames.shape[1:], frames.dtype, where, given, own, camera_json)
         )
-        self.camera, self.unit_mm = decode.camera, decode.unit_mm
-        self.rate, assumed = (
-            (decode.rate, ()) if times is not None or count == 1 else decode.paced()
-        )
-        self.remarks = (*(["; ".join(taken)] if taken else []), *decode.remarks, *assumed)
+        if taken:
+            self.remarks = ("; ".join(taken), *self.remarks)
+        if times is None and count > 1:
+            self._assume_rate()
         self.warnings = not_used(
             [name for name in frames.names if _last(name) not in fields and name != times]
         )
@@ -117,10 +120,8 @@ class _Npy:
             files.opened(path, WHAT),
         ):
             array = npy.open_memmap(path, mode="r")
-        self.shape, self.dtype = (
-            _checked_shape(array.shape, array.dtype, str(path), is_single),
-            array.dtype,
-        )
+        self.shape = _checked_shape(array.shape, array.dtype, str(path), is_single)
+        self.dtype = array.dtype
         self._array = array.reshape(self.shape)
 
     def __iter__(self) -> Iterator[NDArray[Any]]:
@@ -160,14 +161,11 @@ class _Npz:
                 raise DataError(
                     f"{path}: an array in Fortran's order; write it with numpy.ascontiguousarray"
                 )
-            self.names, self.others = list(headers), {}
+            self.names = list(headers)
+            self.others = {}
             for name, header in headers.items():
-                is_known = (
-                    camera_file.is_known(name)
-                    or TIMES.fullmatch(_last(name))
-                    or name == CAMERA_TEXT
-                )
-                if is_known and header.dtype.kind in PARAMETERS:
+                is_used = is_known(name) or TIMES.fullmatch(_last(name)) or name == CAMERA_TEXT
+                if is_used and header.dtype.kind in PARAMETERS:
                     with archive.open(f"{name}.npy") as stream:
                         self.others[name] = npy.read_array(stream, allow_pickle=False)
 
@@ -234,7 +232,8 @@ def _checked_shape(
 
     Raises NotDepthError unless it may be frames, or a single one.
     """
-    found, advice = shape, ""
+    found = shape
+    advice = ""
     if is_single and len(shape) == 2:
         found = (1, *shape)
     elif is_single and shape[2:] == (1,):
@@ -269,7 +268,7 @@ TIMES = re.compile(
 )
 # the one name whose times are seconds unless they are times since 1970 in another unit
 IN_SECONDS = "time"
-OF_ANYTHING = ("name", "model", *camera_file.SIZE_KEYS)  # ambiguous keys, used only with a camera
+OF_ANYTHING = ("name", "model", *SIZE)  # ambiguous keys, used only with a camera
 CAMERA_TEXT = "camera"  # the name of the whole text of a camera.json
 MAX_VALUES = 1000  # in an array of parameters
 
@@ -295,17 +294,18 @@ def parameters_in(
     Raises DataError.
     """
     small = {name: value.tolist() for name, value in found.items() if value.size <= 16}
-    has_camera = camera_file.has_camera(small)
+    has_own = has_camera(small)
     nested: dict[str, Any] = {}
     for name, value in found.items():
-        if camera_file.is_known(name) and (has_camera or name not in OF_ANYTHING):
+        if is_known(name) and (has_own or name not in OF_ANYTHING):
             *groups, last = name.split(".")
             inner = nested
             for group in groups:
                 inner = inner.setdefault(group, {})
             inner[last] = _plain(value, f"{where}: {name}")
     said = camera_file.find(nested, where, given.camera is not None)
-    info, fields = said.info, said.fields
+    info = said.info
+    fields = said.fields
     if CAMERA_TEXT in found:
         text = str(_plain(found[CAMERA_TEXT], f"{where}: camera"))
         info = info.or_else(camera_file.parse(text, f"{where}: camera"))

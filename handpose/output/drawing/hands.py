@@ -7,7 +7,7 @@ from the camera.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 
 import cv2
 import numpy as np
@@ -19,6 +19,7 @@ from handpose.frames.cameras import NYU, Camera
 from handpose.frames.crops import crop_pixels, restore_joints
 from handpose.output.drawing import strokes
 from handpose.output.drawing.strokes import Colour, Image
+from layers.hand.kinematics import rotation
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.errors import DataError
@@ -35,6 +36,9 @@ GREY: Colour = (200, 200, 200)
 WHITE: Colour = (255, 255, 255)
 BLACK: Colour = (0, 0, 0)
 _PAPER: Colour = (248, 248, 248)
+_LINE: Colour = (222, 222, 222)
+_AXIS: Colour = (110, 110, 110)
+FLOOR, FLOOR_LINES, AXIS_LENGTH = -1.0, 7, 0.4  # in half-cubes
 GUESS_MM = 30.0  # a finger with a larger expected error is drawn as a guess
 _NEAREST_GREY = 215  # of the front of the cube
 YAW, PITCH = 35.0, 20.0  # degrees: where the view in space is seen from
@@ -75,7 +79,7 @@ def overlay(
             center = np.asarray(center_uvd, dtype=np.float64).reshape(1, 3)
             xyz = restore_joints(points[None], camera.unproject(center), cube_mm / 2)
             at = crop_pixels(camera.project(xyz), center, cube_mm, camera, size)[0]
-        return np.asarray((at + 0.5) * zoom - 0.5)
+        return (at + 0.5) * zoom - 0.5
 
     points = _checked(joints, skeleton)
     draw(canvas, place(points), points[:, 2], skeleton, thick=max(zoom // 2, 1), guesses=guesses)
@@ -108,46 +112,41 @@ def view_3d(
     Its shadow is on the floor of the cube. ``truth`` joints in thin black; the fingers ``guesses``
     hollow (``draw``).
     """
-    yaw, pitch = np.deg2rad((YAW, PITCH))
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    turn = np.array([[cos, 0, sin], [0, 1, 0], [-sin, 0, cos]])
-    cos, sin = np.cos(pitch), np.sin(pitch)
-    tilt = np.array([[1, 0, 0], [0, cos, sin], [0, -sin, cos]])
-    view = tilt @ turn
+    view = rotation(0, -np.deg2rad(PITCH)) @ rotation(1, np.deg2rad(YAW))
     distance = 7.0  # distance of the viewer in half-cubes: a weak perspective
     middle = 0.5 * size, 0.46 * size  # in the image, that of the cube
 
     def place(points: Array) -> Array:
         seen = points @ view.T
         scale = size * 0.33 * distance / (distance + seen[:, 2:])
-        return np.asarray(seen[:, :2] * scale * (1, -1) + middle)
+        return seen[:, :2] * scale * (1, -1) + middle
 
     canvas = np.full((size, size, 3), _PAPER, dtype=np.uint8)
-    floor = -1.0
-    lines = np.linspace(-1, 1, 7)
-    for line in lines:
-        for ends in ([(line, floor, -1), (line, floor, 1)], [(-1, floor, line), (1, floor, line)]):
-            start, stop = place(np.array(ends, dtype=np.float64))
-            strokes.line(canvas, start, stop, (222, 222, 222), 1)
-    for label, end in (
-        ("x", (-0.6, floor, -1)),
-        ("y", (-1, floor + 0.4, -1)),
-        ("z", (-1, floor, -0.6)),
-    ):
-        start, stop = place(np.array([(-1, floor, -1), end], dtype=np.float64))
-        strokes.line(canvas, start, stop, (110, 110, 110), 2)
-        outwards = (stop - start) / np.linalg.norm(stop - start)
-        strokes.text(canvas, label, stop + outwards * 9 + (-4, 4), (110, 110, 110), 0.45)
-
+    _draw_floor(canvas, place)
     points = _checked(joints, skeleton)
-    shadow = points * (1, 0, 1) + (0, floor, 0)
+    shadow = points * (1, 0, 1) + (0, FLOOR, 0)
     draw(canvas, place(shadow), points[:, 1], skeleton, thick=2, colour=(212, 212, 212))
-    depth, thick = (points @ view.T)[:, 2], max(size // 200, 1)
+    depth = (points @ view.T)[:, 2]
+    thick = max(size // 200, 1)
     draw(canvas, place(points), depth, skeleton, thick=thick, guesses=guesses)
     if truth is not None:
         points = _checked(truth, skeleton)
         draw(canvas, place(points), (points @ view.T)[:, 2], skeleton, thick=1, colour=(60, 60, 60))
     return canvas
+
+
+def _draw_floor(canvas: Image, place: Callable[[Array], Array]) -> None:
+    """The lines of the cube's floor, and the axes along its edges; ``place`` projects points."""
+    for line in np.linspace(-1, 1, FLOOR_LINES):
+        for ends in ([(line, FLOOR, -1), (line, FLOOR, 1)], [(-1, FLOOR, line), (1, FLOOR, line)]):
+            start, stop = place(np.array(ends, dtype=np.float64))
+            strokes.line(canvas, start, stop, _LINE, 1)
+    for label, direction in zip("xyz", np.eye(3)):
+        corner = np.array([-1, FLOOR, -1])
+        start, stop = place(np.stack([corner, corner + AXIS_LENGTH * direction]))
+        strokes.line(canvas, start, stop, _AXIS, 2)
+        outwards = (stop - start) / np.linalg.norm(stop - start)
+        strokes.text(canvas, label, stop + outwards * 9 + (-4, 4), _AXIS, 0.45)
 
 
 def two_views(
@@ -250,11 +249,13 @@ def draw(
     guesses  names of fingers that are drawn hollow: white, with a rim in their colour
     """
     behind_first = sorted(bones(skeleton), key=lambda bone: -(away[bone[0]] + away[bone[1]]))
-    own, rim = [colour or its_own for its_own in colours(skeleton)], colour is None
+    own = [colour or its_own for its_own in colours(skeleton)]
+    rim = colour is None
     rims = [BLACK] * len(own)
     for joint, name in enumerate(skeleton.joint_names):
         if name.partition("_")[0] in guesses:
-            own[joint], rims[joint] = WHITE, own[joint]
+            rims[joint] = own[joint]
+            own[joint] = WHITE
     if rim:
         for parent, joint in behind_first:
             strokes.line(canvas, at[parent], at[joint], rims[joint], thick + 2)

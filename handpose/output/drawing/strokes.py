@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from netlib.blob import Array
+from netlib.blob import Array, divide_up
 from netlib.errors import DataError
 
 Image = NDArray[np.uint8]  # (height, width, 3), OpenCV's colour order
@@ -71,7 +71,7 @@ def sheet(
         )
     height, width = (max(image.shape[axis] for image in images) for axis in (0, 1))
     head = 22 if titles else 0
-    rows = -(-len(images) // columns)
+    rows = divide_up(len(images), columns)
     columns = min(columns, len(images))
     cell_height, cell_width = height + head + gap, width + gap
     size = rows * cell_height + gap, columns * cell_width + gap
@@ -105,13 +105,15 @@ class ContactSheet:
 
     def __init__(self) -> None:
         self._kept: list[tuple[float, Image]] = []
-        self._step, self._count = 1, 0
+        self._step = 1
+        self._count = 0
 
     def add(self, time: float, draw: Callable[[], Image]) -> None:
         """Add a frame at a time in s; its image is drawn only if it is taken."""
         if self._count % self._step == 0:
             if len(self._kept) == PAGES * IMAGES_PER_PAGE:
-                self._kept, self._step = self._kept[::2], 2 * self._step
+                self._kept = self._kept[::2]
+                self._step = 2 * self._step
             self._kept.append((time, self._reduced(draw())))
         self._count += 1
 
@@ -126,7 +128,8 @@ class ContactSheet:
 
     def _chosen(self) -> list[tuple[float, Image]]:
         count = min(len(self._kept), IMAGES_PER_PAGE)
-        last, steps = len(self._kept) - 1, max(count - 1, 1)
+        last = len(self._kept) - 1
+        steps = max(count - 1, 1)
         return [self._kept[round(n * last / steps)] for n in range(count)]
 
     def _reduced(self, image: Image) -> Image:

@@ -83,7 +83,7 @@ def paint(canvas: Image, capsules: Capsules, camera: Camera, opacity: float = 0.
 def _samples(pixels: int, step: float) -> Array:
     """Sample positions along a number of pixels, as in cv2.resize, and their distance."""
     count = max(round(pixels / step), 1)
-    return np.asarray((np.arange(count) + 0.5) * pixels / count - 0.5)
+    return (np.arange(count) + 0.5) * pixels / count - 0.5
 
 
 def _rectangle(capsules: Capsules, camera: Camera, canvas: Image) -> tuple[slice, slice]:

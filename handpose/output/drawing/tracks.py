@@ -16,10 +16,9 @@ from handpose.frames.crops import check_size
 from handpose.output.drawing import hands, strokes, surface
 from handpose.output.drawing.strokes import Colour, Image
 from handpose.output.drawing.view import (
-    Contrast,
+    FrameView,
     Tags,
     Viewport,
-    ViewportFollower,
     box_of,
     colour_of,
     spoken,
@@ -50,7 +49,7 @@ class Painter:
         self.header = header
         zoom = min(MAX_WIDTH / camera.width, MAX_HEIGHT / camera.height)
         self._size = max(round(camera.width * zoom), 1), max(round(camera.height * zoom), 1)
-        self._contrast, self._follower = Contrast(), ViewportFollower(camera)
+        self._view = FrameView(camera)
 
     def picture(self, depth: NDArray[np.floating], frame: TrackedFrame) -> Image:
         """``seen`` below a line with the source and the time, which is HEAD pixels high.
@@ -60,7 +59,8 @@ class Painter:
         seen = self.seen(depth, frame)
         head = np.full((HEAD, seen.shape[1], 3), 255, dtype=np.uint8)
         raw = "" if self.header.smoothed else ", not smoothed"
-        width, middle = seen.shape[1], seen.shape[1] * 2 // 3
+        width = seen.shape[1]
+        middle = seen.shape[1] * 2 // 3
         source = f"{self.header.source}{raw}"
         moment = f"{frame.time:.2f} s, frame {frame.number}"
         for words, left, right in ((source, 0, middle), (moment, middle, width)):
@@ -77,12 +77,9 @@ class Painter:
         A present hand that the finder looked for and did not see is not drawn. Raises DataError.
         """
         check_size(depth, self.header.camera)
-        joints = np.concatenate([np.empty((0, 3)), *(hand.xyz for hand in frame.hands)])
-        self._contrast.see(frame.time, depth, joints[:, 2])
-        part = _Part(self._follower.see(frame.time, frame.hands), self.header.camera, self._size)
-        canvas = np.asarray(
-            cv2.cvtColor(part.of(self._contrast.grey(depth)), cv2.COLOR_GRAY2BGR), dtype=np.uint8
-        )
+        part = _Part(self._view.see(depth, frame), self.header.camera, self._size)
+        grey = part.of(self._view.contrast.grey(depth))
+        canvas = np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
         for hand in sorted(frame.hands, key=lambda one: -float(one.xyz[:, 2].mean())):
             low, high = part.corners(hand)
             cv2.rectangle(canvas, _pixel(low), _pixel(high), colour_of(hand.id), 1, cv2.LINE_AA)
@@ -109,9 +106,12 @@ class _Part:
     """
 
     def __init__(self, viewport: Viewport, camera: Camera, size: tuple[int, int]) -> None:
-        self._size, self._frame = size, camera
-        self._zoom, self._corner = np.array(size) / viewport[2:], np.array(viewport[:2])
-        (across, down), (left, top) = self._zoom, 0.5 - self._corner
+        self._size = size
+        self._frame = camera
+        self._zoom = np.array(size) / viewport[2:]
+        self._corner = np.array(viewport[:2])
+        across, down = self._zoom
+        left, top = 0.5 - self._corner
         self._is_reduced = viewport.width == camera.width and across < 1
         fx, fy = camera.fx * across, camera.fy * down
         u0, v0 = (camera.u0 + left) * across - 0.5, (camera.v0 + top) * down - 0.5
@@ -133,7 +133,7 @@ class _Part:
     def corners(self, hand: TrackedHand) -> Array:
         """Upper left and lower right corner (2, 2) of a hand's crop."""
         corners = np.reshape(box_of(hand, self._frame), (2, 2))
-        return np.asarray((corners - self._corner) * self._zoom - 0.5)
+        return (corners - self._corner) * self._zoom - 0.5
 
 
 def _present(canvas: Image, hand: TrackedHand, part: _Part) -> None:
@@ -147,7 +147,8 @@ def _present(canvas: Image, hand: TrackedHand, part: _Part) -> None:
         cv2.drawContours(canvas, outlines, -1, colour, 2, cv2.LINE_AA)
         return
     u, v, d = part.camera.project(hand.place)
-    middle, radius = _pixel(np.array([u, v])), round(PRESENT_MM * part.camera.fx / d)
+    middle = _pixel(np.array([u, v]))
+    radius = round(PRESENT_MM * part.camera.fx / d)
     cv2.circle(canvas, middle, radius, colour, 2, cv2.LINE_AA)
 
 

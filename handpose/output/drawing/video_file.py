@@ -45,7 +45,8 @@ class VideoFile:
     def __init__(self, path: Path, rate: float = 30.0) -> None:
         if path.suffix.lower() != ".mp4":
             raise NetlibError(f"{path}: a video is written as .mp4; expected such a name")
-        self.path, self.rate = path, min(max(rate, RATES[0]), RATES[1])
+        self.path = path
+        self.rate = min(max(rate, RATES[0]), RATES[1])
         try:
             import av  # here, because it is an extra
         except ImportError as error:
@@ -86,10 +87,8 @@ class VideoFile:
         with self._refusals():
             frame = self._av.VideoFrame.from_ndarray(even, format="bgr24")
             frame = frame.reformat(format="yuv420p", dst_colorspace="ITU709")
-            frame.pts, frame.time_base = (
-                int((time - self._first) * TICKS_PER_S + 0.5),
-                Fraction(1, TICKS_PER_S),
-            )
+            frame.pts = int((time - self._first) * TICKS_PER_S + 0.5)
+            frame.time_base = Fraction(1, TICKS_PER_S)
             self._mux(frame)
         self._last = time
 
@@ -120,7 +119,8 @@ class VideoFile:
             self._stack = stack.pop_all()
         self._first = time
         stream.height, stream.width = (pixels + pixels % 2 for pixels in image.shape[:2])
-        stream.pix_fmt, stream.time_base = "yuv420p", Fraction(1, TICKS_PER_S)
+        stream.pix_fmt = "yuv420p"
+        stream.time_base = Fraction(1, TICKS_PER_S)
         coder = stream.codec_context
         coder.time_base = Fraction(1, TICKS_PER_S)
         coder.colorspace = coder.color_primaries = coder.color_trc = BT709

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from handpose.frames.cameras import Camera
 from handpose.output.drawing import strokes
 from handpose.output.drawing.strokes import Colour, Image
-from handpose.tracking.track import TrackedHand
+from handpose.tracking.track import TrackedFrame, TrackedHand
 from netlib.blob import Array
 
 SECONDS = 0.5  # time constant of a move
@@ -41,7 +41,8 @@ class _Follower:
     """Follows values that change, with a time constant in s; the first values are taken at once."""
 
     def __init__(self, seconds: float) -> None:
-        self._seconds, self._time = seconds, 0.0
+        self._seconds = seconds
+        self._time = 0.0
         self._state: Array | None = None
 
     def follow(self, time: float, wanted: Array) -> Array:
@@ -134,7 +135,7 @@ class Contrast:
         lightness = 0.5 - 0.5 * away / np.hypot(1, away)
         shades = np.rint(_DARK + (_LIGHT - _DARK) * lightness).astype(np.uint8)
         shades[0] = 0
-        return np.asarray(shades[np.minimum(depth, _MAX_DEPTH).astype(np.uint16)])
+        return shades[np.minimum(depth, _MAX_DEPTH).astype(np.uint16)]
 
 
 def _nearer_half(depth: NDArray[np.floating]) -> tuple[float, float]:
@@ -143,6 +144,22 @@ def _nearer_half(depth: NDArray[np.floating]) -> tuple[float, float]:
     read = read[read > 0]
     near, far = np.percentile(read, (2, 50)) if len(read) else (600.0, 800.0)
     return float(near + far) / 2, max(float(far - near) / 2, SPREAD_MM)
+
+
+class FrameView:
+    """What pictures show of the frames of one camera, in the order of time: their contrast, and
+    the part of each frame.
+    """
+
+    def __init__(self, camera: Camera) -> None:
+        self.contrast = Contrast()
+        self._follower = ViewportFollower(camera)
+
+    def see(self, depth: NDArray[np.floating], frame: TrackedFrame) -> Viewport:
+        """The part to show of a frame with a depth image in mm."""
+        joints = np.concatenate([np.empty((0, 3)), *(hand.xyz for hand in frame.hands)])
+        self.contrast.see(frame.time, depth, joints[:, 2])
+        return self._follower.see(frame.time, frame.hands)
 
 
 # ------------------------------------------------------------------------------------------- labels
@@ -180,9 +197,11 @@ def spoken(hand: TrackedHand) -> str:
     The number is omitted if it was not measured.
     """
     if hand.pose is None:
-        side, chance = f"{hand.hand} hand" if hand.hand else "hand", hand.presence
+        side = f"{hand.hand} hand" if hand.hand else "hand"
+        chance = hand.presence
     else:
-        side, chance = hand.known_side or f"{hand.hand}?", hand.confidence
+        side = hand.known_side or f"{hand.hand}?"
+        chance = hand.confidence
     label = f"{side} {percent(chance)}" if math.isfinite(chance) else side
     if hand.gesture is None or not hand.gesture.name:
         return label

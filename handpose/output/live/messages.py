@@ -27,9 +27,10 @@ from numpy.typing import NDArray
 
 from handpose.body.joint_formats.formats import FormatName
 from handpose.frames.cameras import Camera
-from handpose.output.drawing.view import Contrast, Viewport, ViewportFollower, box_of
+from handpose.output.drawing.view import FrameView, Viewport, box_of
 from handpose.output.tracks.json_values import FrameValues, header_values, to_text
 from handpose.tracking.track import TrackedFrame, TrackedHand, TrackHeader
+from netlib.blob import divide_up
 
 # paths of the server: frames as JSON lines, and those of the page
 LINES_PATH, VIEWS_PATH = "/frames", "/view"
@@ -81,7 +82,7 @@ class Messages:
         self.header = to_text(header_values(header, joints))
         self._values = FrameValues(header, joints, live=True)
         self._camera = header.camera
-        self._contrast, self._follower = Contrast(), ViewportFollower(header.camera)
+        self._view = FrameView(header.camera)
 
     def record(self, frame: TrackedFrame) -> dict[str, Any]:
         """The frame as an object."""
@@ -95,9 +96,7 @@ class Messages:
         self, record: dict[str, Any], depth: NDArray[np.floating], frame: TrackedFrame
     ) -> bytes:
         """The message for the page."""
-        points = np.concatenate([np.empty((0, 3)), *(hand.xyz for hand in frame.hands)])
-        self._contrast.see(frame.time, depth, points[:, 2])
-        viewport = self._follower.see(frame.time, frame.hands)
+        viewport = self._view.see(depth, frame)
         grid = grid_of(self._camera, viewport, frame.hands)
         surfaces = [hand.the_pose.capsules for hand in frame.hands]
         counts = [0 if surface is None else surface.a.shape[1] for surface in surfaces]
@@ -105,15 +104,16 @@ class Messages:
         shown = [hand for hand in record["hands"] if hand["id"] not in unseen]
         values = {
             "record": record | {"hands": shown},
-            "middle": self._contrast.middle,
-            "spread": self._contrast.spread,
+            "middle": self._view.contrast.middle,
+            "spread": self._view.contrast.spread,
             "window": [round(edge, 2) for edge in viewport],
             "grid": list(grid),
             "capsules": counts,
         }
         text = to_text(values).encode()
         samples = np.clip(grid.of(depth), 0, _MAX_SAMPLE).astype("<u2")
-        size, padding = _padded(len(text)), bytes(2 * (samples.size % 2))
+        size = 4 * divide_up(len(text), 4)
+        padding = bytes(2 * (samples.size % 2))
         parts = [struct.pack("<I", size), text.ljust(size), samples.tobytes(), padding]
         for surface in surfaces:
             if surface is not None:
@@ -124,7 +124,3 @@ class Messages:
                     .tobytes()
                 )
         return b"".join(parts)
-
-
-def _padded(size: int) -> int:
-    return -(-size // 4) * 4

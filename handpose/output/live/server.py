@@ -148,7 +148,8 @@ class LiveServer:
             self._ready.set_exception(error)
 
     async def _serve(self) -> None:
-        self._loop, self._end = asyncio.get_running_loop(), asyncio.Event()
+        self._loop = asyncio.get_running_loop()
+        self._end = asyncio.Event()
         self._loop.set_exception_handler(_ignore_connection_errors)
         server = await self._websockets.asyncio.server.serve(
             self._client,
@@ -183,7 +184,8 @@ class LiveServer:
 
     async def _client(self, connection: Any) -> None:
         """Serve one client until it leaves or the track ends."""
-        path, waiting = urlsplit(connection.request.path).path, _Newest()
+        path = urlsplit(connection.request.path).path
+        waiting = _Newest()
         if self._end.is_set():
             waiting.put_nowait(None)
         connection.transport.get_extra_info("socket").setsockopt(
@@ -213,7 +215,8 @@ class LiveServer:
         refused = functools.partial(_response, connection)
         hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
         try:
-            url, sites = urlsplit(request.path), [urlsplit(origin).netloc for origin in origins]
+            url = urlsplit(request.path)
+            sites = [urlsplit(origin).netloc for origin in origins]
         except ValueError:
             return refused(HTTPStatus.BAD_REQUEST, "Expected a valid address.\n")
         # websockets before version 17 refuses others itself

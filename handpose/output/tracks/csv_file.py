@@ -51,7 +51,8 @@ class FrameRows:
     def __init__(
         self, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False
     ) -> None:
-        self._camera, self._columns = header.camera, HandColumns(header.skeleton, joints)
+        self._camera = header.camera
+        self._columns = HandColumns(header.skeleton, joints)
         self._gestures = gestures
         own = [
             *self._columns.about,
@@ -98,7 +99,8 @@ class HandColumns:
     """
 
     def __init__(self, skeleton: Skeleton, joints: FormatName | None, angles: bool = True) -> None:
-        self._skeleton, self._joints = skeleton, joints
+        self._skeleton = skeleton
+        self._joints = joints
         self._angles = free_dofs(skeleton)[0] if angles else {}
         self._fingers = FINGERS if has_fingers(skeleton) else ()
         self.about = [*QUALITY, *(f"{finger}_error_mm" for finger in self._fingers)]

@@ -47,7 +47,7 @@ class Fields:
 
     def text(self, name: str) -> str:
         """The field is a text."""
-        return str(self._checked(name, str, "a text"))
+        return self._checked(name, str, "a text")
 
     def one_of(self, name: str, words: Sequence[T]) -> T:
         """The field is one of these words."""
@@ -58,7 +58,7 @@ class Fields:
 
     def truth(self, name: str) -> bool:
         """The field is true or false."""
-        return bool(self._checked(name, bool, "true or false"))
+        return self._checked(name, bool, "true or false")
 
     def whole(self, name: str) -> int:
         """The field is a whole number of at least 0."""
@@ -88,16 +88,14 @@ class Fields:
 
     def numbers(self, name: str, *shape: int) -> Array:
         """The field is an array of this shape: lists of lists of numbers."""
-        value = self._value(name)
-        flat = [value]
+        expected = f"{' x '.join(map(str, shape))} numbers" if shape else "a number"
+        flat = [self._value(name)]
         for size in shape:
             if not all(isinstance(row, list) and len(row) == size for row in flat):
-                raise self._wrong(name, f"{' x '.join(map(str, shape))} numbers")
+                raise self._wrong(name, expected)
             flat = [item for row in flat for item in row]
-        if not all(_is_number(item) for item in flat):
-            raise self._wrong(
-                name, f"{' x '.join(map(str, shape))} numbers" if shape else "a number"
-            )
+        if not all(map(_is_number, flat)):
+            raise self._wrong(name, expected)
         return np.array(flat, dtype=np.float64).reshape(shape)
 
     def _value(self, name: str) -> Any:

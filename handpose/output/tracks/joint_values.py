@@ -45,7 +45,8 @@ def format_values(name: FormatName) -> dict[str, Any]:
 
 def hand_values(name: FormatName, pose: HandPose, camera: Camera | None) -> dict[str, Any]:
     """The JSON values of a pose in a format. Raises DataError for another body than a hand."""
-    angles, digits = pose.angles, DECIMALS[FORMATS[name].unit]
+    angles = pose.angles
+    digits = DECIMALS[FORMATS[name].unit]
     parts = _parts(name, pose, camera)
     joints = {
         key: None if values is None else _rounded(values, digits) for key, values in parts.items()
@@ -58,7 +59,8 @@ def hand_values(name: FormatName, pose: HandPose, camera: Camera | None) -> dict
 
 def columns(name: FormatName) -> list[str]:
     """The columns of a table, as ``numbers`` has their values."""
-    joints, unit = list(FORMATS[name].joints), FORMATS[name].unit
+    joints = list(FORMATS[name].joints)
+    unit = FORMATS[name].unit
     if name == "mediapipe":
         found = [f"{joint}_{axis}" for joint in joints for axis in "xyz"]
         found += [f"{joint}_world_{axis}_m" for joint in joints for axis in "xyz"]
@@ -70,7 +72,8 @@ def columns(name: FormatName) -> list[str]:
 
 def numbers(name: FormatName, pose: HandPose, camera: Camera | None) -> list[str]:
     """The values of a row, one for each column. Raises DataError for another body than a hand."""
-    texts, angles = [], [f"{angle:.2f}" for angle in pose.angles.values()]
+    texts = []
+    angles = [f"{angle:.2f}" for angle in pose.angles.values()]
     digits = DECIMALS[FORMATS[name].unit]
     for values in _parts(name, pose, camera).values():
         if values is not None:
@@ -88,7 +91,7 @@ def _parts(name: FormatName, pose: HandPose, camera: Camera | None) -> dict[str,
     found = formatted(name, pose.skeleton, pose.side, pose.xyz, camera, cube_mm)
     if name != "mediapipe":
         return {f"positions_{FORMATS[name].unit}": found.positions}
-    center = np.asarray(found.positions.mean(axis=0))
+    center = found.positions.mean(axis=0)
     return {
         "landmarks": found.landmarks,
         "world_landmarks": found.positions - center,

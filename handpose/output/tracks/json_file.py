@@ -19,7 +19,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from handpose.frames.camera_file import parsed
+from handpose.frames.camera_text import parse_json
 from handpose.output.tracks.fields import Fields
 from handpose.output.tracks.json_values import FrameValues, header_of
 from handpose.tracking.track import TrackedFrame, TrackHeader
@@ -48,7 +48,7 @@ def read_track(path: str | Path) -> Track:
     head = _value_or_none(first)
     if isinstance(head, dict) and "frames" not in head:
         return _read_lines(path, Fields(head, f"{path}:1"), rest)
-    document = Fields(parsed(text, str(path)), str(path))
+    document = Fields(parse_json(text, str(path)), str(path))
     header = header_of(document)
     values = FrameValues(header)
     frames = [values.frame(frame) for frame in document.parts("frames")]
@@ -57,11 +57,12 @@ def read_track(path: str | Path) -> Track:
 
 def _read_lines(path: str | Path, head: Fields, text: str) -> Track:
     header = header_of(head)
-    values, frames = FrameValues(header), []
+    values = FrameValues(header)
+    frames = []
     *lines, last = text.split("\n")
     for number, line in enumerate(lines, 2):
         where = f"{path}:{number}"
-        frames.append(values.frame(Fields(parsed(line, where), where)))
+        frames.append(values.frame(Fields(parse_json(line, where), where)))
     if not last:
         return Track(header, frames)
     where = f"{path}:{len(lines) + 2}"
@@ -73,6 +74,6 @@ def _read_lines(path: str | Path, head: Fields, text: str) -> Track:
 
 def _value_or_none(line: str) -> Any:
     try:
-        return parsed(line, "")
+        return parse_json(line, "")
     except DataError:
         return None

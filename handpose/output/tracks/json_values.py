@@ -87,7 +87,8 @@ def header_values(
 
 
 def _skeleton_values(skeleton: Skeleton) -> dict[str, Any]:
-    joints, (turning, sliding) = skeleton.joint_names, free_dofs(skeleton)
+    joints = skeleton.joint_names
+    turning, sliding = free_dofs(skeleton)
     parents = [joints[parent] if parent >= 0 else None for parent in skeleton.parents]
     angles = [
         {
@@ -122,7 +123,8 @@ def header_of(fields: Fields) -> TrackHeader:
         raise DataError(
             f"{fields.where}: predicted from crops without a camera, so positions are relative to crops"
         )
-    of, body = fields.part("camera"), fields.part("skeleton")
+    of = fields.part("camera")
+    body = fields.part("skeleton")
     camera = Camera(
         of.text("name"),
         of.positive("fx"),
@@ -163,8 +165,10 @@ class FrameValues:
         live: bool = False,
         in_frames: bool = True,
     ) -> None:
-        self._skeleton, self._unit_mm = header.skeleton, header.unit_mm
-        self._camera, self._joints = header.camera if in_frames else None, joints
+        self._skeleton = header.skeleton
+        self._unit_mm = header.unit_mm
+        self._camera = header.camera if in_frames else None
+        self._joints = joints
         self._has_raw = header.smoothed and not live
         self._live = live
         self._turning, self._sliding = free_dofs(header.skeleton)
@@ -245,7 +249,8 @@ class FrameValues:
         )
         if not of.has("positions_mm"):
             return hand.without_pose(hand.hand, of.numbers("palm_mm", 3), of.text("reason"))
-        side, chance = hand.hand, 1.0
+        side = hand.hand
+        chance = 1.0
         if side is None:
             side = of.one_of("assumed_hand", SIDES)
             chance = of.number("assumed_confidence", 0, 1 - 1e-6)
@@ -259,7 +264,8 @@ class FrameValues:
         )
 
     def _pose(self, of: Fields, side: Side) -> HandPose:
-        crop, joints = of.part("crop"), len(self._skeleton.joint_names)
+        crop = of.part("crop")
+        joints = len(self._skeleton.joint_names)
         theta = self._skeleton.initial.copy()
         turning, sliding = [*self._turning.values()], [*self._sliding.values()]
         theta[turning] = _by_name(of, "angles_rad", self._turning)
@@ -277,7 +283,8 @@ class FrameValues:
         )
 
     def _bones_of(self, of: Fields) -> Array:
-        hand, joints = of.whole("id"), len(self._skeleton.joint_names)
+        hand = of.whole("id")
+        joints = len(self._skeleton.joint_names)
         if "bones_mm" in of:
             known = of.has("bones_mm")
             self._bones[hand] = (

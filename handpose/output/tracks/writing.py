@@ -136,7 +136,8 @@ def open_writer(
     if ending == ".csv":
         rows = FrameRows(header, joints, gestures)
         return TrackWriter(place, rows.encoded, rows.head)
-    frames, head = FrameValues(header, joints), to_text(header_values(header, joints))
+    frames = FrameValues(header, joints)
+    head = to_text(header_values(header, joints))
 
     def encode(frame: TrackedFrame) -> bytes:
         return to_text(frames.values(frame)).encode()

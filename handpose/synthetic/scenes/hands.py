@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from handpose.body.render import Capsules
 from handpose.synthetic.pose_prior import BodySampler
-from handpose.synthetic.scenes.directions import across, unit
+from handpose.synthetic.scenes.directions import across, right_angled, unit
 from handpose.synthetic.scenes.prior import HeldParameter
-from handpose.synthetic.scenes.solids import CYLINDER, Solids
+from handpose.synthetic.scenes.solids import CYLINDER, Solids, joined, one_each
 from handpose.synthetic.surface_prior import SurfacePrior, draw_capsules
 from netlib.blob import Array
 
@@ -61,12 +61,12 @@ class Hands(NamedTuple):
 
 def draw_hands(rng: np.random.Generator, sampler: BodySampler, side: Array) -> Hands:
     """Hands of the given sides about the middles of their palms."""
-    surface, count = sampler.surface, len(side)
-    bodies, unit_mm = sampler.draw(rng, count), sampler.cube_mm / 2
+    surface = sampler.surface
+    count = len(side)
+    bodies = sampler.draw(rng, count)
+    unit_mm = sampler.cube_mm / 2
     far = np.tile((0.0, 0.0, 10 * sampler.cube_mm), (count, 1))  # so that none is cut at the camera
-    whole = draw_capsules(
-        rng, SURFACE, surface, bodies.inputs, bodies.bones, bodies.scale, unit_mm, far
-    )
+    whole = draw_capsules(rng, SURFACE, surface, bodies, unit_mm, far)
     row = {name: n for n, name in enumerate(sampler.skeleton.joint_names)}
     mirror = np.stack([side, np.ones(count), np.ones(count)], axis=1)
     palm = bodies.joints[:, row["palm"]] * unit_mm
@@ -120,8 +120,7 @@ def draw_held(
     radius = np.maximum(radius, LEAST_MM)
     length = prior.length.draw(rng, count)
     center = center + axis * (rng.uniform(-0.7, 0.7, count) * length)[:, None]
-    front = unit(across(hand.palmar, axis))
-    axes = np.stack([front, axis, np.cross(front, axis)], axis=-1)
+    axes = right_angled(unit(across(hand.palmar, axis)), axis)
     kind = rng.integers(3, size=count)
     deep = np.where(kind == CYLINDER, radius, radius * prior.flatness.draw(rng, count))
     wider = radius * prior.top_width.draw(rng, count)
@@ -129,10 +128,6 @@ def draw_held(
     with_top = is_held & (kind == CYLINDER) & (rng.random(count) < prior.top)
     half = np.stack([radius, length, deep], axis=-1)
     at_top = center + axis * length[:, None]
-    return Solids(
-        np.stack([kind, np.full(count, CYLINDER)], axis=1),
-        np.stack([center, at_top], axis=1),
-        np.stack([axes, axes], axis=1),
-        np.stack([half, top], axis=1),
-        np.stack([is_held, with_top], axis=1),
-    )
+    held = one_each(kind, center, axes, half, is_held)
+    tops = one_each(np.full(count, CYLINDER), at_top, axes, top, with_top)
+    return joined([held, tops])

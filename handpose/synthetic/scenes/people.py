@@ -10,7 +10,14 @@ from numpy.typing import NDArray
 from handpose.body.render import Capsules
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.scenes.cameras import HEIGHT, WIDTH, Cameras
-from handpose.synthetic.scenes.directions import across, any_direction, any_rotation, dot, unit
+from handpose.synthetic.scenes.directions import (
+    across,
+    any_direction,
+    any_rotation,
+    dot,
+    turned,
+    unit,
+)
 from handpose.synthetic.scenes.hands import Hands, draw_hands
 from handpose.synthetic.scenes.prior import ArmParameter, BodyParameter, HandsParameter, ScenePrior
 from handpose.synthetic.scenes.solids import shown
@@ -31,6 +38,29 @@ BODY = (  # right, up and forward of the middle of the shoulders: from, to; both
 )
 THIGH = (85.0, 62.0)  # radii at hip and knee
 HIP = ((-95.0, -470.0, 20.0), (95.0, -470.0, 20.0))
+KNEE_MM = 440.0  # forward of the middle of the shoulders
+KNEES_APART_MM, KNEES_LOWER_MM = (-60.0, 120.0), (-120.0, 60.0)  # than the hips
+LONGEST_MM = 420.0  # of upper arms; a shoulder farther away belongs to another person
+
+# Ranges of directions and distances, relative to each other or in mm.
+LOOKS_DOWN, LOOKS_ASIDE = 0.3, 0.25  # a camera on a head: mean, and deviation
+# from such a camera to the middle of the shoulders
+BELOW_MM, BEHIND_MM, ASIDE_MM = (60.0, 320.0), (-60.0, 150.0), (-100.0, 100.0)
+FACES_ASIDE = 0.6  # deviation of an owner's direction from that of the forearm
+# the first upper arm, from the elbow on
+BACKWARDS, UPWARDS, INWARDS = (-0.2, 1.0), (-0.3, 1.1), (-0.3, 0.6)
+# the other one, from the shoulder on
+FORWARDS, DOWNWARDS, OUTWARDS = (0.0, 1.2), (-0.3, 1.0), (-0.4, 0.6)
+ANYHOW = 0.3  # deviation of both
+
+# Scores of arrangements, of which each also gets a random number between 0 and 1.
+AT_CAMERA, PENALTY_AT_CAMERA = -0.85, 3.0  # an elbow nearer to the camera than the hand
+TOO_FAR_MM, MAX_TOO_FAR = 120.0, 4.0  # a penalty of 1 for each, up to a maximum
+HANGS = 0.5  # an elbow below the hand, of people in front of the camera, ...
+RESTS, ALONG = 5.0, 5.0  # ... a palm down, an arm along the line of sight
+IN_SIGHT, IN_FRONT, TOO_CLOSE = 3.0, 0.6, 2.0  # of the other hand
+MARGIN_PX, SIGHT_MM, CLOSE_MM = 5.0, (220.0, 1700.0), 70.0  # what these mean
+DEPTH_RATIO = (-0.5, 0.5)  # logarithm, of strangers' hands
 
 
 class Torsos(NamedTuple):
@@ -61,7 +91,8 @@ def draw_people(
     rng: np.random.Generator, prior: ScenePrior, sampler: BodySampler, cameras: Cameras
 ) -> People:
     """A hand anywhere in each frame, its person, and the other hand."""
-    count, hands = len(cameras.focal), prior.hands
+    count = len(cameras.focal)
+    hands = prior.hands
     place = cameras.anywhere(rng, hands.margin_px, hands.distance.draw(rng, count))
     side = rng.choice([-1.0, 1.0], count)
     first = draw_hands(rng, sampler, side)
@@ -81,14 +112,15 @@ def draw_people(
 
 def _wearer(rng: np.random.Generator, cameras: Cameras, size: Array) -> Torsos:
     """The people on whose heads the cameras would be."""
-    count, up = len(size), cameras.up
-    ahead = AHEAD + 0.25 * rng.normal(size=(count, 3))
-    face = unit(across(ahead - 0.3 * up, up))
+    count = len(size)
+    up = cameras.up
+    ahead = AHEAD + LOOKS_ASIDE * rng.normal(size=(count, 3))
+    face = unit(across(ahead - LOOKS_DOWN * up, up))
     right = np.cross(up, face)
-    below, behind = rng.uniform(60, 320, (count, 1)), rng.uniform(-60, 150, (count, 1))
-    aside = right * rng.uniform(-100, 100, (count, 1))
-    middle = -up * below - face * behind + aside
-    return Torsos(up, face, right, middle, size)
+    below = up * rng.uniform(*BELOW_MM, (count, 1))
+    behind = face * rng.uniform(*BEHIND_MM, (count, 1))
+    aside = right * rng.uniform(*ASIDE_MM, (count, 1))
+    return Torsos(up, face, right, -below - behind + aside, size)
 
 
 def _turn_of_first(
@@ -101,37 +133,35 @@ def _turn_of_first(
     along: NDArray[np.bool_],
 ) -> Array:
     """Rotations (N, 3, 3) of the first hands: the likeliest of some arrangements of their arms."""
-    count, up = len(place), cameras.up[:, None]
+    count = len(place)
+    up = cameras.up[:, None]
     turns = any_rotation(rng, count, TRIALS)
-
-    def turned(v: Array) -> Array:
-        return np.einsum("nkij,nj->nki", turns, v)
-
-    forearm = turned(unit(hand.elbow - hand.wrist))
+    forearm = turned(turns, unit(hand.elbow - hand.wrist))
     away = dot(forearm, unit(place)[:, None])  # negative: the elbow is nearer than the hand
-    score = rng.random((count, TRIALS)) - 3 * (away < -0.85)
+    score = rng.random((count, TRIALS)) - PENALTY_AT_CAMERA * (away < AT_CAMERA)
     shoulder = wearer.shoulder(hand.side)[:, None]
-    reach = np.linalg.norm(place[:, None] + turned(hand.elbow) - shoulder, axis=-1)
-    too_far = np.abs(reach - ARM_MM * wearer.size) / 120
-    score -= cameras.on_head[:, None] * np.clip(too_far, 0, 4)
-    score += cameras.facing[:, None] * ((away > 0) - 0.5 * dot(forearm, up))
-    score -= rests[:, None] * 5 * dot(turned(hand.palmar), up)
-    score += along[:, None] * 5 * np.abs(away)
-    return np.asarray(turns[np.arange(count), score.argmax(1)])
+    reach = np.linalg.norm(place[:, None] + turned(turns, hand.elbow) - shoulder, axis=-1)
+    too_far = np.abs(reach - ARM_MM * wearer.size) / TOO_FAR_MM
+    score -= cameras.on_head[:, None] * np.clip(too_far, 0, MAX_TOO_FAR)
+    score += cameras.facing[:, None] * ((away > 0) - HANGS * dot(forearm, up))
+    score -= rests[:, None] * RESTS * dot(turned(turns, hand.palmar), up)
+    score += along[:, None] * ALONG * np.abs(away)
+    return turns[np.arange(count), score.argmax(1)]
 
 
 def _owner(rng: np.random.Generator, cameras: Cameras, wearer: Torsos, hand: Hands) -> Torsos:
     """The owners of the first hands: the cameras' wearers, or people placed at the arms."""
-    count, up = len(hand.side), cameras.up
+    count = len(hand.side)
+    up = cameras.up
     outwards = hand.side[:, None]
-    forward = unit(hand.wrist - hand.elbow) + 0.6 * rng.normal(size=(count, 3))
+    forward = unit(hand.wrist - hand.elbow) + FACES_ASIDE * rng.normal(size=(count, 3))
     on_head = cameras.on_head[:, None]
     face = np.where(on_head, wearer.face, unit(across(forward, up)))
     right = np.cross(up, face)
-    backwards = -face * rng.uniform(-0.2, 1, (count, 1))
-    upwards = up * rng.uniform(-0.3, 1.1, (count, 1))
-    aside = outwards * right * rng.uniform(-0.3, 0.6, (count, 1))
-    anyhow = 0.3 * rng.normal(size=(count, 3))
+    backwards = -face * rng.uniform(*BACKWARDS, (count, 1))
+    upwards = up * rng.uniform(*UPWARDS, (count, 1))
+    aside = outwards * right * rng.uniform(*INWARDS, (count, 1))
+    anyhow = ANYHOW * rng.normal(size=(count, 3))
     upper = unit(backwards + upwards - aside + anyhow)
     size = wearer.size
     shoulder = np.where(on_head, wearer.shoulder(hand.side), hand.elbow + ARM_MM * size * upper)
@@ -154,21 +184,29 @@ def _second(
     hand = draw_hands(rng, sampler, own_side)
     elbows = _other_elbows(rng, person, own_side)
     turns = any_rotation(rng, count, TRIALS)
-    places = elbows - np.einsum("nkij,nj->nki", turns, hand.elbow)
-    u, v = np.moveaxis(cameras.pixels(places), -1, 0)
-    z = places[..., 2]
-    in_frame = (u > 5) & (u < WIDTH - 5) & (v > 5) & (v < HEIGHT - 5)
-    seen = in_frame & (z > 220) & (z < 1700)
+    places = elbows - turned(turns, hand.elbow)
+    seen = _in_sight(cameras, places)
     ahead = dot(places - elbows, person.face[:, None]) > 0
-    too_close = np.linalg.norm(places - place[:, None], axis=-1) < 70
-    score = 3.0 * seen + rng.random(seen.shape) + 0.6 * ahead - 2.0 * too_close
+    too_close = np.linalg.norm(places - place[:, None], axis=-1) < CLOSE_MM
+    score = IN_SIGHT * seen + rng.random(seen.shape) + IN_FRONT * ahead - TOO_CLOSE * too_close
     best = score.argmax(1)
     rows = np.arange(count)
     near = place + any_direction(rng, count) * prior.close_mm.draw(rng, count, 1)
-    anywhere = cameras.anywhere(rng, 5, place[:, 2] * np.exp(rng.uniform(-0.5, 0.5, count)))
+    depth = place[:, 2] * np.exp(rng.uniform(*DEPTH_RATIO, count))
+    anywhere = cameras.anywhere(rng, MARGIN_PX, depth)
     close = rng.random(count) < prior.close
     where = np.select([close[:, None], stranger[:, None]], [near, anywhere], places[rows, best])
     return hand.placed(turns[rows, best], where), where
+
+
+def _in_sight(cameras: Cameras, places: Array) -> NDArray[np.bool_]:
+    """Whether hands at places (N, ..., 3) are in the frame, and at depths of hands."""
+    u, v = np.moveaxis(cameras.pixels(places), -1, 0)
+    z = places[..., 2]
+    nearest, farthest = SIGHT_MM
+    in_width = (u > MARGIN_PX) & (u < WIDTH - MARGIN_PX)
+    in_height = (v > MARGIN_PX) & (v < HEIGHT - MARGIN_PX)
+    return in_width & in_height & (z > nearest) & (z < farthest)
 
 
 def _other_elbows(rng: np.random.Generator, person: Torsos, side: Array) -> Array:
@@ -176,13 +214,13 @@ def _other_elbows(rng: np.random.Generator, person: Torsos, side: Array) -> Arra
     count = len(side)
     many = (count, TRIALS, 1)
     outwards = side[:, None] * person.right
-    ahead = person.face[:, None] * rng.uniform(0, 1.2, many)
-    upwards = person.up[:, None] * rng.uniform(-0.3, 1, many)
-    aside = outwards[:, None] * rng.uniform(-0.4, 0.6, many)
-    anyhow = 0.3 * rng.normal(size=(count, TRIALS, 3))
-    upper = unit(ahead - upwards + aside + anyhow)
+    ahead = person.face[:, None] * rng.uniform(*FORWARDS, many)
+    downwards = person.up[:, None] * rng.uniform(*DOWNWARDS, many)
+    aside = outwards[:, None] * rng.uniform(*OUTWARDS, many)
+    anyhow = ANYHOW * rng.normal(size=(count, TRIALS, 3))
+    upper = unit(ahead - downwards + aside + anyhow)
     arm = ARM_MM * person.size[:, None] * upper
-    return np.asarray(person.shoulder(side)[:, None] + arm)
+    return person.shoulder(side)[:, None] + arm
 
 
 def draw_arm(
@@ -203,8 +241,7 @@ def draw_arm(
     shoulder = person.shoulder(hand.side)
     size = person.size[:, 0]
     upper = prior.upper.draw(rng, count) * size + thicker
-    longest = 420 * size  # of upper arms; a shoulder farther away belongs to another person
-    is_own = np.linalg.norm(hand.elbow - shoulder, axis=1) < longest
+    is_own = np.linalg.norm(hand.elbow - shoulder, axis=1) < LONGEST_MM * size
     joined = (ends[:, 0] == 1) & is_own
     wider = radii[:, 1] - radii[:, 0]
     begin = radii[:, 0] + sleeve * wider + thicker
@@ -223,10 +260,9 @@ def draw_body(rng: np.random.Generator, prior: BodyParameter, person: Torsos) ->
     count = len(person.size)
     axes = np.stack([person.right, person.up, person.face], axis=1)
     hip = np.array(HIP)
-    apart, lower = rng.uniform(-60, 120, (count, 1)), rng.uniform(-120, 60, (count, 2))
-    across_ = hip[:, 0] + np.array([-1, 1]) * apart
-    down = hip[:, 1] + lower
-    knee = np.stack([across_, down, np.full((count, 2), 440.0)], axis=-1)
+    aside = hip[:, 0] + np.array([-1, 1]) * rng.uniform(*KNEES_APART_MM, (count, 1))
+    down = hip[:, 1] + rng.uniform(*KNEES_LOWER_MM, (count, 2))
+    knee = np.stack([aside, down, np.full((count, 2), KNEE_MM)], axis=-1)
     points = np.array([ends[:2] for ends in BODY], dtype=np.float64)
     begin, end = (np.broadcast_to(points[:, n], (count, len(BODY), 3)) for n in (0, 1))
     a = np.concatenate([begin, np.broadcast_to(hip, (count, 2, 3))], axis=1)

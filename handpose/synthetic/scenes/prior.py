@@ -33,15 +33,12 @@ class Range:
 
     def draw(self, rng: np.random.Generator, *shape: int) -> Array:
         """Numbers of a shape."""
-        return np.asarray(rng.uniform(self.low, self.high, shape))
+        return rng.uniform(self.low, self.high, shape)
 
 
 @dataclass(frozen=True)
-class Sizes:
+class Sizes(Range):
     """The same for sizes and distances above 0: each doubling is as likely as the next."""
-
-    low: Double
-    high: Double
 
     def draw(self, rng: np.random.Generator, *shape: int) -> Array:
         """Numbers of a shape."""

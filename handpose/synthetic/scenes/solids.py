@@ -35,6 +35,14 @@ class Solids(NamedTuple):
     shown: NDArray[np.bool_]
 
 
+def one_each(
+    kind: NDArray[np.int_], center: Array, axes: Array, half: Array, shown: NDArray[np.bool_]
+) -> Solids:
+    """One solid in each frame: (N,), (N, 3), (N, 3, 3), (N, 3), (N,)."""
+    values = kind[:, None], center[:, None], axes[:, None], half[:, None], shown[:, None]
+    return Solids(*values)
+
+
 def joined(parts: Sequence[Solids]) -> Solids:
     """The solids of several groups together, frame by frame."""
     return Solids(*(np.concatenate(values, axis=1) for values in zip(*parts)))

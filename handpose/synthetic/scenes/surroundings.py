@@ -8,7 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.frames.cameras import Floats
-from handpose.synthetic.scenes.directions import across, any_direction, any_rotation, dot, unit
+from handpose.synthetic.scenes.directions import (
+    across,
+    any_direction,
+    any_rotation,
+    dot,
+    right_angled,
+    unit,
+)
 from handpose.synthetic.scenes.people import People, Torsos
 from handpose.synthetic.scenes.prior import (
     PartParameter,
@@ -25,10 +32,14 @@ from handpose.synthetic.scenes.solids import (
     Rays,
     Solids,
     joined,
+    one_each,
     only,
     plane_depth,
 )
+from layers.hand.kinematics import rotation
 from netlib.blob import Array
+
+LYING = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1.0]])  # exchanges the upward and the right axis
 
 
 class Table(NamedTuple):
@@ -49,20 +60,20 @@ def draw_table(
 ) -> Table:
     """A table below ``near`` (N, 3), or under the first hands that rest on it."""
     person = people.person
-    count, rests = len(near), people.rests
+    count = len(near)
+    rests = people.rests
     below = np.where(
         rng.random(count) < prior.near,
         prior.near_mm.draw(rng, count),
         prior.below_mm.draw(rng, count),
     )
     below = np.where(rests, rests_mm.draw(rng, count), below)[:, None]
-    yaw = rng.uniform(0, 2 * np.pi, (count, 1))
+    side = _turned(_any_angle(rng, count), person.right, person.face)
     level = person.up + prior.tilt * rng.normal(size=(count, 3))
     # a hand at rest lies flat: its own direction says how the table is turned
     normal = unit(np.where(rests[:, None], -people.hands[0].palmar, level))
     above = np.where(rests[:, None], people.palms[:, 0], near)
-    along = unit(across(person.right * np.cos(yaw) + person.face * np.sin(yaw), normal))
-    axes = np.stack([along, normal, np.cross(along, normal)], axis=-1)
+    axes = right_angled(unit(across(side, normal)), normal)
     top = above - normal * below
     center = top - prior.thickness * normal
     ahead, aside = prior.ahead.draw(rng, count, 1), prior.aside.draw(rng, count, 1)
@@ -70,8 +81,7 @@ def draw_table(
     half_x, half_z = prior.half.draw(rng, count), prior.half.draw(rng, count)
     half = np.stack([half_x, np.full(count, prior.thickness), half_z], axis=-1)
     there = (rng.random(count) < prior.share) | rests
-    kind = np.full((count, 1), BOX)
-    board = Solids(kind, center[:, None], axes[:, None], half[:, None], there[:, None])
+    board = one_each(np.full(count, BOX), center, axes, half, there)
     return Table(board, top, axes, there)
 
 
@@ -86,40 +96,27 @@ def draw_things(
     kinds = rng.choice(len(shares), (count, prior.most), p=shares / shares.sum())
     shown = rng.random(kinds.shape) < prior.each
     shown &= (rng.random(count) < prior.share)[:, None]
-    parts = [
-        _solids_of(rng, prior, thing, person, near, table, shown & (kinds == k))
-        for k, thing in enumerate(prior.thing)
-    ]
-    of = [np.full(part.kind.shape[1], k) for k, part in enumerate(parts)]
-    return joined(parts), np.concatenate(of)
+    places = _Places(rng, prior, person, near, table)
+    groups = []
+    for k, thing in enumerate(prior.thing):
+        frame, _ = np.nonzero(shown & (kinds == k))
+        groups.append(_by_frame(_solids_of(places, thing, frame), frame, count))
+    of = [np.full(group.kind.shape[1], k) for k, group in enumerate(groups)]
+    return joined(groups), np.concatenate(of)
 
 
-def _solids_of(
-    rng: np.random.Generator,
-    prior: ThingsParameter,
-    thing: ThingParameter,
-    person: Torsos,
-    near: Array,
-    table: Table,
-    shown: NDArray[np.bool_],
-) -> Solids:
-    """The parts of one kind of thing, at those of M places of N frames where it is shown."""
-    n, _ = np.nonzero(shown)
-    size = thing.size.draw(rng, len(n))
-    origin, axes = _placed(rng, prior, thing, person, near, table, n)
-    parts = [_solid_of(rng, part, origin, axes, size) for part in thing.part]
-    return _by_frame(parts, n, len(shown))
+def _solids_of(places: _Places, thing: ThingParameter, frame: NDArray[np.int_]) -> Solids:
+    """The parts of one kind of thing, K times in the given frames (K,), thing by thing."""
+    size = thing.size.draw(places.rng, len(frame))
+    origin, axes = places.draw(thing, frame)
+    return joined([_solid_of(places.rng, part, origin, axes, size) for part in thing.part])
 
 
-def _by_frame(
-    parts: list[tuple[NDArray[np.int_], Array, Array, Array, NDArray[np.bool_]]],
-    frame: NDArray[np.int_],
-    count: int,
-) -> Solids:
-    """Solids of K things, which are in the given frames (K,), frame by frame."""
-    kind, center, axes, half, there = (np.stack(values, axis=1) for values in zip(*parts))
+def _by_frame(things: Solids, frame: NDArray[np.int_], count: int) -> Solids:
+    """The solids of K things, which are in the given frames (K,), frame by frame."""
     many = np.bincount(frame, minlength=count)
-    most, each = int(many.max(initial=0)), kind.shape[1]
+    most = int(many.max(initial=0))
+    each = things.kind.shape[1]
     first = np.cumsum(many) - many
     slot = np.arange(len(frame)) - first[frame]
 
@@ -128,49 +125,80 @@ def _by_frame(
         out[frame, slot] = values
         return out.reshape(count, most * each, *values.shape[2:])
 
-    return Solids(*map(spread, (kind, center, axes, half, there)))
+    return Solids(*map(spread, things))
 
 
-def _placed(
-    rng: np.random.Generator,
-    prior: ThingsParameter,
-    thing: ThingParameter,
-    person: Torsos,
-    near: Array,
-    table: Table,
-    n: NDArray[np.int_],
-) -> tuple[Array, Array]:
-    """Origins (K, 3) and axes (K, 3, 3) of things of one kind in the frames ``n`` (K,)."""
-    count = len(n)
-    yaw = rng.uniform(0, 2 * np.pi, (count, 1))
-    if thing.stands == "ROOM":
-        ground = person.up[n]
-        side = unit(across(any_direction(rng, count), ground))
-        away = prior.in_room.draw(rng, count, 1)
-        origin = near[n] + away * unit(any_direction(rng, count) + 0.5 * side)
-        axes = np.stack([side, ground, np.cross(side, ground)], axis=-1)
-        return origin, axes
-    origin = near[n] + any_direction(rng, count) * prior.in_air.draw(rng, count, 1)
-    axes = any_rotation(rng, count)
-    if thing.stands == "AIR":
-        return origin, axes
-    on = table.there[n][:, None]
-    x, normal, z = np.moveaxis(table.axes[n], -1, 0)
-    flat = np.cos(yaw) * x + np.sin(yaw) * z
-    on_table = table.top[n] + flat * prior.on_table.draw(rng, count, 1)
-    turn = rng.uniform(0, 2 * np.pi, (count, 1))
-    front = np.cos(turn) * x + np.sin(turn) * z
-    upright = np.stack([front, normal, np.cross(front, normal)], axis=-1)
-    lies = rng.random(count) < thing.lies
-    lying = upright[..., [1, 0, 2]] * (1, 1, -1)
-    upright = np.where(lies[:, None, None], lying, upright)
-    return np.where(on, on_table, origin), np.where(on[..., None], upright, axes)
+class _Places:
+    """Draws where things are: about the places ``near`` (N, 3), and on the tables of N frames."""
+
+    def __init__(
+        self,
+        rng: np.random.Generator,
+        prior: ThingsParameter,
+        person: Torsos,
+        near: Array,
+        table: Table,
+    ) -> None:
+        self.rng = rng
+        self._prior = prior
+        self._up, self._near, self._table = person.up, near, table
+
+    def draw(self, thing: ThingParameter, frame: NDArray[np.int_]) -> tuple[Array, Array]:
+        """Origins (K, 3) and axes (K, 3, 3) of things of one kind in the given frames (K,)."""
+        # drawn for all things, though only those on tables need it, so that scenes do not change
+        angle = _any_angle(self.rng, len(frame))
+        if thing.stands == "ROOM":
+            return self._in_room(frame)
+        in_air = self._in_air(frame)
+        if thing.stands == "AIR":
+            return in_air
+        origin, axes = self._on_table(frame, angle, thing.lies)
+        on = self._table.there[frame]
+        return np.where(on[:, None], origin, in_air[0]), np.where(
+            on[:, None, None], axes, in_air[1]
+        )
+
+    def _in_room(self, frame: NDArray[np.int_]) -> tuple[Array, Array]:
+        """Upright, anywhere."""
+        count = len(frame)
+        ground = self._up[frame]
+        side = unit(across(any_direction(self.rng, count), ground))
+        away = self._prior.in_room.draw(self.rng, count, 1)
+        direction = unit(any_direction(self.rng, count) + 0.5 * side)
+        return self._near[frame] + away * direction, right_angled(side, ground)
+
+    def _in_air(self, frame: NDArray[np.int_]) -> tuple[Array, Array]:
+        """Turned anyhow."""
+        count = len(frame)
+        direction = any_direction(self.rng, count)
+        origin = self._near[frame] + direction * self._prior.in_air.draw(self.rng, count, 1)
+        return origin, any_rotation(self.rng, count)
+
+    def _on_table(self, frame: NDArray[np.int_], angle: Array, lies: float) -> tuple[Array, Array]:
+        """At directions with these angles (K, 1) from the middle of the tables; a share lies."""
+        count = len(frame)
+        x, normal, z = np.moveaxis(self._table.axes[frame], -1, 0)
+        away = self._prior.on_table.draw(self.rng, count, 1)
+        origin = self._table.top[frame] + _turned(angle, x, z) * away
+        upright = right_angled(_turned(_any_angle(self.rng, count), x, z), normal)
+        is_lying = self.rng.random(count) < lies
+        return origin, np.where(is_lying[:, None, None], upright @ LYING, upright)
+
+
+def _any_angle(rng: np.random.Generator, count: int) -> Array:
+    """Angles (count, 1) of all directions."""
+    return rng.uniform(0, 2 * np.pi, (count, 1))
+
+
+def _turned(angle: Array, x: Array, z: Array) -> Array:
+    """The directions (N, 3) at angles (N, 1) from x to z."""
+    return np.cos(angle) * x + np.sin(angle) * z
 
 
 def _solid_of(
     rng: np.random.Generator, part: PartParameter, origin: Array, axes: Array, size: Array
-) -> tuple[NDArray[np.int_], Array, Array, Array, NDArray[np.bool_]]:
-    """One part of K things: the values of ``Solids``."""
+) -> Solids:
+    """One part of each of K things."""
     count = len(size)
     x, y = part.x.draw(rng, count), part.y.draw(rng, count)
     z = x if part.z is None else part.z.draw(rng, count)
@@ -178,20 +206,10 @@ def _solid_of(
     at_y = y if part.at_y is None else part.at_y.draw(rng, count)
     at = np.stack([part.at_x.draw(rng, count), at_y, part.at_z.draw(rng, count)], axis=-1)
     center = origin + np.einsum("nij,nj->ni", axes, at * size[:, None])
-    turned = axes @ _tilted(part.tilt.draw(rng, count), part.lean.draw(rng, count))
+    tilt, lean = (np.deg2rad(angle.draw(rng, count)) for angle in (part.tilt, part.lean))
+    turned = axes @ (rotation(0, tilt) @ rotation(2, lean))
     there = rng.random(count) < part.chance
-    return np.full(count, SHAPES[part.shape]), center, turned, half, there
-
-
-def _tilted(tilt: Array, lean: Array) -> Array:
-    """Rotations (K, 3, 3) about x by ``tilt`` after those about z by ``lean``, degrees (K,)."""
-    a, b = np.deg2rad(tilt), np.deg2rad(lean)
-    zero, one = np.zeros_like(a), np.ones_like(a)
-    cos, sin = np.cos(a), np.sin(a)
-    about_x = [[one, zero, zero], [zero, cos, -sin], [zero, sin, cos]]
-    cos, sin = np.cos(b), np.sin(b)
-    about_z = [[cos, -sin, zero], [sin, cos, zero], [zero, zero, one]]
-    return np.einsum("ijn,jkn->nik", about_x, about_z)
+    return one_each(np.full(count, SHAPES[part.shape]), center, turned, half, there)
 
 
 def draw_planes(

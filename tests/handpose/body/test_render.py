@@ -121,7 +121,8 @@ def test_behind_the_camera() -> None:
 
 def wedge(corners: NDArray[np.float64], radii: tuple[float, ...]) -> Capsules:
     """The hull of three spheres: its edges, and the facet between them."""
-    ends, r = np.asarray(corners, float)[None], np.array([radii], float)
+    ends = np.asarray(corners, float)[None]
+    r = np.array([radii], float)
     following = [np.roll(values, -1, axis=1) for values in (ends, r)]
     return Capsules(ends, following[0], r, following[1], np.array([[0, 2, 4]]))
 

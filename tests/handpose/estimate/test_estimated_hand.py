@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from handpose.body.sides import MIRROR, SIDES, Side
-from handpose.estimate.hand import Hand, as_one_side, judge
+from handpose.estimate.hand import HandEstimate, as_one_side, judge
 from handpose.fit.body import SIZE_INDEX, THICKNESS_INDEX, CapsuleModel
 from handpose.fit.depth_fit import DepthFit
 from handpose.fit.pose_confidence import Judge
@@ -24,7 +24,7 @@ JUDGE = Judge(FitSettings())
 WALL = np.full((NYU.height, NYU.width), 700.0)
 
 
-def fitted(model: CapsuleModel, side: Side, cost: float = 2.5) -> Hand:
+def fitted(model: CapsuleModel, side: Side, cost: float = 2.5) -> HandEstimate:
     """A hand with a fit of a random pose, of 0.95 times the size and 1.1 times the thickness."""
     x = np.random.default_rng(0).uniform(0, 0.4, (1, model.variables))
     x[0, SIZE_INDEX], x[0, THICKNESS_INDEX] = np.log([0.95, 1.1])
@@ -37,7 +37,7 @@ def fitted(model: CapsuleModel, side: Side, cost: float = 2.5) -> Hand:
         signs=np.array([[1.0, 2, 3, 4, 5]]),
         start=np.zeros(1, int),
     )
-    return Hand(side, CROP, CENTER, 300.0, NYU, fit.network[0], fit, model)
+    return HandEstimate(side, CROP, CENTER, 300.0, NYU, fit.network[0], fit, model)
 
 
 def test_a_hand_in_three_units() -> None:
@@ -45,7 +45,7 @@ def test_a_hand_in_three_units() -> None:
     of the camera.
     """
     joints_mm = np.array([[0.0, 0, 0], [150, -75, 37.5]])
-    found = Hand("right", CROP, np.array([NYU.u0, NYU.v0, 700]), 300.0, NYU, joints_mm)
+    found = HandEstimate("right", CROP, np.array([NYU.u0, NYU.v0, 700]), 300.0, NYU, joints_mm)
     np.testing.assert_allclose(found.joints, [[0, 0, 0], [1, -0.5, 0.25]])
     np.testing.assert_allclose(found.joints_mm, joints_mm)
     np.testing.assert_allclose(found.center_mm, [0, 0, 700])
@@ -54,7 +54,7 @@ def test_a_hand_in_three_units() -> None:
 
 def test_without_a_fit() -> None:
     """The network alone says nothing of errors and sizes: all values of a fit are NaN."""
-    found = Hand("right", CROP, CENTER, 300.0, NYU, np.zeros((31, 3)))
+    found = HandEstimate("right", CROP, CENTER, 300.0, NYU, np.zeros((31, 3)))
     values = [
         found.confidence,
         found.error_mm,

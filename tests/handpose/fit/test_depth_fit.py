@@ -176,7 +176,7 @@ def test_followed_limbs_are_held(fitter: DepthFitter, scene: Scene) -> None:
         found.x, scene.seen, objective.prior_of(expected, fitter.precision)
     ).prior
     np.testing.assert_allclose(found.signs[:, 3], prior, rtol=1e-4)
-    settings = FitSettings(steady=SteadySettings(hold=1.0))
+    settings = FitSettings(steady=SteadySettings(limb_precision=1.0))
     loose = DepthFitter(model, fitter.errors, settings=settings).follow(
         scene.seen, before, np.zeros(len(before)), FAST
     )

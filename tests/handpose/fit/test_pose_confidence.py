@@ -166,7 +166,8 @@ def test_finger_errors_are_bounded() -> None:
 
 def test_weights_belong_to_their_signs(tmp_path: Path) -> None:
     """Each name of a file gives its own number, in the order of the signs."""
-    path, values = tmp_path / "w.prototxt", iter(range(1, 99))
+    path = tmp_path / "w.prototxt"
+    values = iter(range(1, 99))
     names = {"hand": SIGNS, "finger": FINGER_SIGNS}
     text = {
         part: " ".join(f"{name}: {next(values)}" for name in (*signs, "constant", "spread"))

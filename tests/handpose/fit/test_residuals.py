@@ -49,7 +49,8 @@ def looking(points: np.ndarray) -> Observation:
     zero = np.zeros((1, 128, 128), np.float32)
     one = np.ones(1, np.float32)
     seen, weight = points.T[None].astype(np.float32), np.ones((1, P), np.float32)
-    center, scale = np.zeros((1, 3), np.float32), one[:, None]
+    center = np.zeros((1, 3), np.float32)
+    scale = one[:, None]
     return Observation(seen, rays, weight, np.zeros(1, int), zero, zero, center, one, scale, scale)
 
 
@@ -78,7 +79,8 @@ def test_residuals_of_a_pipe(
 
 def test_the_surface_of_a_cone() -> None:
     """For different radii, points on the tangent cone have residual 0, at any place along it."""
-    model, (a, b, ra, rb) = pipe(2, 1), (0.0, 100.0, 20.0, 10.0)
+    model = pipe(2, 1)
+    a, b, ra, rb = (0.0, 100.0, 20.0, 10.0)
     tilt = np.arcsin((ra - rb) / (b - a))
     s = np.linspace(0.05, 0.9, 9)
     r = ra + s * (rb - ra)

@@ -9,7 +9,7 @@ import pytest
 
 from handpose.fit.body import CapsuleModel
 from handpose.fit.objective import Objective, Prior
-from handpose.fit.search import Search, damped_step, drawn, turned_back
+from handpose.fit.search import Search, Starts, damped_step, drawn, turned_back
 from handpose.fit.settings import SearchSettings, Stage, Trials, Weights
 from layers.hand.bodies import kinematics_of
 from tests.handpose.fit.conftest import Scene, start_of
@@ -48,7 +48,8 @@ def test_at_a_limit(side: int) -> None:
     x = X.copy()
     x[:, 2] = 0.3
     leaves = B[:, 2] > 0 if side == 0 else B[:, 2] < 0
-    found, others = step(0, x, limits), [0, 1, 3, 4]
+    found = step(0, x, limits)
+    others = [0, 1, 3, 4]
     np.testing.assert_array_equal(found[leaves, 2], 0)
     np.testing.assert_allclose(found[~leaves], step(0)[~leaves], atol=1e-12)
     for n in np.flatnonzero(leaves):
@@ -76,7 +77,8 @@ def test_the_cost_never_rises_within_a_stage(model: CapsuleModel, scene: Scene) 
     within the limits.
     """
     objective, x = Objective(model, Weights()), start_of(scene, model)
-    prior, costs = prior_of(objective, x), []
+    prior = prior_of(objective, x)
+    costs = []
     for iterations in (0, 2, 5, 9):
         found, cost = SEARCH.descend(
             objective, x, scene.seen, prior, (Stage(60, 1), Stage(30, iterations))
@@ -95,12 +97,13 @@ def test_starts_are_compared_without_the_prior(
     model: CapsuleModel, few: Scene, trials: Trials | None
 ) -> None:
     """The start that explains the image wins, although the network predicts the other one."""
-    objective, (wrong, right) = Objective(model, Weights()), (start_of(few, model), few.truth)
+    objective = Objective(model, Weights())
+    wrong, right = (start_of(few, model), few.truth)
     precision = np.eye(len(model.limbs)) / 0.01**2
     plan = replace(SEARCH.settings.fast, iterations=0, trials=trials)
-    found = SEARCH.best(
-        objective, few.seen, np.stack([wrong, wrong]), np.stack([wrong, right]), precision, plan
-    )
+    expected = np.stack([wrong, wrong])
+    starts = Starts(np.stack([wrong, right]), expected, np.ones(expected.shape[:2]))
+    found = SEARCH.best(objective, few.seen, starts, precision, plan)
     np.testing.assert_array_equal(found.start, 1)
     np.testing.assert_allclose(found.x, right, atol=1e-4)
     assert (found.parts[:, 3] > found.parts[:, :3].sum(axis=1)).all()

@@ -59,7 +59,8 @@ def test_parts(model: CapsuleModel, image: np.ndarray) -> None:
     make the whole.
     """
     assert model.fingers is not None
-    index, capsules = model.fingers.capsules[1], at_rest(model)
+    index = model.fingers.capsules[1]
+    capsules = at_rest(model)
     others = ~index & ~model.surface.limbs
     ends = np.concatenate([capsules.a[0, index], capsules.b[0, index]])
     u, v, _ = np.rint(CAMERA.project(ends)).astype(int).T

@@ -14,10 +14,12 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from handpose.frames import camera_file
-from handpose.frames.camera_file import TIME_UNITS, find, parse, to_text
+from handpose.frames.camera_file import find, parse, to_text
+from handpose.frames.camera_text import parse_document
 from handpose.frames.cameras import Camera, View
 from handpose.frames.lens import Lens
 from handpose.frames.recording import CameraInfo
+from handpose.frames.time_units import TIME_UNITS
 from netlib.errors import DataError
 from tests.support.bad_input import bad_inputs
 
@@ -333,7 +335,7 @@ TRAJECTORY = {
 )
 def test_a_camera_alone(text: str, camera: Camera, words: str) -> None:
     """Open3D's camera and trajectory, tables, ScanNet's, OpenCV's, NeRF's and Record3D's."""
-    found = camera_file.parse(text, "x")
+    found = parse(text, "x")
     assert (found.camera, found.lens, found.origin) == (camera, None, f"x ({words})")
 
 
@@ -378,14 +380,14 @@ def test_a_camera_with_a_lens(text: str, name: str, lens: tuple[float, ...]) -> 
     """ROS's calibration, a topic's messages, Kalibr, ORB-SLAM, RealSense's list, ROS 2 in JSON,
     objects in objects.
     """
-    found = camera_file.parse(text, "x")
+    found = parse(text, "x")
     assert found.camera == Camera(name, 60, 61, 31.5, 23.5, 64, 48)
     assert found.lens == Lens(lens)
 
 
 def test_the_depth_camera_among_others() -> None:
     """By the names around it; what is said around it holds for it."""
-    found = camera_file.parse(json.dumps(TWO_STREAMS), "x")
+    found = parse(json.dumps(TWO_STREAMS), "x")
     assert (found.camera, found.lens, found.unit_mm, found.rate) == (SIZED, Lens(), 1.0, 30)
 
 
@@ -395,7 +397,7 @@ def test_the_depth_camera_in_a_list() -> None:
         {"name": kind, "K": [60 + i, 0, 31.5, 0, 61, 23.5, 0, 0, 1], "width": 64, "height": 48}
         for i, kind in ((2, "rgb"), (0, "depth"), (1, "left infrared"))
     ]
-    found = camera_file.parse(json.dumps({"cameras": cameras}), "x")
+    found = parse(json.dumps({"cameras": cameras}), "x")
     assert found.camera == replace(SIZED, name="depth")
 
 
@@ -448,7 +450,7 @@ def test_yaml(text: str) -> None:
         rows = np.array(value, object).ravel().tolist() if isinstance(value, list) else value
         return rows
 
-    assert flat(camera_file.parse_document(text, "x")) == flat(next(yaml.safe_load_all(text)))
+    assert flat(parse_document(text, "x")) == flat(next(yaml.safe_load_all(text)))
 
 
 # What other programs print or write: 64 x 48 px, focal lengths 60 and 61, the middle at 31.5, 23.5.
@@ -617,7 +619,7 @@ def test_the_output_of_camera_programs_is_accepted(text: str, lens: Lens | None)
     """pyrealsense2's two forms, Python's and NumPy's, Orbbec, Azure, RealSense Viewer, ScanNet,
     ROS's ost, sections.
     """
-    found = camera_file.parse(text, "x")
+    found = parse(text, "x")
     assert (found.camera, found.lens) == (SIZED, lens)
 
 
@@ -626,7 +628,7 @@ def test_the_modes_of_a_camera(tmp_path: Path) -> None:
     the frames' size.
     """
     (tmp_path / "camera.txt").write_text(ENUMERATED, encoding="utf-16")
-    for found in (camera_file.parse(ENUMERATED, "x"), camera_file.read(tmp_path / "camera.txt")):
+    for found in (parse(ENUMERATED, "x"), camera_file.read(tmp_path / "camera.txt")):
         assert isinstance(found.camera, View) and found.lens == Lens()
         assert found.camera.at(64, 48) == SIZED
         assert found.camera.at(128, 96) == Camera("own", 120, 122, 63.5, 47.5, 128, 96)

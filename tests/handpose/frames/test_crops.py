@@ -36,7 +36,8 @@ def cut_and_resize(
     """The released preprocessing, step by step: cut the window, pad, clamp, resize with
     OpenCV, paste.
     """
-    (u, v, d), h = uvd, cube / 2
+    (u, v, d) = uvd
+    h = cube / 2
     left, right = (floor((u * d / camera.fx + side) / d * camera.fx) for side in (-h, h))
     top, bottom = (floor((v * d / camera.fy + side) / d * camera.fy) for side in (-h, h))
     part = np.zeros((bottom - top, right - left), np.float32)

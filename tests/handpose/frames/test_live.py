@@ -31,7 +31,8 @@ class Simulated:
 
     def __init__(self, events: Iterable[Event], info: CameraInfo | None = None) -> None:
         self.info = info or CameraInfo(CAMERA, unit_mm=0.5, rate=10.0)
-        self.events, self.closed = iter(events), 0
+        self.events = iter(events)
+        self.closed = 0
 
     def read(self) -> DeviceFrame | None:
         event = next(self.events, None)
@@ -126,7 +127,8 @@ def test_a_thread_keeps_the_newest_frame() -> None:
     """While a frame is in use, those that come are read, and all but the newest are
     dropped and counted.
     """
-    read, released = threading.Semaphore(0), [threading.Event(), threading.Event()]
+    read = threading.Semaphore(0)
+    released = [threading.Event(), threading.Event()]
 
     def events() -> Iterable[Event]:
         shared = hand_sized()  # an SDK may reuse its memory

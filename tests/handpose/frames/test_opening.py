@@ -169,7 +169,8 @@ def write_video(
                     frame = av.VideoFrame.from_ndarray(
                         hand_sized(distance=distance), format="gray16le"
                     )
-                frame.pts, frame.time_base = millisecond, Fraction(1, 1000)
+                frame.pts = millisecond
+                frame.time_base = Fraction(1, 1000)
                 video.mux(stream.encode(frame))
         for stream in streams:
             video.mux(stream.encode(None))

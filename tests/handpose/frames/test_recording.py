@@ -5,6 +5,7 @@ takes precedence.
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,8 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from handpose.frames.cameras import KINECT2, NYU, SR305
+from handpose.frames.formats import open_recording
 from handpose.frames.lens import Lens, Undistorter
-from handpose.frames.recording import UNKNOWN, CameraInfo, DepthDecoder, stored
+from handpose.frames.recording import RATE_UNKNOWN, UNKNOWN, CameraInfo, DepthDecoder, stored
 from tests.handpose.frames.conftest import CAMERA, hand_sized
 
 U16 = np.dtype(np.uint16)
@@ -86,12 +88,14 @@ def test_the_users_camera_replaces_the_lens_of_the_file() -> None:
     assert found.lens == own.lens and found.remarks == ("the distortion of the lens is taken out",)
 
 
-def test_frames_without_times() -> None:
+def test_frames_without_times(tmp_path: Path) -> None:
     """30 frames per second are assumed, with a warning, unless a rate is given."""
-    given = CameraInfo(CAMERA, unit_mm=1.0)
-    assert DepthDecoder((48, 64), U16, "take", replace(given, rate=60.0)).paced() == (60.0, ())
-    rate, remarks = DepthDecoder((48, 64), U16, "take", given).paced()
-    assert rate == 30 and "30 frames per second assumed" in remarks[0]
+    path = tmp_path / "a.npy"
+    np.save(path, np.ones((2, 48, 64), np.uint16))
+    for rate, expected in ((None, 30), (60.0, 60)):
+        found = open_recording(path, CameraInfo(CAMERA, unit_mm=1.0, rate=rate))
+        assert found.rate == expected
+        assert (RATE_UNKNOWN in found.remarks) == (rate is None)
 
 
 LENS = Lens((0.1, 0, 0, 0))

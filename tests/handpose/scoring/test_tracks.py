@@ -107,7 +107,8 @@ def test_a_hand_far_from_all_true_ones_counts_as_invented() -> None:
 
 
 def test_hands_partly_in_sight_are_not_scored() -> None:
-    here, reasons = hand(0, RIGHT), ["", "", PARTLY, LEFT, PARTLY, "", ""]
+    here = hand(0, RIGHT)
+    reasons = ["", "", PARTLY, LEFT, PARTLY, "", ""]
     truth = frames([[lost(0, reason=why) if why else here] for why in reasons])
     found = [hand(5, RIGHT)]
     tracked = frames([found, found, found, found, [], [], found])

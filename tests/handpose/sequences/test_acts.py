@@ -94,7 +94,8 @@ def test_elbows_stay_on_their_side() -> None:
 def test_gestures_as_poses_by_name() -> None:
     """The poses have every DoF of fingers and thumb and no other, rounded and within the limits."""
     sampler = BodySampler()
-    skeleton, found = sampler.skeleton, poses(BodySampler())
+    skeleton = sampler.skeleton
+    found = poses(BodySampler())
     assert list(found) == list(sampler.poses) and found == poses(sampler)
     for inputs in found.values():
         assert len(inputs) == 20 and not any(name.startswith("palm") for name in inputs)

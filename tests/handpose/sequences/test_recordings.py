@@ -22,7 +22,8 @@ def test_frames_are_the_same_every_time() -> None:
     between seeds.
     """
     recording, again = (SyntheticRecording("rest", ICVL, seconds=0.1, seed=3) for _ in range(2))
-    once, twice = list(recording), [again.frame(n) for n in (2, 1, 0)][::-1]
+    once = list(recording)
+    twice = [again.frame(n) for n in (2, 1, 0)][::-1]
     assert recording.count == 3 and [frame.number for frame in once] == [0, 1, 2]
     assert [frame.time for frame in once] == [0, 1 / 30, 2 / 30]
     for one, two in zip(once, twice):

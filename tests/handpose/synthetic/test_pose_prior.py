@@ -53,7 +53,8 @@ def test_parameters_are_the_models(sampler: BodySampler, hands: Bodies) -> None:
 
 def test_fingers_rarely_run_through_each_other(sampler: BodySampler, hands: Bodies) -> None:
     """In fewer than 1% of the hands, parts penetrate each other more than the prior allows."""
-    surface, inputs = sampler.surface, np.zeros((500, len(sampler.surface.whole.initial)))
+    surface = sampler.surface
+    inputs = np.zeros((500, len(sampler.surface.whole.initial)))
     inputs[:, : hands.inputs.shape[1]] = hands.inputs
     ends = surface.ends(surface.kinematics.forward(inputs, hands.bones), hands.scale)
     depth = surface.penetration(ends, surface.radii * hands.scale[:, None, None]) * 150

@@ -15,6 +15,7 @@ from handpose.synthetic import prior_file
 from handpose.synthetic.generator import BLOCK, Generator
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.recipes import check_in_view, recipe, recipe_of
+from layers.hand.bodies import kinematics_of
 from netlib.errors import NetlibError, PrototxtError
 from tests.support.bad_input import bad_inputs
 from tests.support.tables import pairs_of
@@ -81,7 +82,7 @@ def test_another_body(tail: Path) -> None:
     generator: Generator = pickle.loads(pickle.dumps(Generator(3, "train", made)))
     frames = generator.block(0)
     assert frames.dof is not None and frames.bones is not None
-    posed = generator.sampler.kinematics.joints(
+    posed = kinematics_of(generator.sampler.skeleton).joints(
         frames.dof.astype(float), frames.bones.astype(float)
     )
     np.testing.assert_allclose(posed.reshape(BLOCK, -1), frames.joint, atol=1e-6)
@@ -96,8 +97,9 @@ def test_the_crop_centre(tail: Path) -> None:
     """The crop centre is at the given position in the frame of its joint, for any rotation."""
     sampler = BodySampler(prior_file.load(tail))
     bodies = sampler.draw(np.random.default_rng(0), 50)
-    pose = sampler.kinematics.forward(bodies.inputs, bodies.bones)
-    frame = sampler.kinematics.rotation_of(pose, 0)
+    kinematics = kinematics_of(sampler.skeleton)
+    pose = kinematics.forward(bodies.inputs, bodies.bones)
+    frame = kinematics.rotation_of(pose, 0)
     np.testing.assert_allclose(bodies.joints[:, 0] + frame @ [0, 0.2, 0], 0, atol=1e-12)
 
 

@@ -48,7 +48,8 @@ def test_thickness_and_single_radii(sampler: BodySampler) -> None:
 
 def test_offsets(sampler: BodySampler) -> None:
     """With offsets of 0, capsules end at the joints."""
-    own, hands = ~sampler.surface.limbs, sampler.draw(np.random.default_rng(0), 10)
+    own = ~sampler.surface.limbs
+    hands = sampler.draw(np.random.default_rng(0), 10)
     joints = hands.joints[:, sampler.surface.start[own]] * 150 + (0, 0, 800)
     np.testing.assert_allclose(
         drawn(sampler, replace(EXACT, offsets=(0.0, 0.0)), 10).a[:, own], joints, atol=1e-9

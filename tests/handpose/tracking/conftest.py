@@ -49,7 +49,7 @@ def tracked(predictor: Predictor, take: Take, **options: object) -> Take:
 
     Sizes are determined from fewer frames than usual, because recordings are short.
     """
-    settings = TrackSettings(size=SizeSettings(collected=12))
+    settings = TrackSettings(size=SizeSettings(poses=12))
     tracker = Tracker(predictor, min_confidence=0, settings=settings, **options)  # type: ignore[arg-type]
     return replace(take, tracker=tracker, reported=[*tracker.follow(take.frames)])
 

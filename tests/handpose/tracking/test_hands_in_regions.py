@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from handpose.body.sides import MIRROR, SideView
 from handpose.estimate.candidates import SearchRegion
 from handpose.estimate.estimator import HandEstimator
-from handpose.estimate.hand import Hand
+from handpose.estimate.hand import HandEstimate
 from handpose.estimate.packaged import load_predictor
 from handpose.estimate.predictor import Predictor
 from handpose.fit.body import WorldPose
@@ -45,7 +45,7 @@ def center(shown: Take) -> np.ndarray:
     return shown.truth[20].hands[0].pose.center_uvd
 
 
-def error(estimate: Hand | None, shown: Take) -> float:
+def error(estimate: HandEstimate | None, shown: Take) -> float:
     """The mean error of all joints in mm."""
     assert estimate is not None
     return float(np.linalg.norm(estimate.xyz - shown.truth[20].hands[0].xyz, axis=1).mean())

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from handpose.body.sides import SIDES, Side, mirror_of, pixel_of
-from handpose.estimate.hand import Hand, judge
+from handpose.estimate.hand import HandEstimate, judge
 from handpose.fit.body import SIZE_INDEX, CapsuleModel
 from handpose.fit.depth_fit import DepthFit
 from handpose.fit.pose_confidence import Judge
@@ -56,7 +56,7 @@ def state(
     x, one = variables(model)[None], np.ones(1)
     signs = np.array([[30.0, 2, 0.2, 5, 10]])
     fit = DepthFit(model.joints(x), model.joints(x), one, one, x, signs, one)
-    hand = Hand(
+    hand = HandEstimate(
         side,
         np.zeros((128, 128), np.float32),
         pixel_of(CENTER, NYU, side),
@@ -148,7 +148,7 @@ def test_another_body_of_a_single_image() -> None:
     """It has no side; what only a fit determines is unknown."""
     skeleton = any_skeleton(2)
     joints, crop = np.zeros((7, 3)), np.zeros((128, 128), np.float32)
-    body = predicted_hand(Hand("right", crop, CENTER, 300.0, NYU, joints), skeleton)
+    body = predicted_hand(HandEstimate("right", crop, CENTER, 300.0, NYU, joints), skeleton)
     assert (body.hand, body.known_side, body.pose.side) == (None, None, "right")
     assert np.isnan([*body.pose.inputs, *body.pose.bones, body.confidence]).all()
     np.testing.assert_allclose(body.xyz, NYU.unproject(CENTER) + joints)

@@ -11,7 +11,7 @@ import pytest
 
 from handpose.body.render import normalise_depth, render_crop
 from handpose.body.sides import Side, camera_of
-from handpose.estimate.hand import Hand
+from handpose.estimate.hand import HandEstimate
 from handpose.fit.body import SIZE_INDEX, TYPICAL_SIZE, CapsuleModel
 from handpose.fit.depth_fit import DepthFitter
 from handpose.frames.cameras import NYU
@@ -44,7 +44,7 @@ def estimates(
     side: Side = "right",
     fitted: float = 1.0,
     confidence: float = 1.0,
-) -> list[Hand]:
+) -> list[HandEstimate]:
     """Estimates of hands of this size, or of their mirror images, with small errors and sizes
     about ``fitted``.
     """
@@ -58,7 +58,7 @@ def estimates(
     camera = camera_of(NYU, side)
     fits: Any = [SimpleNamespace(x=row[None], uncertainty=np.ones(1)) for row in x]
     return [
-        Hand(
+        HandEstimate(
             side,
             crop,
             center,
@@ -74,7 +74,9 @@ def estimates(
     ]
 
 
-def kept(model: CapsuleModel, hands: Sequence[Hand], every: float = 0.2) -> list[tuple[int, float]]:
+def kept(
+    model: CapsuleModel, hands: Sequence[HandEstimate], every: float = 0.2
+) -> list[tuple[int, float]]:
     """The sizes that a keeper finds, with the number of poses until then."""
     keeper = SizeKeeper(DepthFitter(model), SETTINGS)
     sizes: list[float | None] = []
@@ -91,9 +93,9 @@ def test_the_size_of_a_hand(model: CapsuleModel, poses: Poses, side: Side, other
     """
     hands = estimates(model, poses, side=side)
     [(count, size)] = kept(model, hands)
-    assert count == SETTINGS.collected and size == pytest.approx(0.93, abs=0.02)
+    assert count == SETTINGS.poses and size == pytest.approx(0.93, abs=0.02)
     [(later, same)] = kept(model, [*estimates(model, poses, side=other)[:20], *hands])
-    assert later == SETTINGS.collected + 20 and same == pytest.approx(size)
+    assert later == SETTINGS.poses + 20 and same == pytest.approx(size)
 
 
 @pytest.mark.parametrize(("size", "fitted"), [(0.761, 0.72), (0.93, 0.8), (1.329, 1.25)])

@@ -17,7 +17,7 @@ from handpose.fit.pose_confidence import GOOD_MM
 from handpose.tracking.settings import Cutoff, SmoothSettings
 from handpose.tracking.smoothing import PoseFilter, share
 
-CUTOFF = Cutoff(least=0.8, slope=0.02, speed=1.5)
+CUTOFF = Cutoff(min_hz=0.8, slope=0.02, speed_hz=1.5)
 SEEDS = st.integers(0, 10**6)
 FRAMES = np.arange(60) / 30
 
@@ -36,9 +36,9 @@ def by_the_paper(values: np.ndarray, times: np.ndarray, cutoff: Cutoff) -> list[
     out, speed = [values[0]], 0.0
     for i in range(1, len(values)):
         seconds = times[i] - times[i - 1]
-        a = alpha(cutoff.speed, seconds)
+        a = alpha(cutoff.speed_hz, seconds)
         speed = a * (values[i] - values[i - 1]) / seconds + (1 - a) * speed
-        a = alpha(cutoff.least + cutoff.slope * abs(speed), seconds)
+        a = alpha(cutoff.min_hz + cutoff.slope * abs(speed), seconds)
         out.append(a * values[i] + (1 - a) * out[-1])
     return out
 
@@ -54,14 +54,17 @@ def with_noise(
     for i in range(1, len(values)):
         seconds = times[i] - times[i - 1]
         now = (values[i] - values[i - 1]) / seconds
-        speed += alpha(cutoff.speed, seconds) * (now - speed)
+        speed += alpha(cutoff.speed_hz, seconds) * (now - speed)
         part = max(
             alpha(SmoothSettings().scatter_hz, seconds), 1 / i
         )  # at first the mean of all deviations so far
         scatter = scatter ** (1 - part) * abs(now - speed) ** part
-        excess = max(abs(speed) - min(cutoff.noise * scatter, cutoff.most), 0.0)
-        gap = max(abs(values[i] - out[-1]) - cutoff.least_gap, 0.0)
-        hertz = trust[i] * (cutoff.least + cutoff.slope * excess) + trust[i] ** 3 * cutoff.gap * gap
+        excess = max(abs(speed) - min(cutoff.noise * scatter, cutoff.max_noise), 0.0)
+        gap = max(abs(values[i] - out[-1]) - cutoff.min_gap, 0.0)
+        hertz = (
+            trust[i] * (cutoff.min_hz + cutoff.slope * excess)
+            + trust[i] ** 3 * cutoff.gap_slope * gap
+        )
         out.append(out[-1] + alpha(hertz, seconds) * (values[i] - out[-1]))
     return out
 
@@ -150,7 +153,7 @@ def test_noise_is_subtracted_from_the_speed(
         np.cumsum(rng.normal(0, 2, (30, 3)), axis=0),
         rng.uniform(10, 100, 30),
     )
-    cutoff = Cutoff(0.8, 0.5, 1.5, noise, most, gap, least_gap=1.0)
+    cutoff = Cutoff(0.8, 0.5, 1.5, noise, most, gap, min_gap=1.0)
     trust = np.clip((GOOD_MM / errors) ** 3, 0.1, 1)
     expected = np.transpose([with_noise(own, times, cutoff, trust) for own in values.T])
     np.testing.assert_allclose(
@@ -177,7 +180,7 @@ def test_steadier_at_rest_and_as_quick_in_motion() -> None:
 def test_a_jump_is_followed_and_jitter_is_not() -> None:
     """A large gap opens the filter in the same frame; gaps of the size of jitter do not."""
     times, slow = np.arange(40) / 30, Cutoff(0.5, 0.0, 1.0)
-    quick = Cutoff(0.5, 0.0, 1.0, gap=150.0, least_gap=0.06)
+    quick = Cutoff(0.5, 0.0, 1.0, gap_slope=150.0, min_gap=0.06)
     still = np.random.default_rng(0).uniform(-0.02, 0.02, (40, 1))
     jumping = still + (np.arange(40) >= 20)[:, None]
     np.testing.assert_array_equal(of_values(slow, still, times), of_values(quick, still, times))

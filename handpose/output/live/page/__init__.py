@@ -28,10 +28,8 @@ def page(header: TrackHeader) -> str:
         "skeleton": skeleton_values(header.skeleton),
         "colours": [colour[::-1] for colour in ID_COLOURS],
     }
-    style, body = (
-        source("page.css") + source("live.css", LIVE_FOLDER),
-        source("live.html", LIVE_FOLDER),
-    )
+    style = source("page.css") + source("live.css", LIVE_FOLDER)
+    body = source("live.html", LIVE_FOLDER)
     title = f"{Path(header.source).name}, tracked"
     return assembled(title, data, body, style, script_of("live", LIVE_FOLDER), connects=True)
 

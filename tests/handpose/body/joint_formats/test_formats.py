@@ -46,7 +46,8 @@ def test_orders() -> None:
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_bones_are_pairs_of_joints(name: FormatName) -> None:
-    joints, bones = set(FORMATS[name].joints), FORMATS[name].bones
+    joints = set(FORMATS[name].joints)
+    bones = FORMATS[name].bones
     assert {joint for bone in bones for joint in bone} == joints
     assert len(bones) >= len(joints) - 1
 

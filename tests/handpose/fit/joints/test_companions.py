@@ -145,7 +145,8 @@ def test_a_companion_is_made_again_only_after_a_change(source, change, request):
     count as progress.
     """
     target, _ = fitted(source)
-    options, reported = change(source, target), []
+    options = change(source, target)
+    reported = []
     os.utime(target, ns=(1, 1))
     fitted(source, progress=reported.append, **options)
     assert (target.stat().st_mtime_ns == 1) == (request.node.callspec.id == "nothing")

@@ -146,7 +146,8 @@ def test_threads_change_nothing(inputs, rng, monkeypatch):
     """Results for one and two threads are equal bit for bit."""
     monkeypatch.setattr("handpose.fit.joints.fit_joints.CHUNK", 8)
     targets = joints_of(NYU_HAND, inputs)[:20, EVALUATION_JOINTS] + rng.normal(0, 0.02, (20, 14, 3))
-    before, results = netlib.threads(), []
+    before = netlib.threads()
+    results = []
     try:
         for count in (1, 2):
             netlib.set_threads(count)

@@ -237,7 +237,8 @@ def software(rs: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
         frame.timestamp = time_ms
         frame.domain = rs.timestamp_domain.hardware_clock
         frame.frame_number = number
-        frame.profile, frame.depth_units = profile, 0.0001
+        frame.profile = profile
+        frame.depth_units = 0.0001
         sensor.on_video_frame(frame)
 
     yield send

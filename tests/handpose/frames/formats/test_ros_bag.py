@@ -275,7 +275,8 @@ def test_frames_before_the_damage_of_a_bag_are_read(
     """``cut`` gives the reason why there are no more."""
     path = KINDS["plain.bag"](tmp_path / "a.bag", DEPTH)
     recording = BagRecording(path, UNKNOWN)
-    values_of, calls = ros_bag.values_of, iter(range(9))
+    values_of = ros_bag.values_of
+    calls = iter(range(9))
 
     def failing(message: Any, where: str) -> Any:
         if next(calls) == 2:

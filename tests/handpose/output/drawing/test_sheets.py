@@ -26,7 +26,8 @@ def test_moments_evenly_apart(frames: int) -> None:
     """Moments span the whole sequence for any number of frames; few pictures are kept, and
     few are drawn.
     """
-    sheet, drawn = ContactSheet(), []
+    sheet = ContactSheet()
+    drawn = []
     for n in range(frames):
         sheet.add(n, lambda n=n: drawn.append(n) or picture(n))
         assert len(sheet._kept) <= PAGES * IMAGES_PER_PAGE
@@ -40,7 +41,8 @@ def test_moments_evenly_apart(frames: int) -> None:
 
 
 def test_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
-    received, draw = {}, strokes.sheet
+    received = {}
+    draw = strokes.sheet
     monkeypatch.setattr(
         strokes, "sheet", lambda *given: received.update(given=given) or draw(*given)
     )
@@ -63,7 +65,8 @@ def test_two_views() -> None:
     joints = kinematics_of(SKELETON).joints(
         np.random.default_rng(0).normal(0, 0.1, (2, len(SKELETON.initial)))
     )
-    centers, cubes = np.array([(250.0, 200, 700), (300, 220, 800)]), [300.0, 250.0]
+    centers = np.array([(250.0, 200, 700), (300, 220, 800)])
+    cubes = [300.0, 250.0]
     for truth, at in ((joints[:, ::-1], centers), (joints[:, :16], None)):
         drawn = hands.two_views(
             CROPS,

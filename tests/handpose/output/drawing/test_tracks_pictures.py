@@ -170,7 +170,8 @@ def test_sizes(camera: Camera) -> None:
         of(),
         replace(HEADER, camera=camera),
     )
-    height, width = picture.shape[0] - HEAD, picture.shape[1]
+    height = picture.shape[0] - HEAD
+    width = picture.shape[1]
     assert abs(width / height - camera.width / camera.height) < 0.01
     assert height <= MAX_HEIGHT
     assert width <= MAX_WIDTH

@@ -44,7 +44,8 @@ COMPUTED = """([skeleton, poses, forces, side]) => {
 @pytest.mark.parametrize("side", ["right", "left"])
 @pytest.mark.parametrize("name", BODIES)
 def test_joints_torques_and_limits(tab: Any, name: str, side: str) -> None:
-    skeleton, rng = BODIES[name], np.random.default_rng(1)
+    skeleton = BODIES[name]
+    rng = np.random.default_rng(1)
     whole = skeleton.with_surface() if skeleton.param.flesh else skeleton
     K, D = len(skeleton.joint_names), len(skeleton.dof_names)
     poses, forces = rng.normal(0, 1.2, (200, len(whole.initial))), rng.normal(0, 3, (200, K, 3))

@@ -372,7 +372,8 @@ def test_names_are_text_and_no_markup(visit: Visit, tmp_path: Path) -> None:
 
 
 def test_the_page_blocks_other_scripts_and_requests(browser: Any, bare: Path) -> None:
-    tab, console = browser.new_page(), []
+    tab = browser.new_page()
+    console = []
     tab.on("console", lambda message: console.append(message.text))
     tab.goto(bare.as_uri())
     refused = tab.evaluate("""async () => {

@@ -29,7 +29,8 @@ class Shown:
     """A server, and a browser tab that shows its page."""
 
     def __init__(self, server: LiveServer, visit: Visit) -> None:
-        self.server, self.messages = server, Messages(HEADER)
+        self.server = server
+        self.messages = Messages(HEADER)
         self.gestures = GestureReader(HEADER.skeleton)
         self.tab = visit(server.page_url, viewport={"width": 1200, "height": 900})
         assert server.wait_for_client(60)

@@ -99,8 +99,10 @@ def test_a_slow_program_misses_frames(connect: Connect, server: LiveServer) -> N
     """A slow client receives some frames in order, and the last one; sending does
     not wait for it.
     """
-    count, size = 300, 1 << 18
-    client, found = connect(server), [-1]
+    count = 300
+    size = 1 << 18
+    client = connect(server)
+    found = [-1]
     for number in range(count):
         server.put(LINES_PATH, f"{number}".rjust(size))
     while found[-1] < count - 1:

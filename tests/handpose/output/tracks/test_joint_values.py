@@ -73,7 +73,8 @@ def test_csv(tmp_path: Path, name: FormatName) -> None:
     hand, row = FRAMES[0].hands[1], rows[1]
     assert not any(column.endswith("_rad") for column in row) and None not in row
     wanted = formatted(name, HEADER.skeleton, hand.hand, hand.xyz, HEADER.camera)
-    unit, joint = FORMATS[name].unit, list(FORMATS[name].joints)[3]
+    unit = FORMATS[name].unit
+    joint = list(FORMATS[name].joints)[3]
     if name == "mediapipe":
         assert wanted.landmarks is not None
         assert [float(row[f"{joint}_{axis}"]) for axis in "xyz"] == pytest.approx(
@@ -113,7 +114,8 @@ def test_gestures(tmp_path: Path) -> None:
     assert [(one["name"] or "", one["confidence"]) for one in found] == [
         (row["gesture"], float(row["gesture_confidence"])) for row in rows
     ]
-    reader, hand = GestureReader(HEADER.skeleton), FRAMES[0].hands[0]
+    reader = GestureReader(HEADER.skeleton)
+    hand = FRAMES[0].hands[0]
     wanted = reader.read(hand.id, hand.hand, hand.xyz, FRAMES[0].time)
     assert found[0]["confidence"] == pytest.approx(wanted.confidence, abs=1e-3)
 

@@ -85,7 +85,8 @@ def test_a_partly_written_frame_is_removed(
     """From a shown file it is removed at once. Without a complete frame the old file stays. The
     error names the file.
     """
-    path, content = tmp_path / "a.txt", b"<a>" if count else b"old"
+    path = tmp_path / "a.txt"
+    content = b"<a>" if count else b"old"
     path.write_bytes(b"old")
     with pytest.raises(type(error)) as caught, pieces(path, tail=b">", shown=shown) as file:
         for _ in range(count):
