@@ -49,7 +49,7 @@ from numpy.typing import NDArray
 from handpose import NYU, Camera, CameraInfo, load_predictor
 from handpose.body.nyu import CUBE_MM
 from handpose.body.sides import SOUGHT_SIDES
-from handpose.estimate.hand import Hand
+from handpose.estimate.hand import HandEstimate
 from handpose.estimate.packaged import predictor_of
 from handpose.estimate.predictor import MAX_REFINE, Predictor
 from handpose.fit.settings import PLANS
@@ -166,7 +166,7 @@ def run(args: argparse.Namespace) -> int:
     middles = args.center or [None]
     centers = middles if len(middles) > 1 else middles * len(args.images)
     places = outputs.places(args.images, out, "_hand.png" if predictor.is_hand else "_body.png")
-    hands = list[tuple[str, Hand]]()
+    hands = list[tuple[str, HandEstimate]]()
     for image, depth, middle, place in zip(args.images, depths, centers, places):
         found = (
             _in_frame(predictor, depth, middle, image, given) if whole else predictor.in_crop(depth)
@@ -206,7 +206,7 @@ def _predictor(args: argparse.Namespace, camera: Camera) -> Predictor:
 
 def _in_frame(
     predictor: Predictor, depth: NDArray[Any], middle: Any, image: str, given: CameraInfo
-) -> Hand:
+) -> HandEstimate:
     """Predict the hand in a frame. Raises DataError with the image's name and advice."""
     try:
         return predictor.in_frame(depth, middle)

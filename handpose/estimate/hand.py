@@ -210,9 +210,6 @@ class HandEstimate:
         return self.model
 
 
-Hand = HandEstimate  # the name that the modules of tracking still use
-
-
 def judge(hands: Sequence[HandEstimate], view: SideView | None, by: Judge) -> list[HandEstimate]:
     """Fitted hands of one body and cube with the error and the confidence of their poses, by what
     the frame of all of them shows; each by its crop alone without one.

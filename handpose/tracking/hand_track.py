@@ -13,7 +13,7 @@ from handpose.body.sides import Side, SideView, mirror_of
 from handpose.estimate.candidates import SearchRegion
 from handpose.estimate.estimator import HandEstimator
 from handpose.estimate.finder import Finder, FoundHand
-from handpose.estimate.hand import Hand
+from handpose.estimate.hand import HandEstimate
 from handpose.fit.body import WorldPose
 from handpose.fit.pose_confidence import Judge
 from handpose.tracking.settings import FollowSettings, TrackSettings
@@ -34,7 +34,7 @@ class SideState:
     settings  tuned numbers
     """
 
-    estimate: Hand
+    estimate: HandEstimate
     time: float
     asked: float
     smooth: WorldPose
@@ -43,7 +43,7 @@ class SideState:
     velocity: Array | None = None
 
     @classmethod
-    def first(cls, estimate: Hand, time: float, settings: TrackSettings) -> SideState:
+    def first(cls, estimate: HandEstimate, time: float, settings: TrackSettings) -> SideState:
         """The state with the first pose."""
         filter = PoseFilter(settings.smooth)
         smooth = filter(estimate.body, time, estimate.error_mm)
@@ -56,7 +56,7 @@ class SideState:
         seconds = min(time - self.time, self.settings.max_extrapolation_s)
         return self.estimate.body.moved(self.settings.kept * seconds * self.velocity)
 
-    def then(self, estimate: Hand, time: float, asked: bool) -> SideState:
+    def then(self, estimate: HandEstimate, time: float, asked: bool) -> SideState:
         """The state after one more pose, for which the network was ``asked`` or not.
 
         A pose whose fit did not start from the expected one changes only the velocity of the place,
@@ -136,7 +136,7 @@ class HandTrack:
         self,
         estimator: HandEstimator,
         settings: TrackSettings,
-        estimates: Sequence[Hand],
+        estimates: Sequence[HandEstimate],
         time: float,
         size: float | None = None,
         side_prior: float = 0.0,
@@ -240,7 +240,7 @@ class HandTrack:
         return regions
 
     def other_regions(
-        self, frame: FrameHands, estimates: Sequence[Hand], time: float
+        self, frame: FrameHands, estimates: Sequence[HandEstimate], time: float
     ) -> list[SearchRegion]:
         """Further search regions for a full fit, if the pose or the side is uncertain.
 
@@ -266,7 +266,11 @@ class HandTrack:
         ]
 
     def take(
-        self, estimates: Sequence[Hand], others: Sequence[Hand] | None, time: float, before: float
+        self,
+        estimates: Sequence[HandEstimate],
+        others: Sequence[HandEstimate] | None,
+        time: float,
+        before: float,
     ) -> bool:
         """Add the poses found in its regions and in others, the best for each side, in a frame at a
         time after one at ``before``; True if one is good enough.
@@ -292,7 +296,7 @@ class HandTrack:
         center = self._estimator.expected.center_of(body, camera)
         return SearchRegion(center, side, body, self.size)
 
-    def _compare(self, best: dict[Side, Hand], time: float) -> None:
+    def _compare(self, best: dict[Side, HandEstimate], time: float) -> None:
         """Add the log-ratio of a frame while the side is undecided, and decide it."""
         ratio = self._log_ratio_of(best)
         if self.is_decided or ratio is None:
@@ -305,7 +309,7 @@ class HandTrack:
             self.sides = {self.hand: self.best}
             self.decided = self.hand
 
-    def _log_ratio_of(self, best: dict[Side, Hand]) -> float | None:
+    def _log_ratio_of(self, best: dict[Side, HandEstimate]) -> float | None:
         """The log-ratio of one frame, above 0 for a right hand; None without a visible hand of
         either side.
         """
@@ -315,14 +319,14 @@ class HandTrack:
         return self.judge.side_log_ratio(best["right"].cost, best["left"].cost)
 
 
-def _mean_joint(estimate: Hand) -> Array:
+def _mean_joint(estimate: HandEstimate) -> Array:
     """The mean (3,) of the joints in mm, in the view of its side."""
     return np.asarray((estimate.view_center_mm + estimate.view_joints_mm).mean(axis=0))
 
 
-def _best(estimates: Sequence[Hand]) -> dict[Side, Hand]:
+def _best(estimates: Sequence[HandEstimate]) -> dict[Side, HandEstimate]:
     """The best pose of each side."""
-    best: dict[Side, Hand] = {}
+    best: dict[Side, HandEstimate] = {}
     for estimate in estimates:
         if (
             estimate.hand not in best

@@ -22,7 +22,7 @@ import numpy as np
 from handpose.body.sides import Side, SideView, mirror_of
 from handpose.estimate.candidates import SearchRegion
 from handpose.estimate.finder import FoundHand
-from handpose.estimate.hand import MIN_CONFIDENCE, MIN_PRESENCE, Hand
+from handpose.estimate.hand import MIN_CONFIDENCE, MIN_PRESENCE, HandEstimate
 from handpose.estimate.nets import refuse_other_bodies
 from handpose.estimate.packaged import load_predictor
 from handpose.estimate.predictor import Predictor, check_probability, check_whole
@@ -193,7 +193,7 @@ class Tracker:
 
     def _estimates(
         self, view: SideView, regions: dict[int, list[SearchRegion]], plan: Plan | None = None
-    ) -> dict[int, list[Hand]]:
+    ) -> dict[int, list[HandEstimate]]:
         """The poses in those regions of several hands, by their ids, that are in the image."""
         every = [region for own in regions.values() for region in own]
         estimates = iter(self.estimator.in_regions(view, every, plan))
@@ -283,7 +283,7 @@ class Tracker:
             if least.hand_chance < place.presence:
                 least.end("another hand is more present")
 
-    def _seen_at(self, hand: FoundHand, view: SideView, size: float | None) -> list[Hand]:
+    def _seen_at(self, hand: FoundHand, view: SideView, size: float | None) -> list[HandEstimate]:
         """The poses of a found hand as one of each side; none if a fast fit has
         little confidence.
         """
@@ -353,7 +353,7 @@ class Tracker:
         return np.asarray(place * mirror_of(estimate.hand))
 
 
-def _arm(hand: Hand) -> Array:
+def _arm(hand: HandEstimate) -> Array:
     """Positions (A, 3) in mm, camera axes, along the capsules of the surface alone: the forearm."""
     capsules, limbs = hand.capsules(in_space=True), hand.the_model.surface.limbs
     a, b = capsules.a[0, limbs], capsules.b[0, limbs]

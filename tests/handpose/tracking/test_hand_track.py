@@ -12,7 +12,7 @@ import pytest
 
 from handpose.body.sides import SIDES, Side, SideView
 from handpose.estimate.finder import FoundHand
-from handpose.estimate.hand import Hand
+from handpose.estimate.hand import HandEstimate
 from handpose.fit.body import WorldPose
 from handpose.fit.depth_fit import DepthFit
 from handpose.fit.pose_confidence import Judge
@@ -67,11 +67,11 @@ def estimate(
     confidence: float = 1.0,
     error: float = 5.0,
     is_tracked: bool = True,
-) -> Hand:
+) -> HandEstimate:
     """An estimate of a hand of which only the place is known, at x mm."""
     one, none, place = np.ones(1), np.zeros((1, 3)), np.array([x, 0, 600])
     fit = DepthFit(none[None], none, cost * one, cost * one, none, np.full((1, 5), 3.0), one)
-    hand = Hand(
+    hand = HandEstimate(
         side,
         np.zeros((128, 128), np.float32),
         place,
@@ -87,17 +87,19 @@ def estimate(
     return hand
 
 
-def both(x: float = 0.0, right: float = 1.0, left: float = 1.0, **said: float) -> list[Hand]:
+def both(
+    x: float = 0.0, right: float = 1.0, left: float = 1.0, **said: float
+) -> list[HandEstimate]:
     """Estimates of one place as a right and as a left hand, with these costs."""
     return [estimate("right", x, right, **said), estimate("left", x, left, **said)]
 
 
-def track(estimates: Sequence[Hand], **options: Any) -> HandTrack:
+def track(estimates: Sequence[HandEstimate], **options: Any) -> HandTrack:
     """A track that begins with these estimates at 0 s."""
     return HandTrack(Estimator(), SETTINGS, estimates, 0.0, **options)  # type: ignore[arg-type]
 
 
-def followed(one: HandTrack, estimates: list[list[Hand]], first: int = 1) -> HandTrack:
+def followed(one: HandTrack, estimates: list[list[HandEstimate]], first: int = 1) -> HandTrack:
     """The track after a frame of each estimate, at 30 per second, in which all sides are also
     estimated again.
     """
@@ -318,7 +320,7 @@ def test_of_several_looks_the_best_counts() -> None:
 
 
 @pytest.mark.parametrize("seen", [[], [estimate(confidence=0.1)]], ids=["nothing", "unlike"])
-def test_a_track_ends_when_its_credit_is_used_up(seen: list[Hand]) -> None:
+def test_a_track_ends_when_its_credit_is_used_up(seen: list[HandEstimate]) -> None:
     """A single frame without the hand does not end it; time with the hand renews the credit."""
     one = moving([0, 1])
     assert one.credit == pytest.approx(FOLLOW.first_credit + 2 * FRAME)

@@ -11,7 +11,7 @@ import pytest
 
 from handpose.estimate import estimator
 from handpose.estimate.finder import FoundHand
-from handpose.estimate.hand import MIN_CONFIDENCE, Hand
+from handpose.estimate.hand import MIN_CONFIDENCE, HandEstimate
 from handpose.estimate.packaged import load_predictor
 from handpose.estimate.predictor import Predictor
 from handpose.frames.cameras import ICVL, NYU
@@ -173,7 +173,7 @@ def test_a_hand_of_low_confidence_is_dropped(
     tracker = begun()
     (track,), tracker.finder = tracker.tracks, Said()
 
-    def doubtful(hands: list[Hand], *_: object) -> list[Hand]:
+    def doubtful(hands: list[HandEstimate], *_: object) -> list[HandEstimate]:
         return [dataclasses.replace(hand, error_mm=60.0, confidence=0.2) for hand in hands]
 
     monkeypatch.setattr(estimator, "judge", doubtful)
