@@ -20,6 +20,8 @@ from handpose.estimate.finder import FoundHand
 from handpose.tracking.settings import PresentSettings
 from netlib.blob import Array
 
+NOISE_MM = 0.5  # minimum noise of a camera: readings are whole mm
+
 
 class Taken(NamedTuple):
     """A place (3,) in mm where only a hand with a higher presence than ``hand_chance``
@@ -94,7 +96,7 @@ class Changes:
         window = np.s_[top : bottom + 1, left : right + 1]
         nearest, farthest = self._nearest[window], self._farthest[window]
         own = (nearest > max(z - size_mm, 0.0)) & (nearest < z + size_mm)
-        noise = np.maximum(self._noise * farthest**2, s.noise_mm)
+        noise = np.maximum(self._noise * farthest**2, NOISE_MM)
         return float((farthest - nearest > s.noises * noise)[own].mean()) if own.any() else 0.0
 
 
@@ -108,15 +110,16 @@ class PresentHands:
         self.min_presence, self.settings = min_presence, settings
         self.places: list[PresentPlace] = []
         self._ids = itertools.count()
-        self._before: SideView | None = None
+        self._before: tuple[SideView, float] | None = None  # the look before, and its time in s
 
     def see(
         self, hands: Sequence[FoundHand], view: SideView, taken: Sequence[Taken], time: float
     ) -> None:
         """Take the finder's hands of a frame, but those that are ``taken``."""
         s, frame = self.settings, view.of("right")
-        changes = Changes(frame, self._before or frame, s)
-        self._before = frame
+        last, looked = self._before or (frame, time)
+        changes = Changes(frame, last if time - looked <= s.compared_s else frame, s)
+        self._before = frame, time
         before = [
             one
             for one in self.places

@@ -74,10 +74,10 @@ class PresentSettings:
     still: float = 0.5
     look: float = 0.5  # weight of the last look in the mean presence
     # A surface changes by more than so many times the median change in the frame, which is the
-    # camera's noise, and of at least ``noise_mm``: readings are whole mm. With 8 to 12, results are
-    # the same; with 5, the noise on a dark chair is a change.
+    # camera's noise. With 8 to 12, results are the same; with 5, the noise on a dark chair is one.
     noises: float = 8.0
-    noise_mm: float = 0.5
+    # Time between two looks that are compared: after more, anything may have been moved.
+    compared_s: float = 1.0
     # Seconds between two runs of a slow step: a search for another hand, a pose at a place, a full
     # fit of an uncertain hand, a prediction that competes with the tracked pose; the same while
     # there is no hand, no pose or no decided side.

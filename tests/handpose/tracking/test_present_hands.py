@@ -106,6 +106,14 @@ def test_a_still_place_is_reported_unless_a_more_present_one_moves(
     assert [one.id for one in hands.evident] == [1], "alone in view"
 
 
+@pytest.mark.parametrize(("seconds", "is_sure"), [(1.0, True), (1.5, False)])
+def test_only_a_change_since_a_recent_look_is_evidence(seconds: float, is_sure: bool) -> None:
+    hands = PresentHands(0.3, SETTINGS)
+    hands.see([], STILL, [], 0.0)
+    hands.see(seen((0, 0.5)), surface(patch=630.0), [], seconds)
+    assert [one.is_sure for one in hands.there] == [is_sure]
+
+
 @pytest.mark.parametrize(
     ("after", "share"),
     [
