@@ -159,3 +159,8 @@ def test_invalid_crop_centers_are_rejected(tmp_path, value):
         DataError, match=r"a\.h5: crop centres that are not finite, or not before the camera"
     ):
         centers_in(tmp_path / "a.h5", uvd, at(NYU.unproject(uvd), value, (2, 2)))
+
+
+def test_crop_centers_of_other_frames_are_rejected(tmp_path):
+    with pytest.raises(DataError, match=r"a\.h5: centres of shape \(4, 2\), expected \(4, 3\)"):
+        centers_in(tmp_path / "a.h5", np.ones((4, 2)), np.ones((4, 3)))
