@@ -16,7 +16,7 @@ from netlib import gradcheck
 from netlib.blob import Blob, Blobs
 from netlib.net import Net
 from netlib.proto.options import block_name
-from tests.support.layer_cases import CASES, SOURCES, forward, made
+from tests.support.layer_cases import CASES, SOURCES, forward, made, net_text
 
 # The gradient of the regions is 0, but differences are not.
 FORCED = {"PSROIPooling": [True, True], "ROIPooling": [True, True]}
@@ -69,15 +69,10 @@ def test_forced_backward_asks_for_the_gradients_that_there_are(
     """``force_backward`` computes the gradient of every bottom that has one, and of no label,
     index or image.
     """
-    options, bottoms, more = CASES[name]
+    _, bottoms, more = CASES[name]
     arrays = {f"x{i}": np.asarray(x, np.float64) for i, x in enumerate(bottoms(2))}
-    text = "force_backward: true "
-    for blob, x in arrays.items():
-        text += f'input: "{blob}" input_shape {{ {" ".join(f"dim: {size}" for size in x.shape)} }} '
-    text += f'layer {{ name: "it" type: "{name}" {options} {" ".join(f"bottom: {blob!r}" for blob in arrays)} '
-    net = net_of(
-        text + " ".join(f'top: "y{i}"' for i in range(more.get("tops", 1))) + " }", dtype=np.float64
-    )
+    text = net_text(name, list(arrays.values()))
+    net = net_of(f"force_backward: true {text}", dtype=np.float64)
     wanted = FORCED.get(name, more.get("wanted", [True] * len(arrays)))
     assert list(net.connections[-1].propagate_down) == wanted
     net.forward(**arrays)

@@ -10,6 +10,7 @@ import numpy as np
 from netlib import gradcheck
 from netlib.blob import Blob, Blobs
 from netlib.layer import Layer
+from tests.support.nets import inputs
 
 RNG = np.random.default_rng(0)
 
@@ -223,6 +224,15 @@ def made(name: str, N: int = 2) -> tuple[Layer, list[np.ndarray]]:
     options, bottoms, more = CASES[name]
     arrays = bottoms(N)
     return gradcheck.make_layer(f'type: "{name}" {options}', arrays, more.get("tops", 1)), arrays
+
+
+def net_text(name: str, arrays: list[Any]) -> str:
+    """Return a net with inputs x0, x1 ... of these arrays, and the layer, with tops y0, y1 ..."""
+    options, _, more = CASES[name]
+    shapes = {f"x{i}": np.shape(array) for i, array in enumerate(arrays)}
+    bottoms = "".join(f'bottom: "{blob}" ' for blob in shapes)
+    tops = "".join(f'top: "y{i}" ' for i in range(more.get("tops", 1)))
+    return f'{inputs(**shapes)} layer {{ name: "it" type: "{name}" {bottoms} {tops} {options} }}'
 
 
 def forward(layer: Layer, arrays: list[np.ndarray], tops: int, in_place: bool) -> list[np.ndarray]:

@@ -18,7 +18,9 @@ from tests.support.running import ROOT, Done, refusal, run_tool
 from tools import test
 
 SNAPSHOT = "snapshots/net_iter_1.caffemodel"
-DEAD = "warning: dead.caffemodel: all 24 predictions are equal, whatever the frame shows: are units of"
+DEAD = (
+    "warning: dead.caffemodel: all 24 predictions are equal, whatever the frame shows: are units of"
+)
 
 
 @pytest.fixture(autouse=True)
