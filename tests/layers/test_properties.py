@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from netlib import gradcheck
 from netlib.blob import Array, Blob, Blobs
@@ -142,7 +143,7 @@ def test_an_elementwise_layer_treats_every_value_alone(name: str) -> None:
         for y, old in zip(run(layer, example, [changed])[1], before):
             assert np.isfinite(y.data[place])
             y.data[place] = old[place]
-            np.testing.assert_array_equal(y.data, old)
+            assert_array_equal(y.data, old)
 
 
 def unread(layer: Layer, bottom: Blobs, top: Blobs) -> list[Blob]:
@@ -183,4 +184,4 @@ def test_backward_reads_only_what_it_says(name: str, together: bool) -> None:
         diffs = [blob.diff for blob, want in zip(bottom, wanted) if want]
         found.append(diffs + [param.diff for param in layer.blobs])
     for a, b in zip(*found):
-        np.testing.assert_array_equal(a, b)
+        assert_array_equal(a, b)
