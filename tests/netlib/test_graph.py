@@ -19,7 +19,9 @@ def backwards(net: netlib.Net) -> dict[str, list[bool]]:
     return {at.layer.name: at.propagate_down for at in net.connections if at.needs_backward}
 
 
-def test_a_blob_with_two_readers_sums_their_gradients(net_of: MakeNet) -> None:
+def test_a_blob_with_two_readers_sums_their_gradients(
+    net_of: MakeNet, rng: np.random.Generator
+) -> None:
     """A Split layer sums the gradients, as in Caffe; a loss weight on the blob counts as
     one more reader.
     """
@@ -32,7 +34,7 @@ def test_a_blob_with_two_readers_sums_their_gradients(net_of: MakeNet) -> None:
     )
     net = net_of(text)
     net.forward(x=np.ones((2, 3)))
-    db, dc = np.random.default_rng(0).normal(size=(2, 2, 3)).astype(np.float32)
+    db, dc = rng.normal(size=(2, 2, 3)).astype(np.float32)
     net.backward(b=db, c=dc)
     want = db @ net.params["b"][0].data + dc @ net.params["c"][0].data + 2
     assert np.allclose(net.blobs["a"].diff, want, rtol=1e-5)

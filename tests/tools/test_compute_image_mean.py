@@ -4,6 +4,8 @@ printed numbers.
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
@@ -24,12 +26,12 @@ def images(here, rng):
 
 
 @pytest.fixture
-def pictures(images, tmp_path):
+def pictures(images, here):
     """The images as p/0.png ... and list.txt."""
-    (tmp_path / "p").mkdir()
+    Path("p").mkdir()
     for n, image in enumerate(images):
         cv2.imwrite(f"p/{n}.png", image.transpose(1, 2, 0))
-    (tmp_path / "list.txt").write_text("".join(f"{n}.png {n}\n" for n in range(len(images))))
+    Path("list.txt").write_text("".join(f"{n}.png {n}\n" for n in range(len(images))))
 
 
 def test_the_mean(images):
@@ -77,17 +79,14 @@ def test_gray(images, pictures):
     assert np.allclose(read_blob("mean.binaryproto"), expected[None, None], rtol=1e-6)
 
 
-def test_mistakes(tmp_path, images, pictures):
+def test_mistakes(here, images, pictures):
     write_database(
-        tmp_path / "sizes",
-        [datum(np.zeros(shape, np.uint8), 0) for shape in ((1, 1, 2), (1, 2, 1))],
+        "sizes", [datum(np.zeros(shape, np.uint8), 0) for shape in ((1, 1, 2), (1, 2, 1))]
     )
-    write_database(
-        tmp_path / "bad", [number(1, 1) + number(2, 1) + number(3, 2) + content(4, b"abc")]
-    )
-    write_database(tmp_path / "empty", [])
+    write_database("bad", [number(1, 1) + number(2, 1) + number(3, 2) + content(4, b"abc")])
+    write_database("empty", [])
     cv2.imwrite("p/6.png", images[0][:, :2].transpose(1, 2, 0))
-    (tmp_path / "missing.txt").write_text("0.png 1\n7.png 2\n")
+    Path("missing.txt").write_text("0.png 1\n7.png 2\n")
     root = "-root_folder=p/"
     refused = (
         ["sizes", "m"],
@@ -115,7 +114,7 @@ def test_mistakes(tmp_path, images, pictures):
         "p/3.png: is read in this run; expected another output",
         "list.txt: is read in this run; expected another output",
     ]
-    assert not (tmp_path / "m").exists()
+    assert not Path("m").exists()
     error = run_tool("compute_image_mean -gray db", status=2).err
     assert "apply only to a list of images, and db is a database" in error
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 import netlib
 from netlib.net import Net
@@ -89,7 +90,7 @@ def test_a_classifier() -> None:
     net.copy_from(trained)
     prob = net.forward(data=scores["data"][:1])["prob"]
     e = np.exp(scores["fc"][:1])
-    np.testing.assert_allclose(prob, e / e.sum(), rtol=1e-5)
+    assert_allclose(prob, e / e.sum(), rtol=1e-5)
 
 
 def test_the_command_in_the_comments_repeats_the_transformation() -> None:
@@ -101,9 +102,7 @@ def test_the_command_in_the_comments_repeats_the_transformation() -> None:
     words = shlex.split(line.partition("run_net.py")[2])
     words = [{"WEIGHTS": "net.caffemodel", "IMAGE": "0.png"}.get(word, word) for word in words]
     run_tool("run_net", *words, "--blob", "data", "--out", "data.npy")
-    np.testing.assert_allclose(
-        np.load("data.npy"), trained.forward(["data"])["data"][:1], rtol=1e-6
-    )
+    assert_allclose(np.load("data.npy"), trained.forward(["data"])["data"][:1], rtol=1e-6)
 
 
 V1 = """

@@ -18,11 +18,11 @@ FRAMES = 20
 
 
 @pytest.fixture
-def files(here):
+def files(here, rng):
     """Annotations of 20 ICVL frames, the same moved by 3 mm and by 30 mm along z, and the latter
     also as x y z.
     """
-    truth = np.random.default_rng(0).normal((0, 0, 400), 30, (FRAMES, 16, 3))
+    truth = rng.normal((0, 0, 400), 30, (FRAMES, 16, 3))
     for name, move in (("truth", 0), ("near", 3), ("far", 30)):
         np.savetxt(
             f"{name}.txt", ICVL.project(truth + (0, 0, move)).reshape(FRAMES, 48), fmt="%.6f"
@@ -80,12 +80,12 @@ def test_pictures(files):
 
 
 @pytest.fixture
-def hands2017(here):
+def hands2017(here, rng):
     """Labels of 20 frames as HANDS 2017 writes them, and predictions 3 mm lower in another order
     and with folders.
     """
     camera = published_predictions.HANDS2017
-    truth = np.random.default_rng(0).normal((0, 50, 400), 30, (FRAMES, 21, 3))
+    truth = rng.normal((0, 50, 400), 30, (FRAMES, 21, 3))
 
     def lines(joints, folder=""):
         rows = joints.reshape(FRAMES, 63)

@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 import netlib
 from handpose import read_track
@@ -54,10 +55,9 @@ def weights(tmp_path_factory):
 
 
 @pytest.fixture
-def snapshot(here, weights):
+def snapshot(here, weights, rng):
     """Write net.caffemodel.h5 and crop.png to the working directory."""
     shutil.copy(weights, "net.caffemodel.h5")
-    rng = np.random.default_rng(0)
     cv2.imwrite("crop.png", rng.integers(0, 256, (128, 128), dtype=np.uint8))
 
 
@@ -390,7 +390,7 @@ def test_a_page_of_crops(snapshot):
                 cube,
                 f"{side} hand",
             )
-            np.testing.assert_allclose(hand["joints"], found["positions_mm"], atol=0.02)
+            assert_allclose(hand["joints"], found["positions_mm"], atol=0.02)
 
 
 # ----------------------------------------------------------------------------- the packaged weights
@@ -447,11 +447,11 @@ def test_a_hand_with_the_packaged_weights(here):
     assert len(row) == 5 + 5 + 93 + 23
     assert all(value for name, value in row.items() if name != "presence")
     (shown,) = hands_in("page.html")
-    np.testing.assert_allclose(shown["joints"] + found["origin_mm"], joints, atol=0.02)
+    assert_allclose(shown["joints"] + found["origin_mm"], joints, atol=0.02)
     assert shown["place"]["center_uvd"] == pytest.approx(found["center_uvd"], abs=0.01)
     assert shown["place"]["camera"]["fx"] == KINECT2.fx and shown["crop"]
     Path("track.json").write_text(text)
-    np.testing.assert_allclose(
+    assert_allclose(
         shown["inputs"][:47], read_track("track.json").frames[0].hands[0].pose.inputs, atol=1e-5
     )
     assert len(shown["inputs"]) == 52

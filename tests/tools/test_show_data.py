@@ -13,9 +13,8 @@ from tests.support.running import refusal, run_tool
 
 
 @pytest.fixture
-def frames(here: Path) -> Path:
+def frames(here: Path, rng: np.random.Generator) -> Path:
     """A list of one HDF5 file with five frames."""
-    rng = np.random.default_rng(0)
     depth, joint = rng.uniform(-1, 1, (5, 1, 128, 128)), rng.uniform(-0.5, 0.5, (5, 93))
     write_hdf5(here / "a.h5", depth=np.float32(depth), joint=np.float32(joint))
     (here / "list.txt").write_text(f"{here / 'a.h5'}\n")

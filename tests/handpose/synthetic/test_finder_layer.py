@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from handpose.estimate.finder import VOTE_MM, channels_of
 from handpose.synthetic.finder_layer import IGNORE_LABEL, targets_of
@@ -54,11 +55,11 @@ def test_the_heat_is_highest_at_the_middle_of_a_hand(scenes: Scenes) -> None:
 def test_a_resume_goes_on_with_the_scenes_of_its_number(net: Net) -> None:
     data = net.layers[0]
     net.forward()
-    np.testing.assert_array_equal(net.blobs["frame"].data, frames_of(0))
+    assert_array_equal(net.blobs["frame"].data, frames_of(0))
     assert data.state() == {"number": 1}
     data.restore({"number": 5})
     net.forward()
-    np.testing.assert_array_equal(net.blobs["frame"].data, frames_of(5))
+    assert_array_equal(net.blobs["frame"].data, frames_of(5))
 
 
 def test_all_parameters_learn(net: Net) -> None:

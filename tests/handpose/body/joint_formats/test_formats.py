@@ -51,18 +51,16 @@ def test_bones_are_pairs_of_joints(name: FormatName) -> None:
     assert len(bones) >= len(joints) - 1
 
 
-def test_the_nyu_format_has_the_evaluation_joints() -> None:
-    joints = right_hand(any_pose(np.random.default_rng(0)))
+def test_the_nyu_format_has_the_evaluation_joints(rng: np.random.Generator) -> None:
+    joints = right_hand(any_pose(rng))
     assert np.array_equal(
         formatted("nyu", PEOPLE, "right", joints).positions, joints[list(EVALUATION_JOINTS)]
     )
 
 
-def test_axes_and_units() -> None:
+def test_axes_and_units(rng: np.random.Generator) -> None:
     """A hand at x 100, y 50, z 500 mm, in metres: y points down."""
-    joints = np.broadcast_to([100.0, 50.0, 500.0], (31, 3)) + 1e-3 * right_hand(
-        any_pose(np.random.default_rng(0))
-    )
+    joints = np.broadcast_to([100.0, 50.0, 500.0], (31, 3)) + 1e-3 * right_hand(any_pose(rng))
     for name in ("mediapipe", "mano"):
         found = formatted(name, PEOPLE, "right", joints).positions  # type: ignore[arg-type]
         assert np.abs(found - (0.1, -0.05, 0.5)).max() < 2e-3
@@ -159,11 +157,10 @@ def test_a_closed_finger(finger: str, spread: str) -> None:
 
 
 @pytest.mark.parametrize("finger", LONG_FINGERS)
-def test_noise_near_a_right_angle(finger: str) -> None:
+def test_noise_near_a_right_angle(finger: str, rng: np.random.Generator) -> None:
     """Where the knuckle's bend does not determine the spread, noise of 0.1 mm changes the
     other bends little.
     """
-    rng = np.random.default_rng(0)
     for bend in np.radians([-88, -90, -92]):
         inputs = np.zeros(len(PEOPLE.initial))
         knuckle, pip = (

@@ -45,32 +45,32 @@ def test_frames_by_number(folder: Path) -> None:
     assert recording.remarks[-1].startswith("rate unknown: 30 frames per second assumed")
 
 
-def test_a_given_unit_of_the_times(tmp_path: Path) -> None:
+def test_a_given_unit_of_the_times(here: Path) -> None:
     """Times that show no unit are numbers of frames, unless their unit is given, here or
     in camera.json.
     """
     for stamp in (5000, 5100, 5200):
-        put(tmp_path / f"{stamp}.png", hand_sized())
+        put(f"{stamp}.png", hand_sized())
     given = replace(GIVEN, rate=None)
-    assert times_of(FolderRecording(tmp_path, given)) == pytest.approx([0, 100 / 30, 200 / 30])
-    timed = FolderRecording(tmp_path, replace(given, time_unit="ms"))
+    assert times_of(FolderRecording(here, given)) == pytest.approx([0, 100 / 30, 200 / 30])
+    timed = FolderRecording(here, replace(given, time_unit="ms"))
     assert times_of(timed) == [0, 0.1, 0.2]
     assert timed.remarks[0] == "times from the file names, in ms as given: a frame every 100 ms"
-    (tmp_path / "camera.json").write_text('{"time_unit": "ms"}')
-    assert times_of(FolderRecording(tmp_path, given)) == [0, 0.1, 0.2]
-    counted = FolderRecording(tmp_path, replace(GIVEN, rate=100.0, time_unit="frames"))
+    Path("camera.json").write_text('{"time_unit": "ms"}')
+    assert times_of(FolderRecording(here, given)) == [0, 0.1, 0.2]
+    counted = FolderRecording(here, replace(GIVEN, rate=100.0, time_unit="frames"))
     assert times_of(counted) == [0, 1, 2]
 
 
 @pytest.mark.parametrize("suffix", [".tif", ".TIFF", ".PNG"])
-def test_a_pattern_and_a_name(tmp_path: Path, suffix: str) -> None:
+def test_a_pattern_and_a_name(here: Path, suffix: str) -> None:
     """TIFF, and suffixes in capitals, are accepted."""
     for name in ("a_1", "a_2", "b_1"):
-        put(tmp_path / f"{name}{suffix}", hand_sized())
+        put(f"{name}{suffix}", hand_sized())
     with pytest.raises(DataError, match="holds 2 sequences"):
-        FolderRecording(tmp_path, GIVEN)
-    assert FolderRecording(tmp_path / f"a_*{suffix}", GIVEN).count == 2
-    assert middles(FolderRecording(tmp_path / f"b_1{suffix}", GIVEN)) == [500]
+        FolderRecording(here, GIVEN)
+    assert FolderRecording(Path(f"a_*{suffix}"), GIVEN).count == 2
+    assert middles(FolderRecording(Path(f"b_1{suffix}"), GIVEN)) == [500]
 
 
 def test_camera_json(folder: Path) -> None:
@@ -138,23 +138,23 @@ def test_a_picture_of_another_size_or_type_is_an_error(
 @pytest.mark.parametrize(
     "form", ["{}_{}.png", "{} ({}).png", "[{}] {}.png", "{}[{}].tif", "what?{}*{}.png"]
 )
-def test_the_pattern_in_the_error_names_the_depth(tmp_path: Path, form: str) -> None:
+def test_the_pattern_in_the_error_names_the_depth(here: Path, form: str) -> None:
     """Names without leading zeros, infrared files in between, special characters in the path."""
     for number in range(12):
-        put(tmp_path / "a [b]" / form.format("depth", number), hand_sized(distance=1000 + number))
-        put(tmp_path / "a [b]" / form.format("ir", number), hand_sized(distance=3000))
+        put(Path("a [b]", form.format("depth", number)), hand_sized(distance=1000 + number))
+        put(Path("a [b]", form.format("ir", number)), hand_sized(distance=3000))
     with pytest.raises(DataError, match="holds 2 sequences") as raised:
-        FolderRecording(tmp_path / "a [b]", GIVEN)
+        FolderRecording(Path("a [b]"), GIVEN)
     pattern = str(raised.value).partition("; name one, as '")[2].removesuffix("'")
     recording = FolderRecording(Path(pattern), GIVEN)
     assert middles(recording) == TWELVE
 
 
-def test_the_packing_of_nyu(tmp_path: Path) -> None:
+def test_the_packing_of_nyu(here: Path) -> None:
     image = pack_depth(np.full((480, 640), 700))
     for name in ("depth_1_0000001", "rgb_1_0000001"):
-        put(tmp_path / f"{name}.png", image)
-    recording = FolderRecording(tmp_path / "depth_1_*.png", CameraInfo(NYU))
+        put(f"{name}.png", image)
+    recording = FolderRecording(Path("depth_1_*.png"), CameraInfo(NYU))
     assert (recording.camera, recording.unit_mm, recording.count) == (NYU, 1, 1)
     assert [float(frame.depth.mean()) for frame in recording] == [700]
 
@@ -162,8 +162,9 @@ def test_the_packing_of_nyu(tmp_path: Path) -> None:
 # ------------------------------------------------------------------------------------------- arrays
 
 
-def put_array(path: Path, values: np.ndarray, **others: Any) -> None:
-    """Write an array to a file of the path's kind."""
+def put_array(name: str, values: np.ndarray, **others: Any) -> None:
+    """Write an array to a file of the name's kind."""
+    path = Path(name)
     path.parent.mkdir(parents=True, exist_ok=True)
     if path.suffix.lower() == ".npz":
         np.savez(path, **{**others, "depth": values})
@@ -174,23 +175,23 @@ def put_array(path: Path, values: np.ndarray, **others: Any) -> None:
 
 
 @pytest.mark.parametrize("kind", ["npy", "npz", "raw"])
-def test_an_array_for_each_frame(tmp_path: Path, kind: str) -> None:
+def test_an_array_for_each_frame(here: Path, kind: str) -> None:
     """In the order of the numbers in their names, which have no leading zeros."""
     for number in range(12):
-        put_array(tmp_path / f"depth_{number}.{kind}", hand_sized(distance=1000 + number))
-    recording = FolderRecording(tmp_path, GIVEN)
+        put_array(f"depth_{number}.{kind}", hand_sized(distance=1000 + number))
+    recording = FolderRecording(here, GIVEN)
     assert (recording.count, recording.camera, recording.rate) == (12, CAMERA, 10)
     assert recording.warnings == ()
     for _ in range(2):
         assert middles(recording) == TWELVE
     assert times_of(recording) == pytest.approx([number / 10 for number in range(12)])
-    assert FolderRecording(tmp_path / f"depth_1*.{kind}", GIVEN).count == 3
+    assert FolderRecording(Path(f"depth_1*.{kind}"), GIVEN).count == 3
 
 
-def test_times_in_the_names_of_arrays(tmp_path: Path) -> None:
+def test_times_in_the_names_of_arrays(here: Path) -> None:
     for time in (1616799936158, 1616799936125, 1616799936191):
-        put_array(tmp_path / f"x_Depth_{time}.25000000000000.raw", hand_sized())
-    assert times_of(FolderRecording(tmp_path, GIVEN)) == pytest.approx([0, 0.033, 0.066])
+        put_array(f"x_Depth_{time}.25000000000000.raw", hand_sized())
+    assert times_of(FolderRecording(here, GIVEN)) == pytest.approx([0, 0.033, 0.066])
 
 
 @pytest.mark.parametrize(
@@ -206,9 +207,9 @@ def test_times_in_the_names_of_arrays(tmp_path: Path) -> None:
     ids=["big endian", "float32", "int32", "an axis in front", "an axis behind", "by columns"],
 )
 @pytest.mark.parametrize("kind", ["npy", "npz"])
-def test_types_of_arrays(tmp_path: Path, values: np.ndarray, kind: str) -> None:
-    put_array(tmp_path / f"1.{kind}", values)
-    (frame,) = FolderRecording(tmp_path, GIVEN)
+def test_types_of_arrays(here: Path, values: np.ndarray, kind: str) -> None:
+    put_array(f"1.{kind}", values)
+    (frame,) = FolderRecording(here, GIVEN)
     np.testing.assert_array_equal(frame.depth, hand_sized() / np.float32(2))
 
 
@@ -227,42 +228,38 @@ def test_infrared_is_not_joined_into_depth(tmp_path: Path, kind: str) -> None:
 
 
 @pytest.mark.parametrize("depth", ["depth_{}.npy", "{}.png", "{}.npz"])
-def test_arrays_of_other_data_are_ignored(tmp_path: Path, depth: str) -> None:
+def test_arrays_of_other_data_are_ignored(here: Path, depth: str) -> None:
     """Colours, 8-bit infrared, a matrix, joints and a whole take; also if the first
     frame is damaged.
     """
     for number in range(3):
-        path = tmp_path / depth.format(number)
+        path = Path(depth.format(number))
         values = hand_sized(distance=1000 + number)
         put(path, values) if path.suffix == ".png" else put_array(path, values)
-        put_array(tmp_path / f"color_{number}.npy", np.zeros((48, 64, 3), np.uint8))
-        put_array(tmp_path / f"ir_{number}.npy", np.zeros((48, 64), np.uint8))
-        put_array(tmp_path / f"joints_{number}.npy", np.zeros((21, 3)))
-        np.savez(
-            tmp_path / f"labels_{number}.npz",
-            seg=np.zeros((48, 64), np.uint8),
-            pose=np.zeros((1, 51)),
-        )
-    np.save(tmp_path / "K.npy", np.eye(3))
-    np.savez(tmp_path / "take.npz", depth=np.zeros((3, 48, 64), np.uint16))
-    assert middles(FolderRecording(tmp_path, GIVEN)) == [500, 500.5, 501]
-    (tmp_path / depth.format(0)).write_bytes(b"")
-    assert middles(FolderRecording(tmp_path, GIVEN)) == [500.5, 501]
+        put_array(f"color_{number}.npy", np.zeros((48, 64, 3), np.uint8))
+        put_array(f"ir_{number}.npy", np.zeros((48, 64), np.uint8))
+        put_array(f"joints_{number}.npy", np.zeros((21, 3)))
+        np.savez(f"labels_{number}.npz", seg=np.zeros((48, 64), np.uint8), pose=np.zeros((1, 51)))
+    np.save("K.npy", np.eye(3))
+    np.savez("take.npz", depth=np.zeros((3, 48, 64), np.uint16))
+    assert middles(FolderRecording(here, GIVEN)) == [500, 500.5, 501]
+    Path(depth.format(0)).write_bytes(b"")
+    assert middles(FolderRecording(here, GIVEN)) == [500.5, 501]
 
 
-def test_archives_of_frames_may_contain_the_camera(tmp_path: Path) -> None:
+def test_archives_of_frames_may_contain_the_camera(here: Path) -> None:
     """The camera of the first archive is used. Unused arrays are named in a warning."""
     others = {
         "K": [[60, 0, 31.5], [0, 61, 23.5], [0, 0, 1]],
         "color": np.zeros((48, 64, 3), np.uint8),
     }
     for number in range(3):
-        put_array(tmp_path / f"frame_{number}.npz", hand_sized(distance=1000 + number), **others)
-    recording = FolderRecording(tmp_path)
+        put_array(f"frame_{number}.npz", hand_sized(distance=1000 + number), **others)
+    recording = FolderRecording(here)
     assert (recording.camera, recording.unit_mm) == (CAMERA, 1)
     assert recording.remarks[1] == "parameters from 'K'"
     assert recording.warnings[0].startswith("array 'color' is not used")
-    assert FolderRecording(tmp_path, CameraInfo(replace(CAMERA, fx=70.0))).camera.fx == 70
+    assert FolderRecording(here, CameraInfo(replace(CAMERA, fx=70.0))).camera.fx == 70
 
 
 @pytest.mark.parametrize(
@@ -276,24 +273,22 @@ def test_archives_of_frames_may_contain_the_camera(tmp_path: Path) -> None:
     ],
 )
 def test_times_in_the_archives_of_frames(
-    tmp_path: Path, name: str, values: Any, unit: str | None, times: list[float]
+    here: Path, name: str, values: Any, unit: str | None, times: list[float]
 ) -> None:
     """If the names have none; also if a frame is damaged, which is left out."""
     for number, time in enumerate(values):
-        put_array(
-            tmp_path / f"{number + 8}.npz", hand_sized(distance=1000 + number), **{name: time}
-        )
+        put_array(f"{number + 8}.npz", hand_sized(distance=1000 + number), **{name: time})
     given = replace(GIVEN, time_unit=unit)
-    recording = FolderRecording(tmp_path, given)
+    recording = FolderRecording(here, given)
     assert times_of(recording) == pytest.approx(times)
     assert middles(recording) == [500, 500.5, 501]
     assert recording.remarks[0].startswith(f"times from '{name}' of each frame, ")
     assert recording.warnings == ()
-    (tmp_path / "9.npz").write_bytes(b"")
-    assert times_of(FolderRecording(tmp_path, given)) == pytest.approx(times[::2])
+    Path("9.npz").write_bytes(b"")
+    assert times_of(FolderRecording(here, given)) == pytest.approx(times[::2])
     for number, time in enumerate(values):
-        put_array(tmp_path / f"{(number + 1) * 100}us.npz", hand_sized(), **{name: time})
-    assert times_of(FolderRecording(tmp_path / "*us.npz", GIVEN)) == pytest.approx([0, 1e-4, 2e-4])
+        put_array(f"{(number + 1) * 100}us.npz", hand_sized(), **{name: time})
+    assert times_of(FolderRecording(Path("*us.npz"), GIVEN)) == pytest.approx([0, 1e-4, 2e-4])
 
 
 @bad_inputs(
@@ -314,22 +309,22 @@ def test_times_in_the_archives_of_frames(
     },
 )
 def test_times_in_archives_that_do_not_fit(
-    tmp_path: Path, given: tuple[Any, Any], rejected: Any
+    here: Path, given: tuple[Any, Any], rejected: Any
 ) -> None:
     for number, time in enumerate(given):
         others = {} if time is None else {"timestamp_ms": time}
-        put_array(tmp_path / f"{number}.npz", hand_sized(), **others)
+        put_array(f"{number}.npz", hand_sized(), **others)
     with rejected:
-        FolderRecording(tmp_path, GIVEN)
+        FolderRecording(here, GIVEN)
 
 
-def test_raw_values_have_the_size_of_the_camera(tmp_path: Path) -> None:
+def test_raw_values_have_the_size_of_the_camera(here: Path) -> None:
     """By camera.json next to them, also if the user gives focal lengths alone."""
-    put_array(tmp_path / "1.raw", hand_sized())
-    camera_file.write(tmp_path / "camera.json", CameraInfo(CAMERA, unit_mm=2.0))
-    assert middles(FolderRecording(tmp_path)) == [2000]
+    put_array("1.raw", hand_sized())
+    camera_file.write(Path("camera.json"), CameraInfo(CAMERA, unit_mm=2.0))
+    assert middles(FolderRecording(here)) == [2000]
     given = CameraInfo(replace(CAMERA, fx=70.0, width=0, height=0))
-    assert FolderRecording(tmp_path, given).camera.fx == 70
+    assert FolderRecording(here, given).camera.fx == 70
 
 
 @bad_inputs(
@@ -367,33 +362,33 @@ def test_raw_values_have_the_size_of_the_camera(tmp_path: Path) -> None:
 )
 @pytest.mark.parametrize("is_later", [False, True])
 def test_arrays_other_than_depth_are_rejected(
-    tmp_path: Path, given: tuple[str, Any], is_later: bool, rejected: Any
+    here: Path, given: tuple[str, Any], is_later: bool, rejected: Any
 ) -> None:
     """In one line, also of a later frame, which is not taken for a damaged one."""
     name, values = given
-    put_array(tmp_path / name, values)
+    put_array(name, values)
     if is_later:
-        put_array((tmp_path / "0").with_suffix(Path(name).suffix), hand_sized())
+        put_array(Path("0").with_suffix(Path(name).suffix), hand_sized())
     with rejected:
-        list(FolderRecording(tmp_path, GIVEN))
+        list(FolderRecording(here, GIVEN))
 
 
-def test_two_arrays_in_an_archive(tmp_path: Path) -> None:
-    np.savez(tmp_path / "1.npz", a=hand_sized(), b=hand_sized())
+def test_two_arrays_in_an_archive(here: Path) -> None:
+    np.savez("1.npz", a=hand_sized(), b=hand_sized())
     with pytest.raises(
         DataError,
         match=r"1\.npz: holds a \(48, 64\), b \(48, 64\); expected an array depth \(height",
     ):
-        FolderRecording(tmp_path, GIVEN)
+        FolderRecording(here, GIVEN)
 
 
-def test_raw_values_of_unknown_size(tmp_path: Path) -> None:
-    put_array(tmp_path / "1.raw", hand_sized())
+def test_raw_values_of_unknown_size(here: Path) -> None:
+    put_array("1.raw", hand_sized())
     with pytest.raises(
         DataError,
         match=r"1\.raw: 6144 bytes without a header, of unknown height and width; give them",
     ):
-        FolderRecording(tmp_path, CameraInfo(replace(CAMERA, width=0, height=0)))
+        FolderRecording(here, CameraInfo(replace(CAMERA, width=0, height=0)))
 
 
 # ------------------------------------------------------------------------------------------- errors
