@@ -12,6 +12,7 @@ from handpose.frames.cameras import ICVL
 from handpose.scoring import published_predictions
 from handpose.scoring.published_predictions import FittedAngles
 from tests.support.running import run_tool
+from tests.tools.conftest import mistakes_of
 from tools import evaluate
 
 FRAMES = 20
@@ -149,21 +150,7 @@ def test_labels_that_do_not_match_are_rejected(hands2017, change, message):
     assert run("Low=low.txt", dataset="hands2017", status=1).err.startswith(message)
 
 
-@pytest.mark.parametrize(
-    ("argv", "message"),
-    [
-        ("A=short.txt", "short.txt: 19 frames, the ground truth truth.txt has 20"),
-        (
-            "A=near.txt --plot no/a.png",
-            "no/a.png: cannot write the image: No such file or directory",
-        ),
-        ("A=near.png --plot near.png", "near.png: is read in this run; expected another output"),
-        (
-            "A=near.txt --groundtruth near.png --plot near.png",
-            "near.png: is read in this run; expected another output",
-        ),
-    ],
-)
+@mistakes_of("evaluate")
 def test_mistakes(files, argv, message):
     """A file that cannot be used gives one line on stderr and nothing on stdout."""
     pytest.importorskip("matplotlib")

@@ -13,7 +13,7 @@ from netlib.blob import Array
 from tests.support.caffe_messages import write_blob
 from tests.support.nets import inputs, ip
 from tests.support.running import Done, refusal, run_tool
-from tests.support.tables import pairs_of
+from tests.tools.conftest import mistakes_of
 
 NET = (
     inputs(data=(2, 3, 8, 10))
@@ -246,10 +246,7 @@ TRAIN = (
 )
 
 
-@pytest.mark.parametrize(
-    ("argv", "message"),
-    [(argv, line) for [argv], line in pairs_of(Path(__file__).with_name("run_net_mistakes.txt"))],
-)
+@mistakes_of("run_net")
 def test_mistakes(argv: str, message: str) -> None:
     """Each mistake is one line with the file or the option, and nothing is written."""
     Path("empty.txt").write_text("")

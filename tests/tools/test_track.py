@@ -249,35 +249,6 @@ def test_a_first_look(monkeypatch: pytest.MonkeyPatch) -> None:
 # ------------------------------------------------------------------------------------------- errors
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        "--json a.txt",
-        "--csv a.json",
-        "--video a.avi",
-        "--sheet a.pdf",
-        "--look a.txt",
-        "--hand both",
-        "--hands 0",
-        "--joints smpl",
-        "--joints mano --sheet a.png",
-        "--gestures --look a.png",
-        "--frames 0",
-        "--size 0",
-        "--min-confidence 1.1",
-        "--min-confidence -1",
-        "--fit no",
-        "--serve a:65536",
-        "--look a.png --serve",
-    ],
-)
-def test_wrong_usage(options: str) -> None:
-    """Wrong usage gives status 2 before any work."""
-    error = run_tool(f"track takes/take.npz {options}", status=2).err
-    assert options.split()[0] in error
-    assert files() == []
-
-
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_signal_leaves_whole_files(
     number: int, status: int, monkeypatch: pytest.MonkeyPatch
