@@ -17,8 +17,7 @@ from handpose.synthetic.generator import BLOCK, Generator
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.recipes import check_in_view, recipe, recipe_of
 from netlib.errors import NetlibError, PrototxtError
-from tests.support.bad_input import bad_inputs
-from tests.support.tables import pairs_of
+from tests.support.bad_input import bad_inputs, in_table
 
 SKELETON = """\
 name: "tail"
@@ -131,16 +130,10 @@ def test_one_hand_and_a_second() -> None:
     assert_array_equal(again[0, : len(hand.bones)], own[0])
 
 
-MISTAKES = pairs_of(Path(__file__).with_name("prior_mistakes.txt"))
-
-
 @bad_inputs(
     PrototxtError,
     {
-        **{
-            " -> ".join(change): (change, f"...tail_prior.prototxt:{line}")
-            for change, line in MISTAKES
-        },
+        **in_table(Path(__file__).with_name("prior_mistakes.txt"), "...tail_prior.prototxt:"),
         "no skeleton": (
             ('"tail.prototxt"', '"tial.prototxt"'),
             NetlibError,

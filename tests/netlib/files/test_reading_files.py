@@ -182,7 +182,7 @@ def test_a_removed_source_is_a_data_error(here: Path, monkeypatch: pytest.Monkey
         raise OSError(errno.ESTALE, os.strerror(errno.ESTALE))
 
     monkeypatch.setattr(reading, "_identity", stale)
-    with pytest.raises(DataError, match="^a: cannot read the data: Stale file handle$"):
+    with pytest.raises(DataError, match=r"^a: cannot read the data: Stale file handle$"):
         source.check()
 
 

@@ -21,9 +21,11 @@ from handpose.frames.formats.folder import FolderRecording, in_order
 from handpose.frames.recording import CameraInfo
 from netlib.errors import DataError
 from tests.handpose.frames.conftest import CAMERA, GIVEN, hand_sized, middles, put, times_of
-from tests.support.bad_input import bad_inputs
+from tests.support.bad_input import bad_inputs, in_table
 from tests.support.nyu_data_set import pack_depth
+from tests.support.tables import lines_of
 
+HERE = Path(__file__).parent
 TWELVE = [500 + number / 2 for number in range(12)]  # the depths of as many frames
 
 
@@ -440,150 +442,18 @@ def test_folders_without_depth_frames_are_rejected(
         FolderRecording(tmp_path / source, GIVEN)
 
 
-NANO = 10**9
-
-
-@pytest.mark.parametrize(
-    ("names", "times", "ticks", "interpretation"),
-    [
-        ("10.png 9.png 007.png", (0, 2, 3), 0, "names; numbers missing between 7 and 10: 1, which"),
-        ("a_1_depth.png a_2_depth.png", (0, 1), 0, "numbers"),
-        ("cam0_00000000000000000001.png cam0_00000000000000000003.png", (0, 2), 0, "numbers"),
-        ("20210326-230536_110.png 20210326-230536_30.png", (0, 80), 0, "numbers"),
-        ("v1.98.png v1.99.png v1.100.png v1.101.png", (0, 1, 2, 3), 0, "numbers"),
-        ("background.png", (0,), 0, "numbers"),
-        ("z_34512.png z_34545.png", (0, 33), 0, "(--time-unit if they are times)"),
-        # too late in s, too early in ms
-        ("5000000000.png 5000000033.png", (0, 33), 0, "numbers"),
-        ("frame1616799936.png frame1616799938.png", (0, 2_000_000_000), NANO, "in s since 1970"),
-        (
-            "1616799936125.png 1616799936158.png",
-            (0, 33_000_000),
-            NANO,
-            "in ms since 1970: a frame every 33 ms",
-        ),
-        ("1616799936125000.png 1616799936158000.png", (0, 33_000_000), NANO, "in us since 1970"),
-        ("1616799936125000000.png 1616799936125000007.png", (0, 7), NANO, "in ns since 1970"),
-        ("1305031102.5.png 1305031102.160407.png", (0, 339593000), NANO, "in s since 1970"),
-        (
-            "x_Depth_1546543216654.25000000000000.png x_Depth_1546543216687.50000000000000.png",
-            (0, 33250000),
-            NANO,
-            "in ms since 1970",
-        ),
-        ("1750000000_933000.png 1750000001_000000.png", (0, 67_000_000), NANO, "in s since 1970"),
-        (
-            "00012_1750000000033.png 00013_1750000000066.png",
-            (0, 33_000_000),
-            NANO,
-            "in ms since 1970",
-        ),
-        (
-            "1750000000033_100000.png 1750000000066_100001.png",
-            (0, 33_000_000),
-            NANO,
-            "in ms since 1970",
-        ),
-        ("1750000000033_7.png 1750000000066_8.png", (0, 33_000_000), NANO, "in ms since 1970"),
-        (
-            "000000000000us.png 000000033333us.png",
-            (0, 33333000),
-            NANO,
-            "in us: a frame every 33.3 ms",
-        ),
-        ("d7ms.png d10ms.png", (0, 3_000_000), NANO, "in ms"),
-        ("f1_t0msec.png f2_t33msec.png", (0, 33_000_000), NANO, "in ms"),
-        (
-            "20210326-230559.png 20210326-230601.png",
-            (0, 1),
-            0,
-            "the order of the dates in their names",
-        ),
-        ("2021-12-31_23-59-59-750.png 2022-01-01_00-00-00-000.png", (0, 1), 0, "dates"),
-        ("20211231235959999999.png 20220101000000000000.png", (0, 1), 0, "dates"),
-        (
-            "20251103_091542_9.png 20251103_091542_10.png 20251103_091543_9.png",
-            (0, 1, 2),
-            0,
-            "dates",
-        ),
-    ],
-)
-def test_file_names_give_the_order_and_the_times(
-    names: str, times: tuple[int, ...], ticks: int, interpretation: str
-) -> None:
+@pytest.mark.parametrize("row", lines_of(HERE / "names_of_frames.txt"), ids=lambda row: row[0])
+def test_file_names_give_the_order_and_the_times(row: list[str]) -> None:
     """Numbers, and times with a known unit, relative to the first frame."""
-    ordered, found = in_order(names.split(), "here")
-    assert (tuple(found.times), found.ticks) == (times, ticks)
-    assert interpretation in found.how
+    names, times, unit, how, given = row if len(row) == 5 else (*row, None)
+    ordered, found = in_order(names.split(), "here", given)
+    assert found.times == [int(time) for time in times.split()]
+    assert found.ticks == {"frames": 0, "ns": 10**9}[unit]
+    assert how in found.how
     assert sorted(ordered) == sorted(names.split())
 
 
-@pytest.mark.parametrize(
-    ("names", "unit", "times", "ticks"),
-    [
-        ("100.png 180.png 130.png", "ms", (0, 30_000_000, 80_000_000), NANO),
-        ("3_17.png 4_40.png 5_93.png", "ms", (0, 23_000_000, 76_000_000), NANO),
-        ("17_3.png 40_4.png 93_5.png", "ms", (0, 23_000_000, 76_000_000), NANO),
-        ("1.5.png 2.25.png", "s", (0, 750_000_000), NANO),
-        ("51234.5000.png 51267.8333.png", "ms", (0, 33333300), NANO),
-        ("z_34512.png z_34545.png", "frames", (0, 33), 0),
-        ("1_1750000000000.png 2_1750000000033.png", "frames", (0, 1), 0),
-    ],
-)
-def test_a_given_unit(names: str, unit: str, times: tuple[int, ...], ticks: int) -> None:
-    _, found = in_order(names.split(), "here", unit)
-    assert (tuple(found.times), found.ticks) == (times, ticks)
-
-
-@bad_inputs(
-    DataError,
-    {
-        "the same number": (
-            "1.png 001.png",
-            "here: 001.png and 1.png are frames of the same moment; remove one of them",
-        ),
-        "two letters": (
-            "a_1.png a_2.png b_1.png",
-            "here: holds 2 sequences: a_*.png (2), b_*.png (1); name one, as 'here/a_*.png'",
-        ),
-        "colours": (
-            "frame-000000.color.png frame-000001.color.png frame-000000.depth.png frame-000001.depth.png",
-            "here: holds 2 sequences: ...; name one, as 'here/frame-*.depth.png'",
-        ),
-        "two kinds": (
-            "1.png 2.tif",
-            "here: holds 2 sequences: *.png (1), *.tif (1); name one, as 'here/*.png'",
-        ),
-        "a background": (
-            "1.png background.png",
-            "here: holds 2 sequences: *.png (1), background.png (1); name one, as 'here/*.png'",
-        ),
-        "eight letters": (
-            "a_1.png b_1.png c_1.png d_1.png e_1.png f_1.png g_1.png h_1.png",
-            "here: holds 8 sequences: a_*.png (1), ..., f_*.png (1) and 2 more; name one, as 'here/a_*.png'",
-        ),
-        "two takes": (
-            "take1_001.png take1_002.png take2_001.png take2_002.png",
-            "here: holds 2 sequences: take1_*.png (2), take2_*.png (2); name one, as 'here/take1_*.png'",
-        ),
-        "two dated takes": (
-            "1_2021-03-26_23-05-36.png 1_2021-03-26_23-05-37.png "
-            "2_2021-03-26_23-05-36.png 2_2021-03-26_23-05-37.png",
-            "here: holds 2 sequences: 1_2021-03-26_23-05-*.png (2), ...",
-        ),
-        "two cameras": (
-            "cam1_000_1750000000000.png cam1_001_1750000000033.png "
-            "cam2_000_1750000000000.png cam2_001_1750000000033.png",
-            "here: holds 2 sequences: cam1_*_*.png (2), cam2_*_*.png (2); name one, as 'here/cam1_*_*.png'",
-        ),
-        "two sides": (
-            "left_000_1750000000000.png left_001_1750000000033.png "
-            "right_000_1750000000000.png right_001_1750000000033.png",
-            "here: holds 2 sequences: left_*_*.png (2), right_*_*.png (2); name one, as 'here/left_*_*.png'",
-        ),
-    },
-)
+@bad_inputs(DataError, in_table(HERE / "ambiguous_names.txt", "here: "))
 def test_ambiguous_and_invalid_names_are_rejected(given: str, rejected: Any) -> None:
     """The error gives the reason."""
     with rejected:

@@ -22,7 +22,7 @@ from handpose.tracking.track import TrackedFrame, TrackHeader, joints_of
 from layers.hand.skeleton import load
 from netlib.errors import DataError, PrototxtError
 from tests.support import json_schema
-from tests.support.bad_input import bad_inputs
+from tests.support.bad_input import bad_inputs, in_table
 from tests.support.made_tracks import any_hand, any_skeleton, any_track, header_of
 from tests.support.tracked_hands import facts, lost, present, with_pose
 
@@ -252,78 +252,14 @@ def test_a_document_that_another_program_laid_out(here: Path) -> None:
 @bad_inputs(
     DataError,
     {
-        f"{old} -> {new[:20]}": ((old, new), *error, f"...a.json: {line}")
-        for old, new, *error, line in (
-            (
-                '"handpose"',
-                '"something"',
-                "not a track; expected a file that track --json has written",
-            ),
-            ('"version":2', '"version":3', "format version 3; this program reads 2"),
-            (
-                '"version":2',
-                '"version":true',
-                "'version' is True, expected a whole number of at least 0",
-            ),
-            ('"source":"wave.bag"', '"source":7', "'source' is 7, expected a text"),
-            ('"smoothed":true', '"smoothed":1', "'smoothed' is 1, expected true or false"),
-            ('"camera":{', '"camera":[1],"c":{', "'camera': found [1], expected an object"),
-            ('"fx":588.03', '"fx":-3', "'camera': 'fx' is -3, expected a number above 0"),
-            ('"u0":320.0', '"u0":1e13', "'camera': 'u0' is 10000000000000.0, expected a number"),
-            (
-                '"width":640',
-                '"width":640.5',
-                "'camera': 'width' is 640.5, expected a whole number of at least 0",
-            ),
-            ('"frames":[', '"frames":7,"f":[', "'frames' is 7, expected a list"),
-            ('"time_s":0.0', '"time_s":NaN', "'frames' 0: 'time_s' is nan, expected a number"),
-            ('"time_s":0.0', '"time_s":"0"', "'frames' 0: 'time_s' is '0', expected a number"),
-            (
-                '"number":0',
-                '"number":-1',
-                "'frames' 0: 'number' is -1, expected a whole number of at least 0",
-            ),
-            ('"hands"', '"fingers"', "'frames' 0: there is no 'hands'"),
-            (
-                '"hand":"right"',
-                '"hand":"both"',
-                "'frames' 0: 'hands' 0: 'hand' is 'both', expected 'right' or 'left'",
-            ),
-            (
-                '"hand":"right"',
-                '"hand":null,"assumed_hand":"right","assumed_confidence":1',
-                "'frames' 0: 'hands' 0: 'assumed_confidence' is 1, expected a number of at least 0, at most 0.999999",
-            ),
-            (
-                '"positions_mm":[',
-                '"positions_mm":[[1,2,3],',
-                "'frames' 0: 'hands' 0: 'positions_mm' is [[1, 2, 3], ..., expected 31 x 3 numbers",
-            ),
-            (
-                '"bones_mm"',
-                '"bones"',
-                "'frames' 0: 'hands' 0: hand 0 has no 'bones_mm', neither here nor before",
-            ),
-            (
-                'dof { name: \\"palm_x',
-                'dog { name: \\"palm_x',
-                PrototxtError,
-                "'skeleton' 'prototxt':3:1: error: unknown field 'dog' (did you mean 'dof'?)",
-            ),
-            (
-                '"camera":{',
-                '"camera":null,"c":{',
-                "predicted from crops without a camera, so positions are relative to crops",
-            ),
-            (
-                '"complete":true}',
-                '"complete":true',
-                "not whole JSON: Expecting ',' delimiter: line ...",
-            ),
-            ('"number":0', '"number":' + "1" * 5000, "not whole JSON: ..."),
-            ('"number":0', '"number":0,"number":1', "has 'number' twice"),
-            ("{", "[" * 100_000, "JSON of too many levels"),
-        )
+        **in_table(Path(__file__).with_name("track_mistakes.txt"), "...a.json: "),
+        "dog": (
+            ('dof { name: \\"palm_x', 'dog { name: \\"palm_x'),
+            PrototxtError,
+            "...a.json: 'skeleton' 'prototxt':3:1: error: unknown field 'dog' (did you mean 'dof'?)",
+        ),
+        "digits": (('"number":0', '"number":' + "1" * 5000), "...a.json: not whole JSON: ..."),
+        "levels": (("{", "[" * 100_000), "...a.json: JSON of too many levels"),
     },
 )
 def test_invalid_tracks_are_rejected(here: Path, given: tuple[str, str], rejected: Any) -> None:
