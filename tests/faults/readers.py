@@ -27,7 +27,7 @@ from netlib.proto.upgrade import AnyNetParameter
 from netlib.snapshots import snapshot
 from tests.support.caffe_messages import write_blob
 from tests.support.hdf5_files import write_hdf5
-from tests.support.layer_cases import CASES, net_text
+from tests.support.layer_cases import CASES
 from tests.support.nets import inputs, ip
 from tests.support.running import ROOT, run_tool
 
@@ -96,9 +96,9 @@ def make_nets() -> list[str]:
     """Write a net of every layer type that needs no file, and some larger nets."""
     ssd = text_of(ROOT / "tests/layers/detection/small_ssd.prototxt")
     texts = {"old": OLD_NET.replace("BLOBS", ""), "ssd": ssd}
-    for kind, (_, bottoms, _) in CASES.items():
+    for kind, case in CASES.items():
         if kind != "DetectionOutput":  # needs prior boxes, as in small_ssd
-            texts[kind] = net_text(kind, bottoms(2))
+            texts[kind] = case.net_text(case.bottoms(2))
     return [write(f"{name}.prototxt", text) for name, text in texts.items()]
 
 
