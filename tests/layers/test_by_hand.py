@@ -9,8 +9,8 @@ dy   gradients of the tops; without them there is no backward pass
 dx   gradients of the bottoms, ``-`` for one that has none
 dw   gradients of the parameters
 
-An array is written in JSON, with fractions and ln, exp and sqrt of a number, or as the shape 2x3 of
-zeros.
+An array is written in JSON, with fractions and multiples of ln, exp and sqrt of a number, or as the
+shape 2x3 of zeros.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ def quotient(match: re.Match[str]) -> str:
 
 
 def value(match: re.Match[str]) -> str:
-    function = {"ln": math.log, "exp": math.exp, "sqrt": math.sqrt}[match[1]]
-    return repr(function(float(match[2])))
+    function = {"ln": math.log, "exp": math.exp, "sqrt": math.sqrt}[match[2]]
+    return repr(float(match[1] or 1) * function(float(match[3])))
 
 
 def array_of(text: str) -> np.ndarray | None:
@@ -46,7 +46,7 @@ def array_of(text: str) -> np.ndarray | None:
     if re.fullmatch(r"\d+(x\d+)+", text):
         return np.zeros(shape_of(text))
     text = re.sub(r"(-?\d+)/(\d+)", quotient, text)
-    text = re.sub(r"(ln|exp|sqrt)\((.*?)\)", value, text)
+    text = re.sub(r"(?:([-.\d]+)\*)?(ln|exp|sqrt)\((.*?)\)", value, text)
     return np.array(json.loads(text), np.float64)
 
 
