@@ -154,7 +154,8 @@ def test_fits_to_depth(here: Path, seed: int) -> None:
     truth = scene.bodies.joints[:n] * HALF
     rng = np.random.default_rng(seed)
     start = scene.bodies.inputs[:n] + rng.normal(0, 0.12, scene.bodies.inputs[:n].shape)
-    start[:, :3] = scene.bodies.inputs[:n, :3] + rng.normal(0, 0.02, (n, 3))
+    shift = rng.normal(0, 0.02, (n, 3))
+    start[:, :3] = scene.bodies.inputs[:n, :3] + shift
     seen = observe(HandCrops(scene.depth[:n], scene.center_uvd[:n], KINECT2, 2 * HALF), 300, 3.0)
     fit = DepthFitter(model).fit(seen, [model.variables_of(start)], SearchSettings().fast)
     before = np.linalg.norm(model.joints(model.variables_of(start)) - truth, axis=2).mean(axis=1)

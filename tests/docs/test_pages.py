@@ -61,7 +61,8 @@ def test_windows_are_those_of_the_layer(visit: Visit, page_of: PageOf, number: i
     found = tab.evaluate("(layer) => page.slide(layer)", changed)
     assert_allclose(found["y"], layer.y.ravel())
     side = 6 + 2 * pad
-    assert_allclose(np.reshape(found["dx"], (side, side))[pad : side - pad, pad : side - pad], dx)
+    inside = slice(pad, side - pad)
+    assert_allclose(np.reshape(found["dx"], (side, side))[inside, inside], dx)
     for name, blob in zip(("dw", "db"), layer.net.params.get("y", ())):
         assert_allclose(found[name], blob.diff.ravel())
 

@@ -67,9 +67,8 @@ def poses(name: str, weights: Regressions, seed: int, count: int = 400) -> Poses
         + rng.choice([-1, 1], count) * hand.spread
     )
     signs = finger_signs(JUDGE.as_wholes(evidence, hand)[0], evidence)
-    of_fingers = (
-        signs @ finger.weights + finger.constant + rng.choice([-1, 1], (count, 5)) * finger.spread
-    )
+    off = rng.choice([-1, 1], (count, 5)) * finger.spread
+    of_fingers = signs @ finger.weights + finger.constant + off
     return Poses(name, evidence, np.exp(log_error), np.exp(of_fingers))
 
 

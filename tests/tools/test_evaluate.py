@@ -182,9 +182,8 @@ def test_angles(here, monkeypatch):
     )
     np.savetxt("truth.txt", np.tile([320.0, 240, 700], (2, 14)))
     methods = ["Bent=truth.txt", "Noise=truth.txt", "--angles"]
-    heads, *rows = [
-        re.split(r"\s{2,}", line) for line in run(*methods, dataset="nyu").out.splitlines()[-3:]
-    ]
+    lines = run(*methods, dataset="nyu").out.splitlines()[-3:]
+    heads, *rows = [re.split(r"\s{2,}", line) for line in lines]
     assert heads == [
         "method",
         "angle error",

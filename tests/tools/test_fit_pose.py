@@ -32,11 +32,8 @@ def inputs():
 @pytest.fixture
 def joints(inputs, here):
     """Write the 14 joints of hands 800 mm away to xyz.txt and uvd.txt, and return them in mm."""
-    xyz = kinematics_of(SKELETON).joints(inputs)[:, EVALUATION_JOINTS] * CUBE_MM / 2 + (
-        20,
-        -30,
-        800,
-    )
+    joints = kinematics_of(SKELETON).joints(inputs)[:, EVALUATION_JOINTS]
+    xyz = joints * CUBE_MM / 2 + (20, -30, 800)
     np.savetxt("xyz.txt", xyz.reshape(FRAMES, -1), fmt="%.6f")
     np.savetxt("uvd.txt", NYU.project(xyz).reshape(FRAMES, -1), fmt="%.6f")
     return xyz

@@ -37,9 +37,11 @@ def test_convert_and_replay(frames: Path) -> None:
     assert out.endswith("wrote new/a: 4 frames of 0.1 s, unit 1 mm\n")
     run_tool("record new/a --out other/b.npz")
     assert "assumed" not in run_tool("record other/b.npz --out c").out
-    assert {path.name: path.read_bytes() for path in Path("new/a").iterdir()} == {
-        path.name: path.read_bytes() for path in Path("c").iterdir()
-    }
+    new, old = (
+        {path.name: path.read_bytes() for path in Path(folder).iterdir()}
+        for folder in ("new/a", "c")
+    )
+    assert new == old
     run_tool(f"record frames {CAMERA} --rate 10 --out part --seconds 0.2")
     assert open_recording("part").count == 2
 

@@ -146,10 +146,10 @@ def test_mean_image(name: str) -> None:
     else:
         write_blob(Path(name), mean)
     run(f"0.png 1.png --mean-file {name} --scale 0.5 --blob data --out data.npy")
-    resized = np.stack([cv2.resize(image, (12, 13)) for image in images()[:2]]).transpose(
-        0, 3, 1, 2
-    )
-    assert np.array_equal(np.load("data.npy"), (resized - mean)[:, :, 2:10, 1:11] * np.float32(0.5))
+    resized = np.stack([cv2.resize(image, (12, 13)) for image in images()[:2]])
+    resized = resized.transpose(0, 3, 1, 2)
+    middle = (resized - mean)[:, :, 2:10, 1:11]
+    assert np.array_equal(np.load("data.npy"), middle * np.float32(0.5))
 
 
 def test_grey_net() -> None:

@@ -91,7 +91,8 @@ def handedness(joints: np.ndarray) -> np.ndarray:
     """
     palm, index, little = (joints[:, j] for j in (0, 4, 13))
     normal = np.cross(index - palm, little - palm)
-    bent = joints[:, 6:16:3].mean(axis=1) - joints[:, 4:14:3].mean(axis=1)
+    tips, knuckles = joints[:, 6:16:3], joints[:, 4:14:3]
+    bent = tips.mean(axis=1) - knuckles.mean(axis=1)
     return np.sign((normal * bent).sum(axis=1))
 
 

@@ -103,7 +103,8 @@ def test_starts_are_moved_to_the_predicted_joints(net: Net, model: CapsuleModel)
     poses, (x,) = hand_poses(net, crops(1)), fit_starts(net, DepthFitter(model), crops(1), (0,))
     assert poses.joints is not None
     assert_allclose(poses.joints[0].ravel(), net.params["joints"][1].data, atol=1e-6)
-    assert np.linalg.norm(model.joints(x)[0] / 150 - poses.joints[0], axis=1).max() < 0.02
+    off = model.joints(x)[0] / 150 - poses.joints[0]
+    assert np.linalg.norm(off, axis=1).max() < 0.02
 
 
 def test_turned_crops(net: Net, model: CapsuleModel) -> None:

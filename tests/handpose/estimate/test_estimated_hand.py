@@ -118,9 +118,9 @@ def test_the_side_lowers_the_confidence(model: CapsuleModel, cost: float, chance
     doubtful = as_one_side(replace(alone, other=other), JUDGE)
     assert doubtful.confidence == pytest.approx(chance * alone.confidence)
     apart = np.linalg.norm(alone.xyz - other.xyz, axis=1).mean()
-    assert doubtful.error_mm == pytest.approx(
-        chance * alone.error_mm + (1 - chance) * max(apart, alone.error_mm)
-    )
+    of_the_other = max(apart, alone.error_mm)
+    expected = chance * alone.error_mm + (1 - chance) * of_the_other
+    assert doubtful.error_mm == pytest.approx(expected)
     assert model.fingers is not None
     own, others = model.fingers.joints(np.stack([alone.xyz, other.xyz]))
     apart = np.maximum(np.linalg.norm(own - others, axis=2).mean(axis=1), alone.finger_error_mm)

@@ -253,7 +253,8 @@ def test_the_rotation_of_the_palm_is_computed_from_joints(hands, rng):
         assert_allclose(palm_frame(joints, sampler.skeleton), frame, atol=1e-12)
         near = palm_frame(joints + rng.normal(0, 0.01, joints.shape), sampler.skeleton)
         assert_allclose(near.T @ near, np.eye(3), atol=1e-12)
-        assert np.linalg.det(near) == pytest.approx(1) and np.abs(near - frame).max() < 0.15
+        assert np.linalg.det(near) == pytest.approx(1)
+        assert np.abs(near - frame).max() < 0.15
 
 
 def test_the_median_depth_around_a_pixel():

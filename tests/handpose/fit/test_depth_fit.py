@@ -99,9 +99,8 @@ def test_the_pose_of_the_previous_frame_is_one_more_start(
     """It wins if the network is far off, and loses if it is far off itself."""
     model = fitter.model
     far = scene.truth.copy()
-    far[:, model.limbs] = np.clip(
-        far[:, model.limbs] + 0.9, model.lower[model.limbs], model.upper[model.limbs]
-    )
+    limbs = model.limbs
+    far[:, limbs] = np.clip(far[:, limbs] + 0.9, model.lower[limbs], model.upper[limbs])
     far[:, model.root[3:]] += 0.7
     near = scene.truth + rng.normal(0, 0.02, scene.truth.shape)
     alone = fitter.fit(scene.seen, [far], FAST)

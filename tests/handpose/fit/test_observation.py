@@ -96,9 +96,9 @@ def test_cameras_of_several_views_together(scene: Scene) -> None:
     cameras = [NYU, NYU.mirrored()] * 6
     both = observe(HandCrops(scene.crops, scene.center_uvd, cameras, 300.0), 400, 3.0)
     for n, camera in enumerate(cameras[:2]):
-        alone = observe(
-            HandCrops(scene.crops[n : n + 1], scene.center_uvd[n : n + 1], camera, 300.0), 400, 3.0
-        )
+        one = slice(n, n + 1)
+        crops = HandCrops(scene.crops[one], scene.center_uvd[one], camera, 300.0)
+        alone = observe(crops, 400, 3.0)
         for name, values in vars(both.take(slice(n, n + 1))).items():
             own = values[n : n + 1] if name in ("outside", "nearest") else values
             if name != "frame":

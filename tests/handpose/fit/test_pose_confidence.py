@@ -75,7 +75,8 @@ def test_half_at_thirty_millimetres() -> None:
     """The confidence is 50% where the median error is 30 mm, for instance for a pose
     smoothed by that much.
     """
-    error, confidence = of(0.0, lag=np.array([np.sqrt(30**2 - np.exp(2 * HAND.constant))]))
+    lag = np.sqrt(30**2 - np.exp(2 * HAND.constant))
+    error, confidence = of(0.0, lag=np.array([lag]))
     assert confidence == pytest.approx(0.5)
     assert error == pytest.approx(30 * np.exp(HAND.spread**2 / 2))
 

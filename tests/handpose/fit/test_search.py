@@ -53,7 +53,8 @@ def test_at_a_limit(side: int) -> None:
     assert_array_equal(found[leaves, 2], 0)
     assert_allclose(found[~leaves], step(0)[~leaves], atol=1e-12)
     for n in np.flatnonzero(leaves):
-        assert_allclose(A[n][np.ix_(others, others)] @ found[n, others], -B[n, others], atol=1e-10)
+        a = A[n][np.ix_(others, others)]
+        assert_allclose(a @ found[n, others], -B[n, others], atol=1e-10)
 
 
 def test_a_variable_without_influence_stays() -> None:

@@ -71,7 +71,8 @@ def test_parts(model: CapsuleModel, image: np.ndarray) -> None:
     )
     assert whole == IMAGES.support(capsules, model.surface.limbs, covered, CAMERA)
     assert parts[0].hidden[0] > 0.5 > 0.2 > parts[1].hidden[0]
-    assert min(part.seen[0] for part in parts) < whole.seen[0] < max(part.seen[0] for part in parts)
+    seen = [part.seen[0] for part in parts]
+    assert min(seen) < whole.seen[0] < max(seen)
 
 
 WEB = """name: "web" dof { name: "x" } joint { name: "a" translate { axis: X dof: "x" } }

@@ -156,7 +156,8 @@ def plate() -> np.ndarray:
     """A slanted plate, with a bar 45 mm in front of it, in a cube of 300 mm."""
     crop = np.ones((128, 128), np.float32)
     crop[30:100, 20:110] = np.linspace(0, 0.5, 90, dtype=np.float32)  # 0.8 mm from pixel to pixel
-    crop[50:60] = np.where(crop[50:60] < 1, crop[50:60] - 0.3, 1)
+    strip = crop[50:60]
+    strip[strip < 1] -= 0.3
     return crop
 
 

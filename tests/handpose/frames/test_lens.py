@@ -39,7 +39,8 @@ def test_the_same_map_as_opencvs(coefficients: tuple[float, ...]) -> None:
     # otherwise either neighbour is valid
     clear = (abs(u % 1 - 0.5) > 1e-3) & (abs(v % 1 - 0.5) > 1e-3)
     column, row = np.rint(u).astype(int), np.rint(v).astype(int)
-    inside = (column >= 0) & (column < CAMERA.width) & (row >= 0) & (row < CAMERA.height)
+    inside = (column >= 0) & (column < CAMERA.width)
+    inside &= (row >= 0) & (row < CAMERA.height)
     expected = np.where(inside, row * CAMERA.width + column + 1, 0)
     straight = Undistorter(CAMERA, Lens(coefficients))(numbered())
     assert clear.mean() > 0.98 and inside.mean() > 0.5

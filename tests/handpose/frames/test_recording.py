@@ -34,7 +34,8 @@ def test_depth_is_in_mm(dtype: str) -> None:
 
 
 def test_invalid_depth_values_become_0() -> None:
-    assert_array_equal(decode(np.array([[np.nan, np.inf, -np.inf, 1e300, 2]])), [[0, 0, 0, 0, 1]])
+    values = np.array([[np.nan, np.inf, -np.inf, 1e300, 2]])
+    assert_array_equal(decode(values), [[0, 0, 0, 0, 1]])
 
 
 def test_the_lens_is_taken_out() -> None:

@@ -205,10 +205,8 @@ def test_angles_of_methods(rng: np.random.Generator) -> None:
     bent = inputs.copy()
     dof = SKELETON.dof_names.index("index_base_rot_z")
     bent[1, dof] = SKELETON.upper[dof] + 0.3
-    truth, beyond = (
-        kinematics_of(SKELETON).joints(x)[:, EVALUATION_JOINTS] * 150 + (0, 0, 700)
-        for x in (inputs, bent)
-    )
+    joints = (kinematics_of(SKELETON).joints(x)[:, EVALUATION_JOINTS] for x in (inputs, bent))
+    truth, beyond = (xyz * 150 + (0, 0, 700) for xyz in joints)
     noise = truth + rng.normal(0, 5, truth.shape)
     watched: list[tuple[str, int, int]] = []
 

@@ -61,7 +61,8 @@ def test_away(first: bool) -> None:
     """
     acts = (Act("away", 4),) if first else (Act("rest", 1), Act("away", 4))
     movement = played(*acts, Act("rest", 2), Act("away", 9), seconds=10 - first)
-    u = [float(NYU.project(movement.place.at(t))[0]) for t in np.arange(0, 10 - first, 0.5)]
+    times = np.arange(0, 10 - first, 0.5)
+    u = [float(NYU.project(movement.place.at(t))[0]) for t in times]
     gone = [not 0 < column < NYU.width for column in u]
     assert gone[0] is first and gone[-1] and any(not now for now in gone)
     back = 4.5 if first else 5.5

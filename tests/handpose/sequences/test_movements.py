@@ -46,7 +46,8 @@ def test_values_stay_among_their_poses(strokes: list[tuple[float, float, float]]
         before = values.lasts[-1] if values.lasts else 0.0
         values.move(values.end + gap * min(lasts, before), lasts, np.array([to]))
     keys = np.concatenate(values.keys)
-    found = np.array([values.at(t)[0] for t in np.linspace(-1, values.end + 1, 60)])
+    times = np.linspace(-1, values.end + 1, 60)
+    found = np.array([values.at(t)[0] for t in times])
     assert (found >= keys.min() - 1e-9).all() and (found <= keys.max() + 1e-9).all()
     assert found[0] == 0 and found[-1] == pytest.approx(keys[-1])
 

@@ -36,10 +36,8 @@ def test_the_labels_agree_with_each_other(scenes: Scenes) -> None:
         column, row = scenes.middle_px[n, k]
         assert 0 < column < WIDTH and 0 < row < HEIGHT
         pixels = (scenes.which[n] == k + 1) & (scenes.depth[n] > 0)
-        points = (
-            np.concatenate([scenes.slopes[n], np.ones((HEIGHT, WIDTH, 1))], axis=-1)
-            * scenes.depth[n][..., None]
-        )
+        rays = np.concatenate([scenes.slopes[n], np.ones((HEIGHT, WIDTH, 1))], axis=-1)
+        points = rays * scenes.depth[n][..., None]
         apart = np.linalg.norm(points[pixels] - scenes.middle[n, k], axis=1)
         assert np.median(apart) < 130
 

@@ -20,9 +20,8 @@ SHARED = "PReLU prelu_param { channel_shared: true }"
 )
 def test_initial_values(run, layer, initial):
     kind, _, options = layer.partition(" ")
-    assert [
-        blob.data.tolist() for blob in run(f'type: "{kind}" {options}', np.ones((2, 3))).layer.blobs
-    ] == initial
+    layer = run(f'type: "{kind}" {options}', np.ones((2, 3))).layer
+    assert [blob.data.tolist() for blob in layer.blobs] == initial
 
 
 @pytest.mark.parametrize(

@@ -35,7 +35,8 @@ def test_segnet_learns_with_the_statistics_of_the_batch(run, rng, phase):
 def test_segnet_infers_with_scale_and_bias_only(run, rng):
     """With INFERENCE, the statistics are part of scale and bias."""
     x = rng.normal(3, 2, size=(2, 2, 1, 2))
-    done = run(text("bn_mode: INFERENCE"), x, params=[[[[[2.0]], [[3.0]]]], [[[[-1.0]], [[1.0]]]]])
+    params = np.reshape([[2.0, 3], [-1, 1]], (2, 1, 2, 1, 1))
+    done = run(text("bn_mode: INFERENCE"), x, params=params)
     assert np.allclose(done.y[:, 0], 2 * x[:, 0] - 1)
     assert np.allclose(done.y[:, 1], 3 * x[:, 1] + 1)
     assert np.allclose(done.backward(np.ones_like(x))[0][:, 1], 3)

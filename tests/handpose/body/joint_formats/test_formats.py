@@ -86,10 +86,8 @@ def test_landmarks_without_an_image() -> None:
     joints = right_hand(any_pose(np.random.default_rng(3))) - [0, 0, 500]
     found = formatted("mediapipe", PEOPLE, "right", joints, cube_mm=300.0).landmarks
     assert found is not None
-    assert np.allclose(
-        found[:, :2] * 300,
-        formatted("mediapipe", PEOPLE, "right", joints).positions[:, :2] * 1000 + 150,
-    )
+    expected = formatted("mediapipe", PEOPLE, "right", joints).positions
+    assert np.allclose(found[:, :2] * 300, expected[:, :2] * 1000 + 150)
     assert formatted("mediapipe", PEOPLE, "right", joints).landmarks is None
     own = dataclasses.replace(KINECT2, width=0, height=0)
     assert formatted("mediapipe", PEOPLE, "right", joints, own).landmarks is None
@@ -194,7 +192,8 @@ def test_signs(finger: str) -> None:
     rest = angles(with_dof("palm_x", 0.0))
     low = PEOPLE.lower[PEOPLE.dof_names.index(f"{finger}_base_rot_x")]
     bent = angles(with_dof(f"{finger}_base_rot_x", low))
-    assert bent[f"{finger}_mcp_flexion"] > rest[f"{finger}_mcp_flexion"] + np.degrees(-low) / 2
+    angle = f"{finger}_mcp_flexion"
+    assert bent[angle] > rest[angle] + np.degrees(-low) / 2
     # positive turns lead away from the thumb at x
     towards_thumb = angles(with_dof(f"{finger}_base_rot_z", -0.2))
     change = towards_thumb[f"{finger}_mcp_abduction"] - rest[f"{finger}_mcp_abduction"]

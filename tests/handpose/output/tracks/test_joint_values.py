@@ -76,12 +76,10 @@ def test_csv(here: Path, name: FormatName) -> None:
     unit, joint = FORMATS[name].unit, list(FORMATS[name].joints)[3]
     if name == "mediapipe":
         assert wanted.landmarks is not None
-        assert [float(row[f"{joint}_{axis}"]) for axis in "xyz"] == pytest.approx(
-            wanted.landmarks[3], abs=1e-5
-        )
-        world = [
-            float(row[f"{joint}_world_{axis}_m"]) + float(row[f"center_{axis}_m"]) for axis in "xyz"
-        ]
+        place = [float(row[f"{joint}_{axis}"]) for axis in "xyz"]
+        assert place == pytest.approx(wanted.landmarks[3], abs=1e-5)
+        columns = [(f"{joint}_world_{axis}_m", f"center_{axis}_m") for axis in "xyz"]
+        world = [float(row[offset]) + float(row[center]) for offset, center in columns]
         assert world == pytest.approx(wanted.positions[3], abs=2e-5)
     else:
         found = [float(row[f"{joint}_{axis}_{unit}"]) for axis in "xyz"]
@@ -108,9 +106,8 @@ def test_gestures(here: Path) -> None:
         for frame in json.loads(Path("a.json").read_text())["frames"]
         for hand in frame["hands"]
     ]
-    assert [(one["name"] or "", one["confidence"]) for one in found] == [
-        (row["gesture"], float(row["gesture_confidence"])) for row in rows
-    ]
+    gestures = [(row["gesture"], float(row["gesture_confidence"])) for row in rows]
+    assert [(one["name"] or "", one["confidence"]) for one in found] == gestures
     reader, hand = GestureReader(HEADER.skeleton), FRAMES[0].hands[0]
     wanted = reader.read(hand.id, hand.hand, hand.xyz, FRAMES[0].time)
     assert found[0]["confidence"] == pytest.approx(wanted.confidence, abs=1e-3)
