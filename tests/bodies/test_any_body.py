@@ -75,11 +75,11 @@ def net_text(folder: Path, skeleton: Skeleton) -> str:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_frames(tmp_path: Path, seed: int) -> None:
+def test_frames(here: Path, seed: int) -> None:
     """Every joint is inside the visible surface, nothing is detached from the body, and the
     limits are kept.
     """
-    recipe = exact_recipe(write_body(tmp_path, seed))
+    recipe = exact_recipe(write_body(here, seed))
     frames, skeleton = Generator(seed, "train", recipe).block(0), recipe.prior.body()
     assert frames.dof is not None
     assert (frames.dof >= skeleton.lower - 1e-6).all()
@@ -98,20 +98,20 @@ def test_frames(tmp_path: Path, seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_a_net_learns_it(tmp_path: Path, seed: int) -> None:
+def test_a_net_learns_it(here: Path, seed: int) -> None:
     """The loss decreases with the model and the limits of this body, and the scores are those
     of its joints.
     """
-    prior = write_body(tmp_path, seed)
+    prior = write_body(here, seed)
     skeleton = prior_file.load(prior).body()
-    data = DataSet(tmp_path, [(Generator(0, "train", recipe_of(prior)), 64)])
+    data = DataSet(here, [(Generator(0, "train", recipe_of(prior)), 64)])
     data.write(1, lambda done: None)
-    (tmp_path / "net.prototxt").write_text(net_text(tmp_path, skeleton))
-    (tmp_path / "solver.prototxt").write_text(
-        f'net: "{tmp_path}/net.prototxt" type: "Adam" base_lr: 0.003 momentum: 0.9 momentum2: 0.999\n'
+    Path("net.prototxt").write_text(net_text(here, skeleton))
+    Path("solver.prototxt").write_text(
+        'net: "net.prototxt" type: "Adam" base_lr: 0.003 momentum: 0.9 momentum2: 0.999\n'
         'lr_policy: "fixed" max_iter: 60 display: 0 random_seed: 1 snapshot_after_train: false\n'
     )
-    solver = netlib.get_solver(str(tmp_path / "solver.prototxt"))
+    solver = netlib.get_solver("solver.prototxt")
     losses = []
     for _ in range(60):
         solver.step(1)
@@ -119,9 +119,9 @@ def test_a_net_learns_it(tmp_path: Path, seed: int) -> None:
             float(solver.net.blobs["joint_loss"].data + solver.net.blobs["limit_loss"].data)
         )
     assert np.mean(losses[-4:]) < 0.7 * np.mean(losses[:4])
-    net = netlib.Net(str(tmp_path / "net.prototxt"), netlib.TEST)
-    solver.net.save(str(tmp_path / "net.caffemodel.h5"))
-    net.copy_from(str(tmp_path / "net.caffemodel.h5"), strict=True)
+    net = netlib.Net("net.prototxt", netlib.TEST)
+    solver.net.save("net.caffemodel.h5")
+    net.copy_from("net.caffemodel.h5", strict=True)
     found = predict_all(net)
     layer = hand_layer(net)
     assert layer is not None
@@ -134,9 +134,9 @@ def test_a_net_learns_it(tmp_path: Path, seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_fits_to_joints(tmp_path: Path, seed: int) -> None:
+def test_fits_to_joints(here: Path, seed: int) -> None:
     """The fit finds poses within the limits that reproduce all joints in nearly all frames."""
-    recipe = exact_recipe(write_body(tmp_path, seed))
+    recipe = exact_recipe(write_body(here, seed))
     bodies = Generator(seed, "train", recipe).scene(0).bodies
     skeleton = recipe.prior.body()
     found = fit_joints(skeleton, bodies.joints[:24], starts=12)
@@ -146,15 +146,16 @@ def test_fits_to_joints(tmp_path: Path, seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_fits_to_depth(tmp_path: Path, seed: int) -> None:
+def test_fits_to_depth(here: Path, seed: int) -> None:
     """A fit that starts at a disturbed pose ends nearer to the true pose."""
-    recipe = exact_recipe(write_body(tmp_path, seed))
+    recipe = exact_recipe(write_body(here, seed))
     scene = Generator(seed, "train", recipe).scene(0)
     model, n = CapsuleModel(recipe.prior.body(), HALF), 16
     truth = scene.bodies.joints[:n] * HALF
     rng = np.random.default_rng(seed)
     start = scene.bodies.inputs[:n] + rng.normal(0, 0.12, scene.bodies.inputs[:n].shape)
-    start[:, :3] = scene.bodies.inputs[:n, :3] + rng.normal(0, 0.02, (n, 3))
+    shift = rng.normal(0, 0.02, (n, 3))
+    start[:, :3] = scene.bodies.inputs[:n, :3] + shift
     seen = observe(HandCrops(scene.depth[:n], scene.center_uvd[:n], KINECT2, 2 * HALF), 300, 3.0)
     fit = DepthFitter(model).fit(seen, [model.variables_of(start)], SearchSettings().fast)
     before = np.linalg.norm(model.joints(model.variables_of(start)) - truth, axis=2).mean(axis=1)
@@ -162,19 +163,19 @@ def test_fits_to_depth(tmp_path: Path, seed: int) -> None:
     assert after.mean() < 0.6 * before.mean() and (after < before).mean() > 0.8
 
 
-def test_features_for_hands_reject_other_bodies(tmp_path: Path) -> None:
+def test_features_for_hands_reject_other_bodies(here: Path) -> None:
     """Detection, mirroring and tracking raise a one-line error."""
-    prior = write_body(tmp_path, 1)
-    text = net_text(tmp_path, prior_file.load(prior).body())
+    prior = write_body(here, 1)
+    text = net_text(here, prior_file.load(prior).body())
     start, end = text.index("layer {"), text.index('layer {\n  name: "small"')
     given = (
         'layer { name: "in" type: "Input" top: "depth" input_param { shape { dim: 1 dim: 1 dim: '
         "128 dim: 128 } } }\n"
     )
-    (tmp_path / "net.prototxt").write_text(
+    Path("net.prototxt").write_text(
         text[:start] + given + text[end : text.index('layer { name: "joint_loss"')]
     )
-    net = netlib.Net(str(tmp_path / "net.prototxt"), netlib.TEST)
+    net = netlib.Net("net.prototxt", netlib.TEST)
     with pytest.raises(
         NetlibError, match="skeleton 'random1' is not a hand, so there is no left one"
     ):

@@ -28,9 +28,8 @@ def relative(got: Any, want: Any) -> float:
     finite = np.isfinite(want)
     if got.shape != want.shape or not np.array_equal(np.isfinite(got), finite):
         return np.inf
-    return float(
-        np.abs(got - want)[finite].max(initial=0) / max(np.abs(want)[finite].max(initial=0), 1e-30)
-    )
+    most = np.abs(want)[finite].max(initial=0)
+    return float(np.abs(got - want)[finite].max(initial=0) / max(most, 1e-30))
 
 
 def distance(got: Any, want: Any) -> float:

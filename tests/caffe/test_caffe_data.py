@@ -62,7 +62,8 @@ def test_files_and_the_rows_of_a_file_are_shuffled(hdf5data: Path, case: str) ->
     assert theirs.shape[:2] == (index["iters"], 7)
     for labels in (theirs, np.array([net.forward()["label"].copy() for _ in range(40)])):
         rows = labels.ravel().tolist()
-        passes = [rows[i : i + size] for i in range(0, len(rows) - size + 1, size)]
+        starts = range(0, len(rows) - size + 1, size)
+        passes = [rows[i : i + size] for i in starts]
         assert len({tuple(order) for order in passes}) == len(passes) > 1
         for order in passes:
             assert sorted(order) == sorted(file_of)

@@ -176,7 +176,8 @@ def test_a_real_lenet_reads_digits(whole: Path) -> None:
     net = netlib.Net(
         prototxt.parse(LENET), str(folder / "lenet_iter_10000.caffemodel"), netlib.TEST
     )
-    found = net.forward(data=images.reshape(-1, 1, 28, 28) / np.float32(256))["prob"].argmax(axis=1)
+    data = images.reshape(-1, 1, 28, 28) / np.float32(256)
+    found = net.forward(data=data)["prob"].argmax(axis=1)
     assert abs((found == labels).sum() - 1952) <= 1
     assert snapshot.read_state(folder / "lenet_iter_10000.solverstate").iter == 10000
 

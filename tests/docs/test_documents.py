@@ -92,10 +92,8 @@ def test_all_of_pycaffe_is_described() -> None:
     document on Caffe.
     """
     text = (ROOT / "docs/caffe.md").read_text(encoding="utf-8")
-    names = {
-        *caffe.__all__,
-        *(n for cls in (pycaffe.Net, pycaffe.Solver) for n in vars(cls) if not n.startswith("_")),
-    }
+    members = {*vars(pycaffe.Net), *vars(pycaffe.Solver)}
+    names = {*caffe.__all__, *(name for name in members if name[0] != "_")}
     ours = {
         "Solver",
         "TRAIN",

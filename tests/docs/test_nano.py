@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from handpose.synthetic.generator import Generator
 from tests.test_totals import size_of
@@ -37,11 +38,11 @@ def test_it_is_short_and_needs_numpy_alone() -> None:
     assert imported - {"check_nano", "numpy"} <= sys.stdlib_module_names
 
 
-def test_dropout_passes_the_gradient_where_it_passed_the_value() -> None:
+def test_dropout_passes_the_gradient_where_it_passed_the_value(rng: np.random.Generator) -> None:
     """Values and gradients are multiplied by the same mask of 0 and 1 / (1 - p)."""
-    y, backward = nano.dropout(np.ones((100, 10)), 0.25, np.random.default_rng(0))
+    y, backward = nano.dropout(np.ones((100, 10)), 0.25, rng)
     assert set(np.unique(y)) == {0, 1 / 0.75}
-    np.testing.assert_array_equal(backward(np.ones((100, 10)))[0], y)
+    assert_array_equal(backward(np.ones((100, 10)))[0], y)
 
 
 def test_losses_are_those_of_netlib(
@@ -93,4 +94,4 @@ def test_frames_are_the_renderers() -> None:
     block = Generator(seed=0, split="train").block(0)
     with np.load(nano.FRAMES) as data:
         assert (data["depth"] != np.rint(block.depth * 127)).mean() <= 1e-3
-        np.testing.assert_allclose(data["joints"], block.joint.reshape(-1, 31, 3), atol=1e-4)
+        assert_allclose(data["joints"], block.joint.reshape(-1, 31, 3), atol=1e-4)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from docs.making import pages
 from tests.support.chromium_tabs import browser, visit
@@ -58,13 +59,12 @@ def test_windows_are_those_of_the_layer(visit: Visit, page_of: PageOf, number: i
     if kind == "Convolution":
         changed |= {"w": kernel.ravel().tolist(), "b": [bias]}
     found = tab.evaluate("(layer) => page.slide(layer)", changed)
-    np.testing.assert_allclose(found["y"], layer.y.ravel())
+    assert_allclose(found["y"], layer.y.ravel())
     side = 6 + 2 * pad
-    np.testing.assert_allclose(
-        np.reshape(found["dx"], (side, side))[pad : side - pad, pad : side - pad], dx
-    )
+    inside = slice(pad, side - pad)
+    assert_allclose(np.reshape(found["dx"], (side, side))[inside, inside], dx)
     for name, blob in zip(("dw", "db"), layer.net.params.get("y", ())):
-        np.testing.assert_allclose(found[name], blob.diff.ravel())
+        assert_allclose(found[name], blob.diff.ravel())
 
 
 def test_windows_in_use(visit: Visit, page_of: PageOf) -> None:
@@ -101,11 +101,11 @@ def test_the_small_net_is_that_of_the_chapter(visit: Visit, page_of: PageOf) -> 
         assert found["loss"] == pytest.approx(net.run_forward(), abs=1e-12)
         net.run_backward()
         for name, blob in net.blobs.items():
-            np.testing.assert_allclose(found["values"][name], blob.data.ravel(), atol=1e-12)
-            np.testing.assert_allclose(found["diffs"][name], blob.diff.ravel(), atol=1e-12)
+            assert_allclose(found["values"][name], blob.data.ravel(), atol=1e-12)
+            assert_allclose(found["diffs"][name], blob.diff.ravel(), atol=1e-12)
         for at, step in zip(net.connections, found["steps"]):
             for blob, diff in zip(at.layer.blobs, step["dparams"]):
-                np.testing.assert_allclose(diff, blob.diff, atol=1e-12)
+                assert_allclose(diff, blob.diff, atol=1e-12)
 
 
 def test_the_small_net_in_use(visit: Visit, page_of: PageOf) -> None:

@@ -130,9 +130,8 @@ def pictures(folder: Path) -> None:
     rng = np.random.default_rng(0)
     (folder / "pictures").mkdir()
     for n in range(4):
-        cv2.imwrite(
-            str(folder / "pictures" / f"{n}.png"), rng.integers(0, 256, (8, 8, 3), dtype=np.uint8)
-        )
+        picture = rng.integers(0, 256, (8, 8, 3), dtype=np.uint8)
+        cv2.imwrite(str(folder / "pictures" / f"{n}.png"), picture)
     (folder / "list.txt").write_text(
         "".join(f"{n}.png {n % 2}\n" for n in range(4)), encoding="utf-8"
     )
@@ -173,9 +172,8 @@ def classifier(folder: Path) -> None:
         cv2.imwrite(str(folder / f"{name}.png"), images[-1])
         (folder / "pictures" / name).mkdir(parents=True)
         for n in range(10):
-            picture = np.clip(images[-1] + rng.normal(0, 20, images[-1].shape), 0, 255).astype(
-                np.uint8
-            )
+            noisy = images[-1] + rng.normal(0, 20, images[-1].shape)
+            picture = np.clip(noisy, 0, 255).astype(np.uint8)
             cv2.imwrite(str(folder / "pictures" / name / f"{n}.png"), picture)
     (folder / "labels.txt").write_text("".join(f"{name}\n" for name in CLASSES), encoding="utf-8")
     (folder / "list.txt").write_text(

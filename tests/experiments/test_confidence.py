@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from experiments.confidence import (
     Poses,
@@ -66,9 +67,8 @@ def poses(name: str, weights: Regressions, seed: int, count: int = 400) -> Poses
         + rng.choice([-1, 1], count) * hand.spread
     )
     signs = finger_signs(JUDGE.as_wholes(evidence, hand)[0], evidence)
-    of_fingers = (
-        signs @ finger.weights + finger.constant + rng.choice([-1, 1], (count, 5)) * finger.spread
-    )
+    off = rng.choice([-1, 1], (count, 5)) * finger.spread
+    of_fingers = signs @ finger.weights + finger.constant + off
     return Poses(name, evidence, np.exp(log_error), np.exp(of_fingers))
 
 
@@ -76,7 +76,7 @@ def test_fitting_recovers_the_true_weights() -> None:
     """The length of a recording does not matter, and places without a hand hardly do."""
     takes = [poses("a", MADE, seed=1), poses("b", MADE, seed=2, count=4000)]
     for found, made, spread in zip(fitted(takes, IN_USE, keep=0.0), MADE, (0.2, 0.1), strict=True):
-        np.testing.assert_allclose(found.weights, made.weights, atol=0.04)
+        assert_allclose(found.weights, made.weights, atol=0.04)
         assert (found.constant, found.spread) == pytest.approx((made.constant, spread), abs=0.12)
 
 
@@ -88,7 +88,7 @@ def test_weights_are_drawn_towards_those_in_use() -> None:
     for found, in_use in zip(
         fitted([poses("a", worse, seed=1)], IN_USE, keep=100.0), IN_USE, strict=True
     ):
-        np.testing.assert_allclose(found.weights, in_use.weights, atol=0.01)
+        assert_allclose(found.weights, in_use.weights, atol=0.01)
         assert found.constant > in_use.constant + 0.9
 
 
@@ -124,7 +124,7 @@ def test_the_evidence_gives_the_confidence_that_the_tracker_reports(mirrored: bo
         found = JUDGE.judged(evidence_of_track(frame.tracker.track_of(hand), frame.tracker.model))
         assert hand.confidence == pytest.approx(hand.side_confidence * found.confidence[0])
         assert hand.error_mm == pytest.approx(found.error_mm[0])
-        np.testing.assert_allclose(hand.finger_error_mm, found.finger_error_mm[0])
+        assert_allclose(hand.finger_error_mm, found.finger_error_mm[0])
     made = poses_of("rest", iter(frames))
     assert made.evidence.signs.shape == (recording.count, len(SIGNS)) and made.error_mm.mean() < 25
     assert made.share.sum() == pytest.approx(1)

@@ -10,6 +10,7 @@ import cv2
 import h5py
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 import netlib
 from experiments import bench, fit, parts
@@ -222,7 +223,7 @@ def test_packaging_a_net_without_a_hand(tmp_path: Path) -> None:
     run(f"package_model {big} --model {deploy} --out {small}")
     again = netlib.Net(deploy, small, netlib.TEST)
     for name, blobs in net.params.items():
-        np.testing.assert_array_equal(again.params[name][0].data, rounded(blobs[0].data, 10))
+        assert_array_equal(again.params[name][0].data, rounded(blobs[0].data, 10))
 
 
 # ------------------------------------------------------------------------------------------ figures
@@ -362,7 +363,7 @@ def test_switching_off_a_part_changes_only_rounding(tmp_path: Path, keep_threads
             for ours, wanted in zip(
                 results(tmp_path, "plain" if name == parts.FAST else "fast"), expected
             ):
-                np.testing.assert_allclose(
+                assert_allclose(
                     ours, wanted, rtol=0, atol=1e-4 * np.abs(wanted).max(), err_msg=name
                 )
 

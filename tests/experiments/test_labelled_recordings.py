@@ -242,9 +242,8 @@ def hand(presence: float, off: float) -> FoundHand:
 def test_a_labelled_hand_is_found_once() -> None:
     """The next answer near it is false, and one near a doubtful hand is not counted."""
     frame = Labelled(np.zeros((480, 640)), NYU, [PLACE], [PLACE + (500, 0, 0)])
-    answers = judged(
-        [hand(0.9, 70), hand(0.8, 10), hand(0.7, 300), hand(0.6, 450), hand(0.5, 0)], frame
-    )
+    found = [hand(0.9, 70), hand(0.8, 10), hand(0.7, 300), hand(0.6, 450), hand(0.5, 0)]
+    answers = judged(found, frame)
     assert [(one.presence, one.true) for one in answers] == [
         (0.9, True),
         (0.8, False),

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from numpy.testing import assert_array_equal
 
 import netlib
 from experiments import fit
@@ -33,9 +34,7 @@ def test_rounding(value: float, bits: int, negative: bool) -> None:
     number = np.float32(-value if negative else value)
     mantissa, exponent = np.frexp(np.float64(number))
     expected = np.ldexp(np.rint(mantissa * 2 ** (bits + 1)), exponent - bits - 1)
-    np.testing.assert_array_equal(
-        rounded(np.array([[number, 0]]), bits), np.float32([[expected, 0]])
-    )
+    assert_array_equal(rounded(np.array([[number, 0]]), bits), np.float32([[expected, 0]]))
 
 
 def test_a_model_file(tmp_path: Path) -> None:
@@ -52,10 +51,8 @@ def test_a_model_file(tmp_path: Path) -> None:
     again = netlib.Net(HAND_FINDER / "deploy.prototxt", path, netlib.TEST)
     for name, blobs in net.params.items():
         for one, other in zip(blobs, again.params[name]):
-            np.testing.assert_array_equal(one.data, other.data)
-    np.testing.assert_array_equal(
-        read_errors(path, CapsuleModel(SKELETON, 150.0)).limbs, errors.limbs
-    )
+            assert_array_equal(one.data, other.data)
+    assert_array_equal(read_errors(path, CapsuleModel(SKELETON, 150.0)).limbs, errors.limbs)
     numbers = sum(blob.count for blobs in net.params.values() for blob in blobs)
     assert numbers > 10_000 and path.stat().st_size < 0.7 * 4 * numbers
 
@@ -106,4 +103,4 @@ def test_the_command_of_a_card_makes_its_file(
     )
     for name, blobs in packaged.params.items():
         for one, other in zip(blobs, made.params[name], strict=True):
-            np.testing.assert_array_equal(one.data, other.data)
+            assert_array_equal(one.data, other.data)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -28,27 +28,11 @@ from netlib.snapshots import snapshot
 from tests.support.caffe_messages import write_blob
 from tests.support.hdf5_files import write_hdf5
 from tests.support.layer_cases import CASES
-from tests.support.nets import inputs
+from tests.support.nets import inputs, ip
 from tests.support.running import ROOT, run_tool
 
-RECORDED = ROOT / "tests" / "caffe"
-OLD_NET = """name: "old" input: "x" input_dim: 2 input_dim: 3 input_dim: 4 input_dim: 4
-layers { name: "c" type: CONVOLUTION bottom: "x" top: "c" blobs_lr: 1 blobs_lr: 2 weight_decay: 1 weight_decay: 0
-         convolution_param { num_output: 2 kernel_size: 3 } }
-layers { name: "i" type: INNER_PRODUCT bottom: "c" top: "i" inner_product_param { num_output: 2 } BLOBS }
-"""
-DATA_LAYER = """layer { name: "d" type: "%s" top: "data" top: "label" %s
-    hdf5_data_param { source: "list.txt" batch_size: 6 } image_data_param { source: "list.txt" batch_size: 5 } }"""
-PRODUCT = (
-    inputs(data=(1, 3, 4, 5))
-    + """layer { name: "p" type: "InnerProduct" bottom: "data" top: "y"
-    inner_product_param { num_output: 3 weight_filler { type: "xavier" } } }"""
-)
-HAND = (
-    inputs(x=(2, 47))
-    + """layer { name: "h" type: "HandModel" bottom: "x" top: "y"
-    hand_model_param { skeleton: "hand.prototxt" } }"""
-)
+HANDS = ROOT / "prototxt" / "hand"
+RECORDED = ROOT / "tests" / "caffe" / "solvers"
 
 
 class Reader(NamedTuple):
@@ -65,36 +49,57 @@ class Reader(NamedTuple):
     exact: bool = False
 
 
-def put(name: str, text: str) -> str:
+def write(name: str, text: str) -> str:
     Path(name).write_text(text, encoding="utf-8")
     return name
 
 
-def put_picture(name: str, shape: tuple[int, ...]) -> str:
-    assert cv2.imwrite(
-        name, cv2.blur(np.random.default_rng(0).integers(0, 255, shape, np.uint8), (5, 5))
-    )
-    return name
+def text_of(path: Path) -> str:
+    return path.read_text(encoding="utf-8")
+
+
+def digest(value: Any) -> str:
+    """Digest of a value made of arrays, numbers and texts; equal values have equal digests."""
+    if isinstance(value, dict):
+        value = [(key, value[key]) for key in sorted(value, key=str)]
+    if isinstance(value, (list, tuple)):
+        content = " ".join(map(digest, value)).encode()
+    elif isinstance(value, np.ndarray):
+        content = f"{value.dtype} {value.shape}".encode() + value.tobytes()
+    else:
+        content = repr(value).encode()
+    return hashlib.sha256(content).hexdigest()
+
+
+@contextlib.contextmanager
+def unchanged_if_refused(content: Callable[[], Any]) -> Iterator[None]:
+    before = digest(content())
+    try:
+        yield
+    except NetlibError:
+        assert digest(content()) == before, "refused, but changed"
+        raise
+
+
+# -------------------------------------------------------------------------------------------- nets
+
+OLD_NET = """name: "old" input: "x" input_dim: 2 input_dim: 3 input_dim: 4 input_dim: 4
+layers { name: "c" type: CONVOLUTION bottom: "x" top: "c" blobs_lr: 1 blobs_lr: 2 weight_decay: 1 weight_decay: 0
+         convolution_param { num_output: 2 kernel_size: 3 } }
+layers { name: "i" type: INNER_PRODUCT bottom: "c" top: "i" inner_product_param { num_output: 2 } BLOBS }
+"""
+BLOBS = f"blobs {{ num: 1 channels: 1 height: 2 width: 8 {'data: 0.5 ' * 16} }}"
+PRODUCT = inputs(data=(1, 3, 4, 5)) + ip("p", "data", "y")
 
 
 def make_nets() -> list[str]:
     """Write a net of every layer type that needs no file, and some larger nets."""
-    found = [put("old.prototxt", OLD_NET.replace("BLOBS", ""))]
-    found.append(
-        put(
-            "ssd.prototxt",
-            (ROOT / "tests/layers/detection/small_ssd.prototxt").read_text(encoding="utf-8"),
-        )
-    )
-    for kind, (options, bottoms, more) in CASES.items():
+    ssd = text_of(ROOT / "tests/layers/detection/small_ssd.prototxt")
+    texts = {"old": OLD_NET.replace("BLOBS", ""), "ssd": ssd}
+    for kind, case in CASES.items():
         if kind != "DetectionOutput":  # needs prior boxes, as in small_ssd
-            shapes = {f"x{i}": np.shape(array) for i, array in enumerate(bottoms(2))}
-            ends = [f'bottom: "{name}"' for name in shapes] + [
-                f'top: "y{i}"' for i in range(more.get("tops", 1))
-            ]
-            layer = f'layer {{ name: "l" type: "{kind}" {" ".join(ends)} {options} }}\n'
-            found.append(put(f"{kind}.prototxt", inputs(**shapes) + layer))
-    return found
+            texts[kind] = case.net_text(case.bottoms(2))
+    return [write(f"{name}.prototxt", text) for name, text in texts.items()]
 
 
 def run_once(path: Path) -> None:
@@ -103,53 +108,43 @@ def run_once(path: Path) -> None:
     net.run_backward()
 
 
+# --------------------------------------------------------------------------------------- trainings
+
+WEIGHTS = ["old.caffemodel", "caffe.caffemodel", "net.caffemodel.h5", "net.caffemodel"]
+
+
 def make_training() -> list[str]:
     """Write the files of a training, in which state and weights of iteration 5 are of an
     earlier version.
     """
-    for file in [
-        *(ROOT / "tests/netlib/older").iterdir(),
-        *(RECORDED / "solvers").glob("train?.h5"),
-    ]:
+    earlier = ROOT / "tests" / "netlib" / "older"
+    for file in [*earlier.iterdir(), *RECORDED.glob("train?.h5")]:
         shutil.copy(file, file.name)
-    return ["solver.prototxt", "net.prototxt", put("list.txt", "train0.h5\ntrain1.h5\n")]
+    return ["solver.prototxt", "net.prototxt", write("list.txt", "train0.h5\ntrain1.h5\n")]
+
+
+def solver_of(**changes: object) -> netlib.Solver:
+    """A solver that writes no snapshots: their paths may be damaged."""
+    options = {"snapshot": 0, "snapshot_after_train": False} | changes
+    return netlib.get_solver("solver.prototxt", **options)
 
 
 def read_solver(path: Path) -> None:
-    """Build a solver and make two steps if they are short; no snapshots, whose paths
-    may be damaged.
-    """
-    solver = netlib.get_solver("solver.prototxt", snapshot=0, snapshot_after_train=False)
+    """Build a solver and make two steps if they are short."""
+    solver = solver_of()
     if max([solver.param.iter_size, *solver.param.test_iter]) <= 1000:
         solver.step(2)
-
-
-def make_skeleton() -> list[str]:
-    shutil.copy(ROOT / "prototxt/hand/nyu.prototxt", "hand.prototxt")
-    prior = (ROOT / "prototxt/hand/nyu_prior.prototxt").read_text(encoding="utf-8")
-    put("net.prototxt", HAND)
-    return ["hand.prototxt", put("prior.prototxt", prior.replace("nyu.prototxt", "hand.prototxt"))]
-
-
-def read_skeleton(path: Path) -> None:
-    found = skeleton.load(Path("hand.prototxt"))
-    if found.param.flesh is not None:
-        found.with_surface()
-    run_once(Path("net.prototxt"))
-    prior_file.load(Path("prior.prototxt"))
 
 
 def make_weights() -> list[str]:
     """Write weights of a net of 2014, of Caffe itself, and of this project in both formats."""
     make_training()
-    text = OLD_NET.replace(
-        "BLOBS", "blobs { num: 1 channels: 1 height: 2 width: 8 " + "data: 0.5 " * 16 + "}"
-    )
-    Path("old.caffemodel").write_bytes(wire.encode(prototxt.parse(text), AnyNetParameter))
-    shutil.copy(RECORDED / "solvers" / "init.caffemodel", "caffe.caffemodel")
+    tree = prototxt.parse(OLD_NET.replace("BLOBS", BLOBS))
+    Path("old.caffemodel").write_bytes(wire.encode(tree, AnyNetParameter))
+    shutil.copy(RECORDED / "init.caffemodel", "caffe.caffemodel")
     for name in ("net.caffemodel.h5", "net.caffemodel"):
         netlib.Net("net.prototxt", netlib.TRAIN, seed=2).save(name)
-    return ["old.caffemodel", "caffe.caffemodel", "net.caffemodel.h5", "net.caffemodel"]
+    return WEIGHTS
 
 
 def read_weights(path: Path) -> None:
@@ -162,49 +157,100 @@ def read_weights(path: Path) -> None:
         net.copy_from(path)
 
 
+def values(net: netlib.Net) -> list[Any]:
+    return [param.blob.data for param in net.learnable]
+
+
 def make_states() -> list[str]:
     """Write snapshots of two iterations in both formats."""
     make_training()
     for layout in ("HDF5", "BINARYPROTO"):
         netlib.get_solver("solver.prototxt", max_iter=2, snapshot_format=layout).solve()
-    return [
-        f"older_iter_2.{kind}{suffix}"
-        for suffix in (".h5", "")
-        for kind in ("solverstate", "caffemodel")
-    ]
+    kinds = "solverstate.h5", "caffemodel.h5", "solverstate", "caffemodel"
+    return [f"older_iter_2.{kind}" for kind in kinds]
+
+
+def make_earlier_states() -> list[str]:
+    make_training()
+    return ["older_iter_5.solverstate.h5", "older_iter_5.caffemodel.h5"]
 
 
 def read_state(path: Path) -> Any:
     """Resume and train on; a solver that rejects the state must not change."""
-    solver = netlib.get_solver("solver.prototxt", seed=99, snapshot=0, snapshot_after_train=False)
+    solver = solver_of(seed=99)
 
-    def everything() -> list[Any]:
-        return [
-            solver.iter,
-            values(solver.net),
-            solver.history,
-            list(solver.smoothed),
-            solver.net.layer_states(),
-        ]
+    def content() -> list[Any]:
+        training = [solver.iter, solver.history, list(solver.smoothed)]
+        return [*training, values(solver.net), solver.net.layer_states()]
 
-    with unchanged_if_refused(everything):
+    with unchanged_if_refused(content):
         solver.restore(str(path).replace("caffemodel", "solverstate"))
     solver.step(2)
-    return everything()
+    return content()
 
 
-def values(net: netlib.Net) -> list[Any]:
-    return [p.blob.data for p in net.learnable]
+# -------------------------------------------------------------------------------------------- data
+
+HAND = (
+    inputs(x=(2, 47))
+    + """layer { name: "h" type: "HandModel" bottom: "x" top: "y"
+    hand_model_param { skeleton: "hand.prototxt" } }"""
+)
+DATA = """layer { name: "d" type: "HDF5Data" top: "data" top: "label"
+    hdf5_data_param { source: "list.txt" batch_size: 6 } }"""
+IMAGES = """layer { name: "d" type: "ImageData" top: "data" top: "label"
+    transform_param { mean_file: "mean.binaryproto" crop_size: 8 }
+    image_data_param { source: "list.txt" batch_size: 5 } }"""
+PICTURES = {  # name -> shape
+    "a.png": (12, 16, 3),
+    "b.jpg": (12, 16, 3),
+    "c.png": (12, 16),
+    "d.bmp": (12, 16, 3),
+    "e.png": (12, 16, 4),
+}
 
 
-@contextlib.contextmanager
-def unchanged_if_refused(content: Callable[[], Any]) -> Any:
-    before = digest(content())
-    try:
-        yield
-    except NetlibError:
-        assert digest(content()) == before, "refused, but changed"
-        raise
+def make_skeleton() -> list[str]:
+    write("net.prototxt", HAND)
+    prior = text_of(HANDS / "nyu_prior.prototxt").replace("nyu.prototxt", "hand.prototxt")
+    hand = text_of(HANDS / "nyu.prototxt")
+    return [write("hand.prototxt", hand), write("prior.prototxt", prior)]
+
+
+def read_skeleton(path: Path) -> None:
+    found = skeleton.load(Path("hand.prototxt"))
+    if found.param.flesh is not None:
+        found.with_surface()
+    run_once(Path("net.prototxt"))
+    prior_file.load(Path("prior.prototxt"))
+
+
+def make_hdf5() -> list[str]:
+    """Write contiguous rows, rows in compressed chunks and rows behind a link, and the
+    list of the files.
+    """
+    write("net.prototxt", DATA)
+    rows = np.random.default_rng(4).uniform(-0.9, 0.9, (5, 2, 3)).astype("f4")
+    write_hdf5("a.h5", data=rows, label=np.zeros(5, "f4"))
+    packed: dict[str, Any] = {"chunks": (8, 2, 3), "compression": "gzip", "shuffle": True}
+    with h5py.File("b.h5", "w") as file:
+        file.create_dataset("data", data=np.ones((40, 2, 3), "f4"), **packed)
+        file.create_dataset("label", data=np.arange(40), maxshape=(None,))
+    with h5py.File("c.h5", "w", libver="latest") as file:
+        file["group/deep"] = np.zeros((3, 2, 3), np.float16)
+        file["data"], file["label"] = h5py.SoftLink("/group/deep"), np.zeros(3)
+        file.attrs["made_from"] = "a text that is not of a fixed length"
+    return ["a.h5", "b.h5", "c.h5", write("list.txt", "a.h5\nb.h5\nc.h5\n")]
+
+
+def make_pictures() -> list[str]:
+    for name, shape in PICTURES.items():
+        noise = np.random.default_rng(0).integers(0, 255, shape, np.uint8)
+        assert cv2.imwrite(name, cv2.blur(noise, (5, 5)))
+    write_blob(Path("mean.binaryproto"), np.full((1, 3, 12, 16), 100, np.float32))
+    write("net.prototxt", IMAGES)
+    lines = "".join(f"{name} {i}\n" for i, name in enumerate(PICTURES))
+    return [*PICTURES, write("list.txt", lines), "mean.binaryproto"]
 
 
 def read_batches(path: Path) -> None:
@@ -213,71 +259,16 @@ def read_batches(path: Path) -> None:
         net.run_forward()
 
 
-def make_hdf5() -> list[str]:
-    """Write contiguous rows, rows in compressed chunks and rows behind a link, and the
-    list of the files.
-    """
-    put("net.prototxt", DATA_LAYER % ("HDF5Data", ""))
-    rng = np.random.default_rng(4)
-    write_hdf5("a.h5", data=rng.uniform(-0.9, 0.9, (5, 2, 3)).astype("f4"), label=np.zeros(5, "f4"))
-    with h5py.File("b.h5", "w") as file:
-        file.create_dataset(
-            "data",
-            data=np.ones((40, 2, 3), "f4"),
-            chunks=(8, 2, 3),
-            compression="gzip",
-            shuffle=True,
-        )
-        file.create_dataset("label", data=np.arange(40), maxshape=(None,))
-    with h5py.File("c.h5", "w", libver="latest") as file:
-        file["group/deep"] = np.zeros((3, 2, 3), np.float16)
-        file["data"], file["label"] = h5py.SoftLink("/group/deep"), np.zeros(3)
-        file.attrs["made_from"] = "a text that is not of a fixed length"
-    return ["a.h5", "b.h5", "c.h5", put("list.txt", "a.h5\nb.h5\nc.h5\n")]
-
-
-def make_pictures() -> list[str]:
-    found = [
-        put_picture("a.png", (12, 16, 3)),
-        put_picture("b.jpg", (12, 16, 3)),
-        put_picture("c.png", (12, 16)),
-        put_picture("d.bmp", (12, 16, 3)),
-        put_picture("e.png", (12, 16, 4)),
-    ]
-    write_blob(Path("mean.binaryproto"), np.full((1, 3, 12, 16), 100, np.float32))
-    put(
-        "net.prototxt",
-        DATA_LAYER
-        % ("ImageData", 'transform_param { mean_file: "mean.binaryproto" crop_size: 8 }'),
-    )
-    return [
-        *found,
-        put("list.txt", "".join(f"{name} {i}\n" for i, name in enumerate(found))),
-        "mean.binaryproto",
-    ]
-
-
 def read_pictures(path: Path) -> None:
     """Read pictures and their list with the layer, with caffe.io and with
     tools/compute_image_mean.py.
     """
     read_batches(path)
-    if path.suffix in (".png", ".jpg", ".bmp"):
+    if path.name in PICTURES:
         load_image(path)
     done = run_tool("compute_image_mean list.txt -resize_width=4 -resize_height=4", status=None)
     if done.status:
-        raise NetlibError(done.err.strip().split("\n")[-1])
-
-
-def digest(value: Any) -> str:
-    """Digest of a value made of arrays, numbers and texts; equal values have equal digests."""
-    if isinstance(value, np.ndarray):
-        return hashlib.sha256(f"{value.dtype} {value.shape}".encode() + value.tobytes()).hexdigest()
-    if isinstance(value, dict):
-        return digest([(key, value[key]) for key in sorted(value, key=str)])
-    if isinstance(value, (list, tuple)):
-        return hashlib.sha256(" ".join(map(digest, value)).encode()).hexdigest()
-    return hashlib.sha256(repr(value).encode()).hexdigest()
+        raise NetlibError(done.err.splitlines()[-1])
 
 
 READERS = (
@@ -286,11 +277,7 @@ READERS = (
     Reader("skeleton", make_skeleton, read_skeleton),
     Reader("weights", make_weights, read_weights),
     Reader("state", make_states, read_state, exact=True),
-    Reader(
-        "state of an earlier version",
-        lambda: [*make_training()[3:], "older_iter_5.solverstate.h5", "older_iter_5.caffemodel.h5"],
-        read_state,
-    ),
+    Reader("state of an earlier version", make_earlier_states, read_state),
     Reader("HDF5 data", make_hdf5, read_batches),
     Reader("pictures", make_pictures, read_pictures),
 )

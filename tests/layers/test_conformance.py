@@ -12,11 +12,9 @@ import numpy as np
 import pytest
 
 from layers import LAYER_TYPES
-from netlib import gradcheck
-from netlib.blob import Blob, Blobs
 from netlib.net import Net
 from netlib.proto.options import block_name
-from tests.support.layer_cases import CASES, SOURCES, forward, made
+from tests.support.layer_cases import CASES, SOURCES, forward
 
 # The gradient of the regions is 0, but differences are not.
 FORCED = {"PSROIPooling": [True, True], "ROIPooling": [True, True]}
@@ -31,33 +29,34 @@ def test_every_type_has_a_case() -> None:
 @every_type
 def test_the_gradient_agrees_with_differences(name: str) -> None:
     """Also for a larger and a smaller batch of the same layer."""
-    layer, bottoms = made(name)
-    for arrays in (bottoms, CASES[name][1](3), CASES[name][1](1)):
-        gradcheck.check(layer, arrays, **CASES[name][2])
+    case = CASES[name]
+    bottoms = case.bottoms(2)
+    layer = case.layer(bottoms)
+    for arrays in (bottoms, case.bottoms(3), case.bottoms(1)):
+        case.check(layer, arrays)
 
 
 @pytest.mark.parametrize("name", [name for name in CASES if LAYER_TYPES[name].in_place])
 def test_layers_declared_in_place_compute_the_same_in_place(name: str) -> None:
-    layer, bottoms = made(name)
-    options = CASES[name][2]
-    if options.get("tops", 1) == 1:
-        gradcheck.check(layer, bottoms, in_place=True, **options)
-    apart, together = (
-        forward(layer, bottoms, options.get("tops", 1), in_place) for in_place in (False, True)
-    )
-    assert all(np.array_equal(a, b) for a, b in zip(apart, together))
+    case = CASES[name]
+    arrays = case.bottoms(2)
+    layer = case.layer(arrays)
+    if case.tops == 1:
+        case.check(layer, arrays, in_place=True)
+    _, apart = forward(case, layer, arrays)
+    _, together = forward(case, layer, arrays, in_place=True)
+    assert all(np.array_equal(a.data, b.data) for a, b in zip(apart, together))
 
 
 @every_type
 def test_only_wanted_gradients_are_written(name: str) -> None:
     """Where propagate_down is false the diff is unchanged."""
-    layer, arrays = made(name)
-    bottom = Blobs([Blob(np.shape(x), np.float64) for x in arrays])
-    top = Blobs([Blob((), np.float64) for _ in range(CASES[name][2].get("tops", 1))])
-    for blob, x in zip(bottom, arrays):
-        blob.data[...], blob.diff[...] = x, 77
-    layer.reshape(bottom, top)
-    layer.forward(bottom, top)
+    case = CASES[name]
+    arrays = case.bottoms(2)
+    layer = case.layer(arrays)
+    bottom, top = forward(case, layer, arrays)
+    for blob in bottom:
+        blob.diff[...] = 77
     layer.backward(top, [False] * len(bottom), bottom)
     assert all((blob.diff == 77).all() for blob in bottom)
 
@@ -69,16 +68,11 @@ def test_forced_backward_asks_for_the_gradients_that_there_are(
     """``force_backward`` computes the gradient of every bottom that has one, and of no label,
     index or image.
     """
-    options, bottoms, more = CASES[name]
-    arrays = {f"x{i}": np.asarray(x, np.float64) for i, x in enumerate(bottoms(2))}
-    text = "force_backward: true "
-    for blob, x in arrays.items():
-        text += f'input: "{blob}" input_shape {{ {" ".join(f"dim: {size}" for size in x.shape)} }} '
-    text += f'layer {{ name: "it" type: "{name}" {options} {" ".join(f"bottom: {blob!r}" for blob in arrays)} '
-    net = net_of(
-        text + " ".join(f'top: "y{i}"' for i in range(more.get("tops", 1))) + " }", dtype=np.float64
-    )
-    wanted = FORCED.get(name, more.get("wanted", [True] * len(arrays)))
+    case = CASES[name]
+    arrays = {f"x{i}": np.asarray(x, np.float64) for i, x in enumerate(case.bottoms(2))}
+    text = case.net_text(list(arrays.values()))
+    net = net_of(f"force_backward: true {text}", dtype=np.float64)
+    wanted = FORCED.get(name, case.wanted)
     assert list(net.connections[-1].propagate_down) == wanted
     net.forward(**arrays)
     for blob in arrays:

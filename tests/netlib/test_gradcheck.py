@@ -38,7 +38,8 @@ class Right(Layer):
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         self.blobs[0].diff[...] += (top[0].diff * bottom[0].data ** 2).sum(axis=0)
         if propagate_down[0]:
-            bottom[0].diff[...] = 2 * self.blobs[0].data * bottom[0].data * top[0].diff
+            slope = 2 * self.blobs[0].data * bottom[0].data
+            bottom[0].diff[...] = slope * top[0].diff
 
 
 class Spoilt(Right):

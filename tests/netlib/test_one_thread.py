@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 import netlib
 from netlib.pass_state import OneThread
@@ -114,7 +115,7 @@ def test_a_blob_that_another_thread_reads_during_a_reshape() -> None:
     blob = netlib.Blob((8, 3), zeros=zeros)
     assert blob.data.shape == (8, 3)
     assert shapes == [(8, 3), (2, 3)]
-    np.testing.assert_array_equal(blob.data, np.full((2, 3), 7))
+    assert_array_equal(blob.data, np.full((2, 3), 7))
 
 
 def test_a_blob_that_another_thread_reads_first() -> None:
@@ -128,7 +129,7 @@ def test_a_blob_that_another_thread_reads_first() -> None:
 
     written: list[bool] = []
     blob = netlib.Blob((2, 3), zeros=zeros)
-    np.testing.assert_array_equal(blob.data, np.full((2, 3), 7))
+    assert_array_equal(blob.data, np.full((2, 3), 7))
 
 
 def test_the_same_thread_may_enter_again() -> None:

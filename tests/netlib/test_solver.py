@@ -14,8 +14,9 @@ from netlib.proto.messages import NetState
 from netlib.snapshots import binary_format, snapshot
 from netlib.snapshots.solver_state import SolverState
 from tests.netlib.conftest import ONE_WEIGHT, MakeSolver, everything
-from tests.support.bad_input import bad_inputs
+from tests.support.bad_input import bad_inputs, in_table
 from tests.support.hdf5_files import write_hdf5
+from tests.support.tables import lines_of
 
 pytestmark = pytest.mark.both_engines
 
@@ -58,35 +59,15 @@ def weight(solver: netlib.Solver) -> float:
 
 
 @pytest.mark.parametrize(
-    ("param", "options", "expected"),
-    [
-        ("", "", 1 - 0.1 * 2),
-        ("param { lr_mult: 3 }", "", 1 - 0.3 * 2),
-        ("param { lr_mult: 0 }", "weight_decay: 0.5 momentum: 0.9", 1),
-        ("", "weight_decay: 0.5", 1 - 0.1 * (2 + 0.5)),
-        ("param { decay_mult: 4 }", "weight_decay: 0.5", 1 - 0.1 * (2 + 2)),
-        ("", 'weight_decay: 0.5 regularization_type: "L1"', 1 - 0.1 * (2 + 0.5)),
-        ("", "iter_size: 3", 1 - 0.1 * 2),
-        ("", "clip_gradients: 1", 1 - 0.1 * 1),
-        ("", "clip_gradients: 3", 1 - 0.1 * 2),
-        # the sum, 6, is clipped to 3, then divided by 3
-        ("", "clip_gradients: 3 iter_size: 3", 1 - 0.1 * 1),
-        (
-            "",
-            "clip_gradients: 3 iter_size: 3 weight_decay: 0.5",
-            1 - 0.1 * 1.5,
-        ),  # decay is not clipped
-    ],
+    ("param", "options", "expected"), lines_of(Path(__file__).with_name("one_update.txt"))
 )
-def test_one_update_by_hand(
-    solver_of: MakeSolver, param: str, options: str, expected: float
-) -> None:
+def test_one_update_by_hand(solver_of: MakeSolver, param: str, options: str, expected: str) -> None:
     """The sum is clipped, divided by iter_size, decayed, and passed to the update rule,
     in this order.
     """
     solver = solver_of(ONE_WEIGHT % param, options)
     solver.step(1)
-    assert weight(solver) == pytest.approx(expected, rel=1e-6)
+    assert weight(solver) == pytest.approx(float(expected), rel=1e-6)
     assert solver.iter == 1
 
 
@@ -534,59 +515,9 @@ def test_a_diverging_training_leaves_the_last_good_snapshot(
     assert len(list(tmp_path.glob("*.caffemodel"))) == solver.iter
 
 
-NEEDS = "expected one of net, net_param, train_net, train_net_param; found net, train_net"
-NO_INTERVAL = "1 test nets, but no test_interval; expected at least 1"
-
-
 @bad_inputs(
     netlib.PrototxtError,
-    {
-        options: f"solver.prototxt:1:{line}"
-        for options, line in (
-            (
-                'type: "Adan"',
-                "21: error: unknown solver type 'Adan' (did you mean 'Adam'?); known: SGD, ...",
-            ),
-            (
-                'lr_policy: "stp"',
-                "21: error: unknown lr_policy 'stp' (did you mean 'step'?); known: fixed, ...",
-            ),
-            ('lr_policy: "step"', "21: error: lr_policy 'step' needs a stepsize of at least 1"),
-            (
-                'lr_policy: "exp" gamma: -1',
-                "38: error: lr_policy 'exp' needs a gamma that is not negative, found -1",
-            ),
-            ('lr_policy: "poly" max_iter: 0', "21: error: lr_policy 'poly' needs max_iter"),
-            (
-                'lr_policy: "poly" power: -1',
-                "39: error: lr_policy 'poly' needs a power that is not negative, found -1",
-            ),
-            (
-                'type: "AdaGrad" momentum: 0.5',
-                "37: error: AdaGrad has no momentum; remove the field",
-            ),
-            (
-                'type: "RMSProp" rms_decay: 1',
-                "37: error: rms_decay 1 must be at least 0 and less than 1",
-            ),
-            (
-                'regularization_type: "L3"',
-                "21: error: unknown regularization_type 'L3'; known: L1, L2",
-            ),
-            ("iter_size: 0", "21: error: iter_size and average_loss must be at least 1"),
-            ('train_net: "net.prototxt"', f"21: error: {NEEDS}"),
-            ("test_iter: 1", f"21: error: {NO_INTERVAL}"),
-            ("test_iter: 1 test_interval: 0", f"21: error: {NO_INTERVAL}"),
-            (
-                "test_iter: 1 test_interval: 1 test_state { } test_state { }",
-                "51: error: 2 test_state for 1 test nets; expected one each",
-            ),
-            (
-                'solver_type: ADAM type: "SGD"',
-                "21: error: solver_type ADAM contradicts type 'SGD', which Caffe reads; expected one of them",
-            ),
-        )
-    },
+    in_table(Path(__file__).with_name("solver_mistakes.txt"), "solver.prototxt:1:"),
 )
 def test_mistakes_in_a_solver_point_at_their_place(
     solver_of: MakeSolver, given: str, rejected: Any

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from netlib.proto import prototxt, schema
 from netlib.proto.messages import SolverParameter
 from netlib.updates import RULES, learning_rate, steps_taken
+from tests.support.tables import lines_of
 
 pytestmark = pytest.mark.both_engines
 
@@ -63,40 +66,12 @@ def test_two_updates_by_hand(rule: str, options: dict[str, float], expected: lis
 
 
 @pytest.mark.parametrize(
-    ("policy", "options", "expected"),
-    [
-        ("fixed", {}, {0: 2, 1000: 2}),
-        ("step", {"gamma": 0.5, "stepsize": 10}, {0: 2, 9: 2, 10: 1, 19: 1, 20: 0.5}),
-        ("step", {"stepsize": 10}, {0: 2, 9: 2, 10: 0}),  # without a gamma, as in Caffe
-        ("exp", {"gamma": 0.5}, {0: 2, 1: 1, 3: 0.25}),
-        ("inv", {"gamma": 0.5, "power": 2}, {0: 2, 2: 0.5, 6: 0.125}),
-        (
-            "multistep",
-            {"gamma": 0.5, "stepvalue": (2, 5)},
-            {0: 2, 1: 2, 2: 1, 4: 1, 5: 0.5, 99: 0.5},
-        ),
-        ("multistep", {"gamma": 0.5}, {0: 2, 99: 2}),
-        ("poly", {"power": 2, "max_iter": 10}, {0: 2, 5: 0.5, 10: 0}),
-        ("poly", {"power": 0.5, "max_iter": 10}, {11: 0}),  # after its end
-        (
-            "sigmoid",
-            {"gamma": -0.5, "stepsize": 4},
-            {4: 1, 0: 2 / (1 + math.exp(-2)), 8: 2 / (1 + math.exp(2))},
-        ),
-        ("sigmoid", {"gamma": -10.0, "stepsize": 1000}, {0: 2, 2000: 0}),  # without an overflow
-        # linearly from rampup_lr to base_lr, then as if the policy had run from the start
-        (
-            "poly",
-            {"power": 1, "max_iter": 10, "rampup_interval": 4, "rampup_lr": 1.0},
-            {0: 1, 1: 1.25, 2: 1.5, 3: 1.75, 4: 1.2, 5: 1},
-        ),
-    ],
+    ("options", "rates"), lines_of(Path(__file__).with_name("learning_rates.txt"))
 )
-def test_learning_rate_policies(
-    policy: str, options: dict[str, Any], expected: dict[int, float]
-) -> None:
-    p = solver(base_lr=2.0, lr_policy=policy, **options)
-    assert {i: learning_rate(p, i) for i in expected} == pytest.approx(expected)
+def test_learning_rate_policies(options: str, rates: str) -> None:
+    p = schema.read(prototxt.parse(f"base_lr: 2 {options}"), SolverParameter)
+    expected = {int(t): float(rate) for t, rate in (pair.split(":") for pair in rates.split())}
+    assert {t: learning_rate(p, t) for t in expected} == pytest.approx(expected)
 
 
 def test_multistep_takes_at_most_one_step_an_iteration() -> None:

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import pytest
+
+from tests.support.tables import pairs_of
 
 
 def whole_line(line: str) -> str:
@@ -14,6 +17,17 @@ def whole_line(line: str) -> str:
     as in doctest.
     """
     return rf"\A{'.*'.join(re.escape(part) for part in line.split('...'))}\Z"
+
+
+def in_table(table: Path, before: str = "") -> dict[str, tuple[Any, str]]:
+    """Return the rows of a file, for ``bad_inputs``: what is given, and the line, which follows
+    ``before``. Several fields are given as a tuple, and ``\\n`` is a line end.
+    """
+    rows = {}
+    for fields, line in pairs_of(table):
+        given = tuple(field.replace(r"\n", "\n") for field in fields)
+        rows[" -> ".join(fields)] = given if len(given) > 1 else given[0], before + line
+    return rows
 
 
 def bad_inputs(

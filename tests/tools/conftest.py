@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+from pathlib import Path
 
 import pytest
 
@@ -10,10 +11,12 @@ from handpose.frames.writing import RecordingWriter
 from handpose.sequences.recordings import SyntheticRecording
 from netlib import engine
 from tests.support.running import ROOT
+from tests.support.tables import pairs_of
 from tools import make_synthetic
 from tools.common import training
 
 COUNT = 6  # frames of a recording
+MISTAKES = Path(__file__).parent / "mistakes"
 
 SOLVER = """
 net: "net.prototxt"
@@ -23,6 +26,12 @@ test_iter: 2 test_interval: 3
 snapshot: 3 snapshot_prefix: "snapshots/net"
 random_seed: 1
 """
+
+
+def mistakes_of(table):
+    """Parametrize a test by the rows of a table: arguments, and the error that they cause."""
+    rows = [(argv, line) for [argv], line in pairs_of(MISTAKES / f"{table}.txt")]
+    return pytest.mark.parametrize(("argv", "message"), rows)
 
 
 @pytest.fixture(scope="session")

@@ -9,12 +9,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 import netlib
 from netlib.net import Net
 from tests.support.caffe_messages import write_blob
 from tests.support.nets import inputs
 from tests.support.running import refusal, run_tool
+from tests.support.tables import records_of
 
 IMAGE_DATA = """
 layer {{ name: "reader" type: "ImageData" top: "data" top: "label" include {{ phase: {phase} }}
@@ -89,7 +91,7 @@ def test_a_classifier() -> None:
     net.copy_from(trained)
     prob = net.forward(data=scores["data"][:1])["prob"]
     e = np.exp(scores["fc"][:1])
-    np.testing.assert_allclose(prob, e / e.sum(), rtol=1e-5)
+    assert_allclose(prob, e / e.sum(), rtol=1e-5)
 
 
 def test_the_command_in_the_comments_repeats_the_transformation() -> None:
@@ -101,9 +103,7 @@ def test_the_command_in_the_comments_repeats_the_transformation() -> None:
     words = shlex.split(line.partition("run_net.py")[2])
     words = [{"WEIGHTS": "net.caffemodel", "IMAGE": "0.png"}.get(word, word) for word in words]
     run_tool("run_net", *words, "--blob", "data", "--out", "data.npy")
-    np.testing.assert_allclose(
-        np.load("data.npy"), trained.forward(["data"])["data"][:1], rtol=1e-6
-    )
+    assert_allclose(np.load("data.npy"), trained.forward(["data"])["data"][:1], rtol=1e-6)
 
 
 V1 = """
@@ -113,47 +113,38 @@ layers { name: "l" type: SOFTMAX_LOSS bottom: "fc" bottom: "label" top: "l" }
 """
 
 
-@pytest.mark.parametrize(
-    ("text", "layers"),
-    [
-        (
-            of_database() + fc("a", "data") + fc("aux", "a") + fc("fc", "a") + ENDS
-            + end("SoftmaxWithLoss", "aux", "label", more="loss_weight: 0.3")
-            + end("Accuracy", "aux", "label", more="include { phase: TEST }"),
-            "data a fc prob",
-        ),
-        (
-            of_database() + fc("a", "data") + fc("b", "a")
-            + end("SigmoidCrossEntropyLoss", "a", "label") + end("SigmoidCrossEntropyLoss", "b", "label"),
-            "data a b a_prob b_prob",
-        ),
-        (of_database() + fc("fc", "data") + end("EuclideanLoss", "fc", "label"), "data fc"),
-        (of_database() + fc("fc", "data") + end("HingeLoss", "fc", "label"), "data fc"),
-        (of_database() + fc("fc", "data") + end("Accuracy", "fc", "label"), "data fc"),
-        (of_database() + fc("fc", "data") + end("Softmax", "fc", name="p") + ENDS, "data fc p"),
-        (of_database() + end("Flatten", "data", name="f") + fc("b", "f") + end("EuclideanLoss", "b", "f"), "data f b"),
-        (of_database() + fc("fc", "data") + end("MarginInnerProduct", "fc", "label", name="m")
-         + end("SoftmaxWithLoss", "m", "label"), "data fc"),
-        (of_database() + end("Slice", "label", name="l", more='top: "k"') + fc("fc", "data")
-         + end("SoftmaxWithLoss", "fc", "l") + silence("k"), "data fc prob"),
-        (of_database().replace("Data", "LabelmapData") + fc("fc", "data") + ENDS, "data fc prob"),
-        (of_database() + fc("fc", "data") + end("WeightedSoftmaxWithLoss", "fc", "label"), "data fc prob"),
-        (inputs(x=(2, 3), t=(2,)) + fc("fc", "x") + end("SoftmaxWithLoss", "fc", "t"), "x fc prob"),
-        (
-            of_database().replace("data_param", "include { stage: 'val' } data_param") + fc("fc", "data")
-            + end("SoftmaxWithLoss", "fc", "label", more="exclude { stage: 'deploy' }")
-            + end("Softmax", "fc", name="own", more="include { stage: 'deploy' }"),
-            "data fc own",
-        ),
-        (READERS + fc("old", "data", "include { phase: TRAIN }") + fc("fc", "data") + ENDS, "data fc prob"),
-        (V1, "data fc prob"),
-    ],
-    ids=["auxiliary", "several", "regression", "hinge", "score only", "own Softmax", "autoencoder", "margin",
-         "sliced labels", "reader of a fork", "loss of a fork", "inputs", "DIGITS", "phases", "V1"],
-)  # fmt: skip
-def test_kinds_of_training_nets(text: str, layers: str) -> None:
-    net = deploy(text)
-    assert [name for name, _ in layers_of(net)] == layers.split()
+TEXTS = {
+    "DATA": of_database(),
+    "LABELMAP DATA": of_database().replace("Data", "LabelmapData"),
+    "DATA OF A STAGE": of_database().replace("data_param", "include { stage: 'val' } data_param"),
+    "INPUTS": inputs(x=(2, 3), t=(2,)),
+    "READERS": READERS,
+    "ENDS": ENDS,
+    "SILENT K": silence("k"),
+    "V1": V1,
+}
+LAYER = re.compile(r"(?:(\w+)=)?(\w+) ([\w,]+) ?(.*)")
+
+
+def text_of(field: str) -> str:
+    """The text of a field of training_nets.txt."""
+    if field in TEXTS:
+        return TEXTS[field]
+    match = LAYER.fullmatch(field)
+    assert match, field
+    name, kind, bottoms, more = match.groups("")
+    if kind == "fc":
+        return fc(name, bottoms, more)
+    return end(kind, *bottoms.split(","), more=more, name=name)
+
+
+KINDS = dict(records_of(Path(__file__).with_name("training_nets.txt")))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_kinds_of_training_nets(kind: str) -> None:
+    net = deploy("".join(map(text_of, KINDS[kind]["training"])))
+    assert [" ".join(name for name, _ in layers_of(net))] == KINDS[kind]["deploy"]
 
 
 def test_statistics_of_the_training_are_used() -> None:

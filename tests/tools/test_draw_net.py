@@ -13,9 +13,9 @@ input: "x" input_dim: 1 input_dim: 2 input_dim: 1 input_dim: 1
 """
 
 
-def test_a_picture(tmp_path):
+def test_a_picture(here):
     pytest.importorskip("pydot")
-    out = tmp_path / "net.raw"
+    out = Path("net.raw")
     done = run_tool("draw_net", NET, out, "--phase", "TEST", "--rankdir", "TB", "--display_lrm")
     assert done.out == f"wrote {out}\n"
     # its data are not here
@@ -25,27 +25,26 @@ def test_a_picture(tmp_path):
     assert "lr mult: 1.0, " in text
 
 
-def test_graphvizs_own_language_needs_no_graphviz(tmp_path, monkeypatch):
+def test_graphvizs_own_language_needs_no_graphviz(here, monkeypatch):
     """A .dot file is written without the program dot, like a .raw file; layers of older
     prototxts are drawn.
     """
     pytest.importorskip("pydot")
-    monkeypatch.setenv("PATH", str(tmp_path))
-    (tmp_path / "old.prototxt").write_text(OLD)
+    monkeypatch.setenv("PATH", str(here))
+    Path("old.prototxt").write_text(OLD)
     for name in ("net.dot", "net.raw"):
-        run_tool("draw_net", tmp_path / "old.prototxt", tmp_path / name)
-    assert (tmp_path / "net.dot").read_text() == (tmp_path / "net.raw").read_text()
-    assert '"ip\\n(InnerProduct)" -> ip [label="1 x 3"];' in (tmp_path / "net.raw").read_text()
+        run_tool("draw_net", "old.prototxt", name)
+    assert Path("net.dot").read_text() == Path("net.raw").read_text()
+    assert '"ip\\n(InnerProduct)" -> ip [label="1 x 3"];' in Path("net.raw").read_text()
     assert (
-        "the formats raw and dot do not need it"
-        in run_tool("draw_net", NET, tmp_path / "a.png", status=1).err
+        "the formats raw and dot do not need it" in run_tool("draw_net", NET, "a.png", status=1).err
     )
 
 
-def test_shapes_and_out(tmp_path):
+def test_shapes_and_out(here):
     """--out is the second argument; edges have the shapes of the blobs."""
     pytest.importorskip("pydot")
-    (tmp_path / "old.prototxt").write_text(OLD)
-    done = run_tool("draw_net", tmp_path / "old.prototxt", "--out", tmp_path / "net.dot")
-    assert not done.err and '-> ip [label="1 x 3"];' in (tmp_path / "net.dot").read_text()
-    assert "one of the arguments" in run_tool("draw_net", tmp_path / "old.prototxt", status=2).err
+    Path("old.prototxt").write_text(OLD)
+    done = run_tool("draw_net", "old.prototxt", "--out", "net.dot")
+    assert not done.err and '-> ip [label="1 x 3"];' in Path("net.dot").read_text()
+    assert "one of the arguments" in run_tool("draw_net", "old.prototxt", status=2).err

@@ -12,17 +12,18 @@ from handpose.frames.cameras import ICVL
 from handpose.scoring import published_predictions
 from handpose.scoring.published_predictions import FittedAngles
 from tests.support.running import run_tool
+from tests.tools.conftest import mistakes_of
 from tools import evaluate
 
 FRAMES = 20
 
 
 @pytest.fixture
-def files(here):
+def files(here, rng):
     """Annotations of 20 ICVL frames, the same moved by 3 mm and by 30 mm along z, and the latter
     also as x y z.
     """
-    truth = np.random.default_rng(0).normal((0, 0, 400), 30, (FRAMES, 16, 3))
+    truth = rng.normal((0, 0, 400), 30, (FRAMES, 16, 3))
     for name, move in (("truth", 0), ("near", 3), ("far", 30)):
         np.savetxt(
             f"{name}.txt", ICVL.project(truth + (0, 0, move)).reshape(FRAMES, 48), fmt="%.6f"
@@ -80,12 +81,12 @@ def test_pictures(files):
 
 
 @pytest.fixture
-def hands2017(here):
+def hands2017(here, rng):
     """Labels of 20 frames as HANDS 2017 writes them, and predictions 3 mm lower in another order
     and with folders.
     """
     camera = published_predictions.HANDS2017
-    truth = np.random.default_rng(0).normal((0, 50, 400), 30, (FRAMES, 21, 3))
+    truth = rng.normal((0, 50, 400), 30, (FRAMES, 21, 3))
 
     def lines(joints, folder=""):
         rows = joints.reshape(FRAMES, 63)
@@ -149,21 +150,7 @@ def test_labels_that_do_not_match_are_rejected(hands2017, change, message):
     assert run("Low=low.txt", dataset="hands2017", status=1).err.startswith(message)
 
 
-@pytest.mark.parametrize(
-    ("argv", "message"),
-    [
-        ("A=short.txt", "short.txt: 19 frames, the ground truth truth.txt has 20"),
-        (
-            "A=near.txt --plot no/a.png",
-            "no/a.png: cannot write the image: No such file or directory",
-        ),
-        ("A=near.png --plot near.png", "near.png: is read in this run; expected another output"),
-        (
-            "A=near.txt --groundtruth near.png --plot near.png",
-            "near.png: is read in this run; expected another output",
-        ),
-    ],
-)
+@mistakes_of("evaluate")
 def test_mistakes(files, argv, message):
     """A file that cannot be used gives one line on stderr and nothing on stdout."""
     pytest.importorskip("matplotlib")
@@ -195,9 +182,8 @@ def test_angles(here, monkeypatch):
     )
     np.savetxt("truth.txt", np.tile([320.0, 240, 700], (2, 14)))
     methods = ["Bent=truth.txt", "Noise=truth.txt", "--angles"]
-    heads, *rows = [
-        re.split(r"\s{2,}", line) for line in run(*methods, dataset="nyu").out.splitlines()[-3:]
-    ]
+    lines = run(*methods, dataset="nyu").out.splitlines()[-3:]
+    heads, *rows = [re.split(r"\s{2,}", line) for line in lines]
     assert heads == [
         "method",
         "angle error",

@@ -11,6 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 import netlib
 from layers.data.image_data import read_list
@@ -36,12 +37,11 @@ NUMBERS = "--mean 104,117,123 --scale 0.02"
 
 
 @pytest.fixture(autouse=True)
-def work(here: Path) -> None:
+def work(here: Path, rng: np.random.Generator) -> None:
     """A folder with a net for seven classes, its weights, and ten pictures of each of
     three colours.
     """
     write_net(NET)
-    rng = np.random.default_rng(0)
     for name, colour in COLOURS.items():
         folder = Path("pictures", name)
         folder.mkdir(parents=True)
@@ -125,11 +125,11 @@ def test_frozen_layers(freeze: str, layers: set[str]) -> None:
         "--mean-file mean.binaryproto --scale 0.1 --rgb",
     ],
 )
-def test_pictures_are_read_as_netlib_run_reads_them(options: str) -> None:
+def test_pictures_are_read_as_netlib_run_reads_them(options: str, rng: np.random.Generator) -> None:
     """The input of a test is that of the command ``run``, bit for bit; only in training
     it is mirrored.
     """
-    mean = np.random.default_rng(0).uniform(80, 120, (1, 3, 10, 10)).astype(np.float32)
+    mean = rng.uniform(80, 120, (1, 3, 10, 10)).astype(np.float32)
     write_blob(mean, "mean.binaryproto")
     tuned(f"--iterations 1 --batch 6 --mirror {options}")
     text = Path("finetuned/train.prototxt").read_text()
@@ -138,7 +138,7 @@ def test_pictures_are_read_as_netlib_run_reads_them(options: str) -> None:
     net.forward()
     files = "net.prototxt net.caffemodel finetuned/test.txt"
     run_tool(f"run_net {files} {options} --blob data --out data.npy")
-    np.testing.assert_array_equal(net.blobs["data"].data, np.load("data.npy"))
+    assert_array_equal(net.blobs["data"].data, np.load("data.npy"))
 
 
 DEEP = BODY.replace("global_pooling: true", "kernel_size: 2 stride: 2") + (
@@ -194,7 +194,7 @@ def test_features_of_frozen_layers_are_computed_once(
     ]
     for one, other in zip(*(net.params.values() for net in nets)):
         for found, expected in zip(one, other):
-            np.testing.assert_allclose(found.data, expected.data, rtol=1e-4, atol=1e-6)
+            assert_allclose(found.data, expected.data, rtol=1e-4, atol=1e-6)
     logs = [
         re.findall(r"accuracy = ([\d.]+)", Path(out, "train.log").read_text())
         for out in ("fast", "slow")
@@ -251,7 +251,7 @@ def test_a_training_that_was_stopped_is_continued(
         netlib.Net(f"{out}/deploy.prototxt", f"{out}/net_iter_9.caffemodel", netlib.TEST)
         for out in ("whole", "finetuned")
     )
-    np.testing.assert_allclose(
+    assert_allclose(
         one.params["fc_new"][0].data, other.params["fc_new"][0].data, rtol=1e-4, atol=1e-6
     )
 

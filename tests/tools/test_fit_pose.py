@@ -16,6 +16,7 @@ from layers.hand.bodies import kinematics_of
 from netlib.files.hdf5 import File
 from tests.support.hdf5_files import write_hdf5
 from tests.support.running import refusal, run_tool
+from tests.tools.conftest import mistakes_of
 
 SKELETON = skeletons.load()
 FRAMES = 5
@@ -31,11 +32,8 @@ def inputs():
 @pytest.fixture
 def joints(inputs, here):
     """Write the 14 joints of hands 800 mm away to xyz.txt and uvd.txt, and return them in mm."""
-    xyz = kinematics_of(SKELETON).joints(inputs)[:, EVALUATION_JOINTS] * CUBE_MM / 2 + (
-        20,
-        -30,
-        800,
-    )
+    joints = kinematics_of(SKELETON).joints(inputs)[:, EVALUATION_JOINTS]
+    xyz = joints * CUBE_MM / 2 + (20, -30, 800)
     np.savetxt("xyz.txt", xyz.reshape(FRAMES, -1), fmt="%.6f")
     np.savetxt("uvd.txt", NYU.project(xyz).reshape(FRAMES, -1), fmt="%.6f")
     return xyz
@@ -150,32 +148,7 @@ def test_the_files_of_a_list(data, tmp_path):
 # ----------------------------------------------------------------------------------------- mistakes
 
 
-@pytest.mark.parametrize(
-    ("argv", "message"),
-    [
-        ("words.txt --out o", "words.txt:1:1: found 'some', expected a number of px or mm"),
-        (
-            "data/train.txt",
-            "data/train.txt: a list of HDF5 files needs --out FOLDER for their angles",
-        ),
-        *(
-            (f"data/train.txt --out o {option}", "data/train.txt: a list of HDF5 files; --swarm, ")
-            for option in ("--swarm", "--frames 1", "--format xyz")
-        ),
-        ("uvd.txt --out uvd.txt", "uvd.txt: is read in this run; expected another output"),
-        (
-            "uvd.txt --skeleton nyu.prototxt --out nyu.prototxt",
-            "nyu.prototxt: is read in this run; expected another",
-        ),
-        ("train.txt --out .", "train.txt: is read in this run; expected another output"),
-        ("uvd.txt --skeleton gone.prototxt", "gone.prototxt: cannot read"),
-        (
-            "uvd.txt --skeleton two.prototxt",
-            "skeleton 'two' has 2 joints, expected the 31 of NYU's hand",
-        ),
-        ("uvd.txt --out words.txt/angles.h5", "words.txt: is a file; expected a folder"),
-    ],
-)
+@mistakes_of("fit_pose")
 def test_mistakes(joints, data, tmp_path, argv, message):
     """Errors are one line each, and no file is changed."""
     for name, text in {

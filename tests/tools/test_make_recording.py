@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from handpose.frames.cameras import ICVL
 from handpose.frames.formats import open_recording
@@ -38,7 +39,7 @@ def test_a_recording_and_its_truth(name: str) -> None:
     own = SyntheticRecording("rest", ICVL, seconds=0.4, rate=10, seed=5)
     with open_recording(name) as recording:
         for frame, expected in zip(recording, own, strict=True):
-            np.testing.assert_array_equal(frame.depth, expected.depth)
+            assert_array_equal(frame.depth, expected.depth)
             assert frame.time == pytest.approx(expected.time, abs=1e-5)
         assert recording.camera == ICVL and recording.rate == 10
     track = read_track(truth)
@@ -55,7 +56,7 @@ def test_options() -> None:
     assert read_track("a.truth.json").frames[0].hands[0].hand == "left"
     assert not json_schema.faults(json.loads(Path("a.truth.json").read_text()))
     first, last = list(open_recording("a.npz"))[:: len(list(open_recording("a.npz"))) - 1]
-    np.testing.assert_array_equal(first.depth, last.depth)
+    assert_array_equal(first.depth, last.depth)
     done = run_tool("make_recording rest", *SHORT, "--out", "a.npz", status=1)
     assert done.err == "a.truth.json: is there already; choose another --out or remove it\n"
     Path("a.truth.json").unlink()

@@ -32,17 +32,17 @@ def figures(monkeypatch):
     return shown
 
 
-def test_logs_of_one_name_are_told_apart(tmp_path, figures):
+def test_logs_of_one_name_are_told_apart(here, figures):
     """Losses and test outputs are drawn with their iterations; logs with the same name have those
     of their folders.
     """
     for name in ("one", "two"):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "train.log").write_text(LOG)
-    logs = [tmp_path / name / "train.log" for name in ("one", "two")]
-    done = run_tool("plot_log", *logs, "--out", tmp_path / "a.png")
-    assert done == (0, f"wrote {tmp_path}/a.png\n", "")
-    assert cv2.imread(str(tmp_path / "a.png")) is not None
+        Path(name).mkdir()
+        Path(name, "train.log").write_text(LOG)
+    logs = [Path(name, "train.log") for name in ("one", "two")]
+    done = run_tool("plot_log", *logs, "--out", "a.png")
+    assert done == (0, "wrote a.png\n", "")
+    assert cv2.imread("a.png") is not None
     losses, outputs = (axis.lines for axis in figures[0].axes)
     assert [line.get_label() for line in losses] == ["one/train", "two/train"]
     assert losses[0].get_xydata()[:2].tolist() == [[0, 2.4], [3, 0.001]]
@@ -50,18 +50,18 @@ def test_logs_of_one_name_are_told_apart(tmp_path, figures):
     assert outputs[0].get_xydata().tolist() == [[0, 2.5]]
 
 
-def test_a_curve_of_one_point_is_seen(tmp_path, figures):
+def test_a_curve_of_one_point_is_seen(here, figures):
     """It has a marker, a long curve has none; all panels show the same iterations."""
-    (tmp_path / "short.log").write_text("Iteration 40, loss = 2\n")
+    Path("short.log").write_text("Iteration 40, loss = 2\n")
     lines = [f"Iteration {i}, loss = {i}" for i in range(50)]
-    (tmp_path / "long.log").write_text(
+    Path("long.log").write_text(
         "\n".join(["Iteration 0, Testing", "Test net output #0: a = 1", *lines])
     )
-    run_tool("plot_log", tmp_path / "short.log", tmp_path / "long.log", "--out", tmp_path / "a.png")
+    run_tool("plot_log", "short.log", "long.log", "--out", "a.png")
     losses, outputs = figures[0].axes
     assert [line.get_marker() for line in losses.lines] == ["o", ""]
     assert losses.get_xlim() == outputs.get_xlim() and losses.get_xlim()[1] > 49
-    run_tool("plot_log", tmp_path / "short.log", "--out", tmp_path / "b.png")
+    run_tool("plot_log", "short.log", "--out", "b.png")
     first, last = figures[1].axes[0].get_xlim()
     assert first < 40 < last
 
@@ -69,7 +69,7 @@ def test_a_curve_of_one_point_is_seen(tmp_path, figures):
 @pytest.mark.parametrize(
     ("count", "said"), [(plot_log.MAX_PANELS, ""), (400, "drew the first 8 of 400 test outputs\n")]
 )
-def test_many_test_outputs(tmp_path, figures, count, said):
+def test_many_test_outputs(here, figures, count, said):
     """The first outputs have a panel each, and a line says that the others are not drawn; long
     names are cut.
 
@@ -78,8 +78,8 @@ def test_many_test_outputs(tmp_path, figures, count, said):
     names = [f"out{i:03d}" for i in range(count)]
     names[0] = r"begin$\wrong{$" + "x" * 60000
     lines = [f"Test net output #{i}: {name} = {i}" for i, name in enumerate(names)]
-    (tmp_path / "a.log").write_text("\n".join(["Iteration 0, loss = 1", *lines]))
-    done = run_tool("plot_log", tmp_path / "a.log", "--out", tmp_path / "log.png")
+    Path("a.log").write_text("\n".join(["Iteration 0, loss = 1", *lines]))
+    done = run_tool("plot_log", "a.log", "--out", "log.png")
     assert done.err == said
     loss, first, *titles = [axis.get_title() for axis in figures[0].axes]
     assert loss == "training loss" and titles == [f"test out{i:03d}" for i in range(1, 8)]

@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 import netlib
 from handpose import read_track
@@ -28,7 +29,7 @@ from netlib.errors import DataError
 from tests.handpose.drawn_hands import ARM_BEHIND, capsules_of
 from tests.support import json_schema
 from tests.support.running import refusal, run_tool
-from tests.tools.conftest import ROOT
+from tests.tools.conftest import ROOT, mistakes_of
 
 OWN = "--weights net.caffemodel.h5 --fit no"  # the user's network without a fit
 KINECT = "--camera kinect2"
@@ -54,10 +55,9 @@ def weights(tmp_path_factory):
 
 
 @pytest.fixture
-def snapshot(here, weights):
+def snapshot(here, weights, rng):
     """Write net.caffemodel.h5 and crop.png to the working directory."""
     shutil.copy(weights, "net.caffemodel.h5")
-    rng = np.random.default_rng(0)
     cv2.imwrite("crop.png", rng.integers(0, 256, (128, 128), dtype=np.uint8))
 
 
@@ -286,52 +286,9 @@ IMAGES = {
     "wall.png": np.full((424, 512), 700, np.uint16),
     "grey.png": np.ones((424, 512), np.uint8),
 }
-GIVE = "; give the position of the hand with --center U,V,D"
 
 
-@pytest.mark.parametrize(
-    ("argv", "message"),
-    [
-        ("no.png", "no.png: cannot read the picture: No such file or directory"),
-        ("flat.png", "flat.png: 640 x 480 pixels; expected a square crop"),
-        (
-            "deep.png",
-            "deep.png: found uint16 (128, 128); expected an 8-bit grey picture of normalised depth "
-            "(for a whole depth frame name its --camera)",
-        ),
-        ("empty.png --camera kinect2", f"empty.png: no depth anywhere in the image{GIVE}"),
-        ("empty.png --camera kinect2 --center 9,9", f"empty.png: no depth around pixel 9, 9{GIVE}"),
-        (
-            "wall.png --camera kinect2 --center 9,9,-1",
-            "wall.png: crop 0: centre u 9 px, v 9 px, depth -1 mm",
-        ),
-        (
-            "wall.png --camera kinect2 --unit 1000",
-            "wall.png: depths from 700000 to 700000, expected mm, nearer",
-        ),
-        (
-            "grey.png --camera kinect2",
-            "grey.png: a picture of uint8 grey values; expected depth, a 16-bit grey",
-        ),
-        (
-            "net.caffemodel.h5 --camera kinect2",
-            "net.caffemodel.h5: not an image that OpenCV can decode",
-        ),
-        ("wall.png --camera unit.json", "unit.json: has no camera; expected fx, fy, u0 and v0"),
-        ("wall.png --camera no.json", "no.json: cannot read the camera: No such file or directory"),
-        (
-            "a/x.png b/x.png",
-            "b/x.png: its output x_hand.png would overwrite another one; run once per folder",
-        ),
-        ("a/x.png x_hand.png", "x_hand.png: is read in this run; expected another output"),
-        ("c.json --json c.json", "c.json: is read in this run; expected another output"),
-        (
-            "crop.png --html net.caffemodel.h5",
-            "net.caffemodel.h5: is read in this run; expected another output",
-        ),
-        ("crop.png --csv gone/page.csv", "gone/page.csv: folder gone does not exist"),
-    ],
-)
+@mistakes_of("predict")
 def test_mistakes(snapshot, argv, message):
     """An input or an output that cannot be used gives one line, and no picture is written."""
     for name, image in IMAGES.items():
@@ -390,7 +347,7 @@ def test_a_page_of_crops(snapshot):
                 cube,
                 f"{side} hand",
             )
-            np.testing.assert_allclose(hand["joints"], found["positions_mm"], atol=0.02)
+            assert_allclose(hand["joints"], found["positions_mm"], atol=0.02)
 
 
 # ----------------------------------------------------------------------------- the packaged weights
@@ -447,11 +404,11 @@ def test_a_hand_with_the_packaged_weights(here):
     assert len(row) == 5 + 5 + 93 + 23
     assert all(value for name, value in row.items() if name != "presence")
     (shown,) = hands_in("page.html")
-    np.testing.assert_allclose(shown["joints"] + found["origin_mm"], joints, atol=0.02)
+    assert_allclose(shown["joints"] + found["origin_mm"], joints, atol=0.02)
     assert shown["place"]["center_uvd"] == pytest.approx(found["center_uvd"], abs=0.01)
     assert shown["place"]["camera"]["fx"] == KINECT2.fx and shown["crop"]
     Path("track.json").write_text(text)
-    np.testing.assert_allclose(
+    assert_allclose(
         shown["inputs"][:47], read_track("track.json").frames[0].hands[0].pose.inputs, atol=1e-5
     )
     assert len(shown["inputs"]) == 52

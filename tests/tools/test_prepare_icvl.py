@@ -8,6 +8,7 @@ import cv2
 import h5py
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 import netlib
 from handpose.datasets import icvl_files
@@ -58,15 +59,15 @@ def test_frames(root):
     with h5py.File(root.parent / "out" / "test_000.h5") as file:
         assert file.attrs["made_from"] == "ICVL"
         assert file["joint"].shape == (12, 48) and file["depth"].shape == (12, 1, 128, 128)
-        np.testing.assert_array_equal(file["index"], np.arange(12))
-        np.testing.assert_array_equal(file["half_cube"], 125)
-        np.testing.assert_allclose(file["center_uvd"], labels.uvd[:, 0], rtol=1e-6)
+        assert_array_equal(file["index"], np.arange(12))
+        assert_array_equal(file["half_cube"], 125)
+        assert_allclose(file["center_uvd"], labels.uvd[:, 0], rtol=1e-6)
         xyz = ICVL.unproject(labels.uvd)
         expected = np.clip((xyz - xyz[:, :1]) / 125, -1, 1)
-        np.testing.assert_allclose(file["joint"][:].reshape(-1, 16, 3), expected, atol=1e-6)
-        np.testing.assert_array_equal(file["joint"][:, :3], 0)  # the palm is the centre
+        assert_allclose(file["joint"][:].reshape(-1, 16, 3), expected, atol=1e-6)
+        assert_array_equal(file["joint"][:, :3], 0)  # the palm is the centre
         depth = cv2.imread(str(labels.files[7]), cv2.IMREAD_UNCHANGED)
-        np.testing.assert_array_equal(file["depth"][7, 0], crop(depth, labels.uvd[7, 0], 250, ICVL))
+        assert_array_equal(file["depth"][7, 0], crop(depth, labels.uvd[7, 0], 250, ICVL))
     assert "test: 12 frames (ICVL), none bad" in out and "annotated palm, cube 250 mm" in out
 
 

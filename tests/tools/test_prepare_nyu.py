@@ -11,6 +11,7 @@ import cv2
 import h5py
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from handpose.body.nyu import frame_name
 from handpose.datasets import nyu_files, parts
@@ -64,8 +65,8 @@ def test_raw_equals_direct(root, tmp_path):
         ):
             assert sorted(b) == sorted(set(a) - {"dof", "bones"}) and b.attrs["made_from"] == "NYU"
             for name in ("index", "center", "center_uvd", "half_cube"):
-                np.testing.assert_array_equal(a[name][:], b[name][:], name)
-            np.testing.assert_allclose(b["joint"][:], a["joint"][:], rtol=0, atol=1e-6)
+                assert_array_equal(a[name][:], b[name][:], name)
+            assert_allclose(b["joint"][:], a["joint"][:], rtol=0, atol=1e-6)
             picked = window(a["center_uvd"][:].astype(float), 300)
             rows, columns = picked.rows[:, None, :, None], picked.columns[:, None, None]
             inside = (rows >= 0) & (columns >= 0)  # pixels outside the image are not stored
@@ -84,7 +85,7 @@ def test_other_centres(root):
     np.savetxt(root.parent / "centers_test.txt", centers)
     done = prepare(root, f"--splits test --center {root.parent}/centers_{{split}}.txt")
     with h5py.File(root.parent / "out" / "test_000.h5") as file:
-        np.testing.assert_allclose(file["center_uvd"][:], centers[file["index"][:]])
+        assert_allclose(file["center_uvd"][:], centers[file["index"][:]])
     assert "centres of centers_test.txt" in done.out
 
 
@@ -113,7 +114,7 @@ def test_bad_frames(root, small):
     assert "bad_train.txt" in made_files and "bad_test.txt" not in made_files
     assert not [name for name in made_files if name.endswith(".tmp")]
     with h5py.File(root.parent / "out" / "train_000.h5") as file:
-        np.testing.assert_array_equal(file["index"], [0, 1, *range(4, 12)])
+        assert_array_equal(file["index"], [0, 1, *range(4, 12)])
         assert all(len(file[name]) == 10 for name in file)
 
 

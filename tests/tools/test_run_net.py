@@ -13,7 +13,7 @@ from netlib.blob import Array
 from tests.support.caffe_messages import write_blob
 from tests.support.nets import inputs, ip
 from tests.support.running import Done, refusal, run_tool
-from tests.support.tables import pairs_of
+from tests.tools.conftest import mistakes_of
 
 NET = (
     inputs(data=(2, 3, 8, 10))
@@ -146,10 +146,10 @@ def test_mean_image(name: str) -> None:
     else:
         write_blob(Path(name), mean)
     run(f"0.png 1.png --mean-file {name} --scale 0.5 --blob data --out data.npy")
-    resized = np.stack([cv2.resize(image, (12, 13)) for image in images()[:2]]).transpose(
-        0, 3, 1, 2
-    )
-    assert np.array_equal(np.load("data.npy"), (resized - mean)[:, :, 2:10, 1:11] * np.float32(0.5))
+    resized = np.stack([cv2.resize(image, (12, 13)) for image in images()[:2]])
+    resized = resized.transpose(0, 3, 1, 2)
+    middle = (resized - mean)[:, :, 2:10, 1:11]
+    assert np.array_equal(np.load("data.npy"), middle * np.float32(0.5))
 
 
 def test_grey_net() -> None:
@@ -246,10 +246,7 @@ TRAIN = (
 )
 
 
-@pytest.mark.parametrize(
-    ("argv", "message"),
-    [(argv, line) for [argv], line in pairs_of(Path(__file__).with_name("run_net_mistakes.txt"))],
-)
+@mistakes_of("run_net")
 def test_mistakes(argv: str, message: str) -> None:
     """Each mistake is one line with the file or the option, and nothing is written."""
     Path("empty.txt").write_text("")

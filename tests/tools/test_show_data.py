@@ -10,12 +10,12 @@ import pytest
 
 from tests.support.hdf5_files import write_hdf5
 from tests.support.running import refusal, run_tool
+from tests.tools.conftest import mistakes_of
 
 
 @pytest.fixture
-def frames(here: Path) -> Path:
+def frames(here: Path, rng: np.random.Generator) -> Path:
     """A list of one HDF5 file with five frames."""
-    rng = np.random.default_rng(0)
     depth, joint = rng.uniform(-1, 1, (5, 1, 128, 128)), rng.uniform(-0.5, 0.5, (5, 93))
     write_hdf5(here / "a.h5", depth=np.float32(depth), joint=np.float32(joint))
     (here / "list.txt").write_text(f"{here / 'a.h5'}\n")
@@ -43,22 +43,7 @@ def test_plain_draws_no_hands(frames: Path) -> None:
         assert (np.ptp(picture, axis=2).max() == 0) == plain
 
 
-@pytest.mark.parametrize(
-    ("argv", "message"),
-    [
-        ("missing.txt", "missing.txt"),
-        ("flat.h5", "data set 'depth' has shape (3, 4), expected square crops"),
-        ("nan.h5", "nan.h5: frame 4: its joints are not finite; use --plain to omit hands"),
-        ("a.h5 --skeleton one.prototxt", "frames have 31 joints, one.prototxt has 1"),
-        ("crops --out crops/0.png", "crops/0.png: is read in this run; expected another output"),
-        (
-            "crops --frames 2 --out crops/1.png",
-            "crops/1.png: is read in this run; expected another output",
-        ),
-        ("list.png --out list.png", "list.png: is read in this run; expected another output"),
-        ("list.png --out b.png", "b.png: is read in this run; expected another output"),
-    ],
-)
+@mistakes_of("show_data")
 def test_mistakes(frames: Path, argv: str, message: str) -> None:
     write_hdf5("flat.h5", depth=np.zeros((3, 4)))
     with h5py.File("a.h5") as file:

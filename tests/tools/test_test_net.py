@@ -58,7 +58,7 @@ def test_weights_of_another_net_are_reported(tmp_path: Path) -> None:
     assert message == f"the net 'small', {tmp_path}/other.prototxt is 'other'\n"
 
 
-def test_mistakes(tmp_path: Path) -> None:
-    (tmp_path / "deploy.prototxt").write_text(X)
-    done = run_tool("test_net", tmp_path / "deploy.prototxt", "init.caffemodel", status=1)
+def test_mistakes(here: Path) -> None:
+    Path("deploy.prototxt").write_text(X)
+    done = run_tool("test_net", "deploy.prototxt", "init.caffemodel", status=1)
     assert "the caller provides the input 'x'; expected a net that reads its test data" in done.err

@@ -14,8 +14,7 @@ from handpose import _MODULE_OF
 from netlib import engine
 from tests.support.running import run_tool
 from tests.support.source_imports import imports
-from tests.support.tables import pairs_of
-from tests.tools.conftest import ROOT
+from tests.tools.conftest import ROOT, mistakes_of
 
 FILES = sorted(path for path in (ROOT / "tools").glob("*.py") if path.stem != "__init__")
 COMMANDS = [path.stem for path in FILES]
@@ -71,13 +70,10 @@ def test_every_command_that_runs_nets_can_refuse_code(name: str) -> None:
     assert ("--no-python-layers" in helps(name)) == runs_nets
 
 
-@pytest.mark.parametrize(
-    ("command", "message"),
-    [(command, line) for [command], line in pairs_of(Path(__file__).with_name("wrong_usage.txt"))],
-)
-def test_wrong_usage(command: str, message: str) -> None:
+@mistakes_of("wrong_usage")
+def test_wrong_usage(argv: str, message: str) -> None:
     """Wrong arguments are rejected before a file is read."""
-    assert message in run_tool(command, status=2).err.splitlines()[-1]
+    assert message in run_tool(argv, status=2).err.splitlines()[-1]
 
 
 PYTHON = """

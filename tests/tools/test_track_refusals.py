@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.support.running import contents, run_tool
+from tests.tools.conftest import mistakes_of
 
 CAMERA = '{"fx": 60, "fy": 60, "u0": 31.5, "v0": 23.5, "unit_mm": 1}'
 
@@ -23,23 +24,8 @@ def frames(here: Path) -> Path:
     return Path("frames")
 
 
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        ("frames --sheet frames/0.png", "frames/0.png: is in the folder of the frames"),
-        ("frames --look frames/x.png", "frames/x.png: is in the folder of the frames"),
-        ("frames/*.png --sheet frames/x.png", "frames/x.png: is in the folder of the frames"),
-        ("frames --json frames/camera.json", "frames/camera.json: is read"),
-        ("frames/1.png --sheet frames/1.png", "frames/1.png: is read"),
-        ("frames --camera own.json --json own.json", "own.json: is read"),
-        ("take.npy --json take.camera.json", "take.camera.json: is read"),
-        ("frames --json link.jsonl", "link.jsonl: is read"),
-        ("frames --json a.json --sheet none/a.png", "none/a.png: folder none does not exist"),
-        ("frames --json a.json --csv none/a.csv", "none/a.csv: No such file or directory"),
-        ("frames --json a.json --video folder.mp4", "folder.mp4: Is a directory"),
-    ],
-)
-def test_unsuitable_outputs_are_rejected_before_tracking(options: str, said: str) -> None:
+@mistakes_of("track")
+def test_unsuitable_outputs_are_rejected_before_tracking(argv: str, message: str) -> None:
     """They are inputs, would be inputs of the next run, or cannot be written."""
     np.save("take.npy", np.full((2, 48, 64), 900, np.uint16))
     for name in ("own.json", "take.camera.json"):
@@ -47,9 +33,9 @@ def test_unsuitable_outputs_are_rejected_before_tracking(options: str, said: str
     Path("link.jsonl").symlink_to("frames/camera.json")
     Path("folder.mp4").mkdir()
     before = contents()
-    lines = run_tool(f"track {options}", status=1).err.splitlines()
+    lines = run_tool(f"track {argv}", status=1).err.splitlines()
     (line,) = [line for line in lines if not line.startswith("warning")]
-    assert line.startswith(said) and contents() == before
+    assert line.startswith(message) and contents() == before
 
 
 def test_the_default_names_do_not_replace_frames(

@@ -36,11 +36,8 @@ def mistake(options=""):
 
 
 def weights(path):
-    return {
-        f"{name}/{i}": v
-        for name, arrays in snapshot.read_weights(path).items()
-        for i, v in arrays.items()
-    }
+    layers = snapshot.read_weights(path).items()
+    return {f"{name}/{i}": values for name, arrays in layers for i, values in arrays.items()}
 
 
 def test_log(work):

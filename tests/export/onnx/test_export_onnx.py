@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 import netlib
 from layers.hand.skeleton import load
@@ -49,10 +50,10 @@ def test_the_packaged_network(packaged, rng):
         other.setInput(depth, "depth")
         names = ["joints", "pred", "DoF"]
         for name, values in zip(names, other.forward(names)):
-            np.testing.assert_allclose(values, found[name], rtol=0, atol=1e-5)
+            assert_allclose(values, found[name], rtol=0, atol=1e-5)
             if name in expected:
                 assert found[name].shape == expected[name].shape
-                np.testing.assert_allclose(found[name], expected[name], rtol=0, atol=1e-5)
+                assert_allclose(found[name], expected[name], rtol=0, atol=1e-5)
 
 
 def test_an_older_opset(packaged, here, onnx, rng):
@@ -147,7 +148,7 @@ def test_the_document_in_a_process_of_its_own(packaged, tmp_path, rng):
     palm = net.forward(depth=depth)["pred"].reshape(31, 3)[load().joint_names.index("palm")] * 150
     count, first, second, *xyz = done.out.split()
     assert (count, first, second) == ("31", "index_base", "index_dip")
-    np.testing.assert_allclose([float(number) for number in xyz], palm, atol=0.06)
+    assert_allclose([float(number) for number in xyz], palm, atol=0.06)
 
 
 def test_size(files, onnx):

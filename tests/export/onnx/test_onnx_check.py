@@ -171,10 +171,10 @@ def test_the_effect_of_rounding(net):
 
 
 @pytest.mark.parametrize("net", ["Exp"], indirect=True)
-def test_rounding_errors_are_undone(net):
+def test_rounding_errors_are_undone(net, rng):
     """Bottoms and parameters have their values back, also after an error."""
     exact = _in_float64(net)
-    exact.forward(x0=np.random.default_rng(0).uniform(0.5, 1, exact.blobs["x0"].shape))
+    exact.forward(x0=rng.uniform(0.5, 1, exact.blobs["x0"].shape))
     at = next(at for at in exact.connections if at.layer.type == "InnerProduct")
     arrays = [at.bottom[0].data, at.layer.blobs[0].data]
     before = [array.copy() for array in arrays]

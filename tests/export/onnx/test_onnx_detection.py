@@ -100,11 +100,10 @@ def test_a_batch_without_detections_has_one_row_per_item(files):
     assert run_onnx(image, **inputs)["d"][0, 0, :, :3].tolist() == [[1, 1, 1]]
 
 
-def test_equal_confidences(files):
+def test_equal_confidences(files, rng):
     """Of equal confidences the first comes first, also where top_k and keep_top_k cut."""
     net = detector(files, "nms_param { nms_threshold: 1 top_k: 9 } keep_top_k: 12")
     image = onnx_image(net)
-    rng = np.random.default_rng(0)
     inputs = {
         name: rng.uniform(-1, 1, net.blobs[name].shape).astype(np.float32) for name in net.inputs
     }
@@ -112,7 +111,7 @@ def test_equal_confidences(files):
     assert np.allclose(run_onnx(image, **inputs)["d"], net.forward(**inputs)["d"], atol=1e-5)
 
 
-def test_a_whole_detector(tmp_path):
+def test_a_whole_detector(here):
     """The small detector with its recorded parameters finds the same, with batches of 1 and 2,
     also in OpenCV 5.
     """
@@ -122,8 +121,8 @@ def test_a_whole_detector(tmp_path):
     for name, params in net.params.items():
         for i, param in enumerate(params):
             param.data[...] = recorded[f"{name}/{i}"]
-    net.save(tmp_path / "net.caffemodel")
-    net = load(SMALL, tmp_path / "net.caffemodel")
+    net.save("net.caffemodel")
+    net = load(SMALL, "net.caffemodel")
     image = onnx_image(net)
     for data in (recorded["data"], recorded["data"][1:], 0 * recorded["data"]):
         found, expected = run_onnx(image, data=data), net.forward(data=data)
@@ -134,8 +133,8 @@ def test_a_whole_detector(tmp_path):
             assert np.allclose(found[name], y, atol=1e-3), name
         # OpenCV 4 lacks operators; 5 drops boxes of the code CORNER
         if int(cv2.__version__.split(".")[0]) >= 5:
-            (tmp_path / "net.onnx").write_bytes(image)
-            opencv = cv2.dnn.readNetFromONNX(str(tmp_path / "net.onnx"))
+            Path("net.onnx").write_bytes(image)
+            opencv = cv2.dnn.readNetFromONNX("net.onnx")
             opencv.setInput(data)
             for name, rows in zip(found, opencv.forward(list(found))):
                 assert name == "corners" or np.allclose(rows, found[name], atol=1e-3), name

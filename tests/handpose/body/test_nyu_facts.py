@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from numpy.testing import assert_allclose
 
 from handpose.body import nyu
 from layers.hand import skeleton
@@ -33,10 +34,10 @@ def test_cubes() -> None:
     """The second subject, from test frame 2440 on, has the smaller cube; a part of the test set has
     the first one's.
     """
-    np.testing.assert_allclose(nyu.cube_of_test_frame([0, 2439, 2440, 8251]), [300, 300, 261, 261])
-    np.testing.assert_allclose(nyu.half_cubes(nyu.TEST_FRAMES)[[0, 8251]], [150, 130.5])
+    assert_allclose(nyu.cube_of_test_frame([0, 2439, 2440, 8251]), [300, 300, 261, 261])
+    assert_allclose(nyu.half_cubes(nyu.TEST_FRAMES)[[0, 8251]], [150, 130.5])
     assert nyu.one_size_for_all(nyu.TEST_FRAMES) == ""
-    np.testing.assert_allclose(nyu.half_cubes(3), 150)
+    assert_allclose(nyu.half_cubes(3), 150)
     assert nyu.one_size_for_all(3).startswith(
         "warning: 3 of 8252 test frames; the first subject's size of hand"
     )

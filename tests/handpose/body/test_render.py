@@ -42,7 +42,8 @@ def spheres(hand: Capsules, center: NDArray[np.float64], steps: int = 300) -> ND
             cd = d @ c
             inside = cd * cd - dd * (c @ c - r * r)
             hit = inside >= 0
-            depth[hit] = np.minimum(depth[hit], (cd[hit] - np.sqrt(inside[hit])) / dd[hit])
+            near = (cd[hit] - np.sqrt(inside[hit])) / dd[hit]
+            depth[hit] = np.minimum(depth[hit], near)
     return depth
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.testing import assert_allclose, assert_array_equal
 
 from handpose.body.model import FINGERS, Fingers, Surface, has_fingers
 from handpose.body.render import Capsules
@@ -41,8 +42,8 @@ def test_the_table_of_an_arm() -> None:
     assert surface.skeleton.joint_names == ["root", "end"]
     assert (surface.start.tolist(), surface.end.tolist()) == ([0, 1], [1, 2])
     assert surface.limbs.tolist() == [False, True]
-    np.testing.assert_array_equal(surface.radii, [[0.2, 0.2], [0.2, 0.1]])
-    np.testing.assert_array_equal(surface.deviation, [np.inf, np.inf, np.inf, 0.5])
+    assert_array_equal(surface.radii, [[0.2, 0.2], [0.2, 0.1]])
+    assert_array_equal(surface.deviation, [np.inf, np.inf, np.inf, 0.5])
 
 
 def test_the_table_of_wedges() -> None:
@@ -67,11 +68,9 @@ def test_offsets_turn_with_their_axes() -> None:
     surface = Surface(skeleton_of(ARM))
     pose = surface.kinematics.forward(np.array([[0, np.pi / 2, -np.pi / 2, 0.0]]))
     ends = [0, 0, 0], [2 - 0.5, 0, 0], [3, 0, -0.25]
-    np.testing.assert_allclose(surface.ends(pose)[0], ends, atol=1e-12)
-    np.testing.assert_allclose(
-        surface.ends(pose, size=2.0, offset=0.5)[0, 1], [1.5, 0, 0], atol=1e-12
-    )
-    np.testing.assert_allclose(surface.ends(pose, offset=0.0), pose.joints, atol=1e-12)
+    assert_allclose(surface.ends(pose)[0], ends, atol=1e-12)
+    assert_allclose(surface.ends(pose, size=2.0, offset=0.5)[0, 1], [1.5, 0, 0], atol=1e-12)
+    assert_allclose(surface.ends(pose, offset=0.0), pose.joints, atol=1e-12)
 
 
 def test_parts_of_different_digits_are_kept_apart() -> None:
@@ -111,13 +110,11 @@ def test_penetration_of_two_arms() -> None:
     )
     surface = Surface(crossed)
     ends = surface.ends(surface.kinematics.forward(np.array([[0.0], [-4.4]])))
-    np.testing.assert_allclose(
-        surface.penetration(ends, np.stack([surface.radii] * 2)), [-4.2, 0.2]
-    )
+    assert_allclose(surface.penetration(ends, np.stack([surface.radii] * 2)), [-4.2, 0.2])
     a = ends[:, surface.start]
     b = ends[:, surface.end]
     radii = np.stack([surface.radii] * 2)
-    np.testing.assert_allclose(
+    assert_allclose(
         surface.mean_penetration(Capsules(a, b, radii[..., 0], radii[..., 1])), [0, 0.2]
     )
     alone = Surface(skeleton_of(ARM))
@@ -129,9 +126,9 @@ def test_surface_is_written_and_scaled_with_its_body() -> None:
     surface, twice = Surface(skeleton_of(ARM)), Surface(skeleton_of(ARM).scaled(2))
     inputs = np.full((1, 4), 0.3)
     inputs[:, 0] = 0
-    np.testing.assert_allclose(twice.radii, 2 * surface.radii)
+    assert_allclose(twice.radii, 2 * surface.radii)
     small, large = (one.ends(one.kinematics.forward(inputs)) for one in (surface, twice))
-    np.testing.assert_allclose(large, 2 * small)
+    assert_allclose(large, 2 * small)
 
 
 FLESH = ARM[ARM.index("flesh") :]
@@ -160,18 +157,18 @@ def test_mistakes(given: Sequence[str], rejected: Any) -> None:
         Surface(skeleton_of(ARM.replace(*given)))
 
 
-def test_the_joints_of_each_finger(model: CapsuleModel) -> None:
+def test_the_joints_of_each_finger(model: CapsuleModel, rng: np.random.Generator) -> None:
     """Three points of each finger: the middle of its two points at the PIP joint, the DIP
     joint and the tip.
     """
     names = model.skeleton.joint_names
-    joints = np.random.default_rng(0).normal(size=(2, len(names), 3))
+    joints = rng.normal(size=(2, len(names), 3))
     found = Fingers(model.surface).joints(joints)
     assert found.shape == (2, 5, 3, 3)
     a, b = (joints[1, names.index(f"ring_pip_{end}")] for end in "ab")
-    np.testing.assert_allclose(found[1, FINGERS.index("ring"), 0], (a + b) / 2)
+    assert_allclose(found[1, FINGERS.index("ring"), 0], (a + b) / 2)
     for row, point in enumerate(("thumb_pip", "thumb_dip", "thumb_tip")):
-        np.testing.assert_allclose(found[0, 0, row], joints[0, names.index(point)])
+        assert_allclose(found[0, 0, row], joints[0, names.index(point)])
 
 
 def test_the_surface_of_each_finger(model: CapsuleModel) -> None:

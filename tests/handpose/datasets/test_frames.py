@@ -76,15 +76,15 @@ def test_spread(total: int, count: int, numbers: list[int]) -> None:
     assert spread(total, count).tolist() == numbers
 
 
-def test_frames_of_a_list_come_from_all_its_files(tmp_path: Path) -> None:
+def test_frames_of_a_list_come_from_all_its_files(here: Path) -> None:
     """The frames come in order, with joints where the file has them."""
     for name, value in (("a", 0.25), ("b", 0.5)):
-        write_hdf5(tmp_path / f"{name}.h5", depth=np.full((2, 1, 8, 8), value, np.float32))
-    with h5py.File(tmp_path / "b.h5", "a") as file:
+        write_hdf5(Path(f"{name}.h5"), depth=np.full((2, 1, 8, 8), value, np.float32))
+    with h5py.File(Path("b.h5"), "a") as file:
         file["joint"] = np.arange(12.0).reshape(2, 6)
-    (tmp_path / "list.txt").write_text("a.h5\nb.h5\n")
-    (crop, none, first), (other, joints, last) = examples_of(tmp_path / "list.txt", 2)
-    assert (first, last) == (f"{tmp_path}/a.h5: frame 0", f"{tmp_path}/b.h5: frame 1")
+    Path("list.txt").write_text("a.h5\nb.h5\n")
+    (crop, none, first), (other, joints, last) = examples_of(Path("list.txt"), 2)
+    assert (first, last) == ("a.h5: frame 0", "b.h5: frame 1")
     assert crop.shape == (8, 8) and none is None
     assert (crop[0, 0], other[0, 0]) == (0.25, 0.5)
     assert joints is not None and joints.tolist() == [6, 7, 8, 9, 10, 11]

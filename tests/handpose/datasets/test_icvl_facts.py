@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from handpose.datasets import icvl_files as icvl
 from handpose.frames.cameras import ICVL
@@ -59,17 +60,17 @@ def test_joints(hand: Skeleton) -> None:
     assert tuple(hand.joint_names[:16]) == icvl.JOINTS == tuple(MODEL_JOINTS)
     assert hand.dof_names == nyu.dof_names
     for name in ("lower", "upper", "fixed"):
-        np.testing.assert_array_equal(getattr(hand, name), getattr(nyu, name))
-    np.testing.assert_array_equal(hand.initial[3:], nyu.initial[3:])
-    np.testing.assert_array_equal(hand.initial[:3], 0)
+        assert_array_equal(getattr(hand, name), getattr(nyu, name))
+    assert_array_equal(hand.initial[3:], nyu.initial[3:])
+    assert_array_equal(hand.initial[:3], 0)
 
 
-def test_the_hand_is_the_mirrored_nyu_hand(hand: Skeleton) -> None:
+def test_the_hand_is_the_mirrored_nyu_hand(hand: Skeleton, rng: np.random.Generator) -> None:
     """With equal bones, and NYU's doubled joints in one place, every pose is NYU's
     with x mirrored.
     """
     nyu = skeleton.load()
-    inputs = np.random.default_rng(0).normal(0, 0.4, (50, 47))
+    inputs = rng.normal(0, 0.4, (50, 47))
     bones = nyu.bones.copy()
     for own, length in zip(hand.joint_names, hand.bones):
         if own != "palm":
@@ -81,7 +82,7 @@ def test_the_hand_is_the_mirrored_nyu_hand(hand: Skeleton) -> None:
     same[:, :3] -= nyu.initial[:3]
     posed = kinematics_of(nyu).joints(same, np.broadcast_to(bones, (50, 31)))
     ours = kinematics_of(hand).joints(inputs)[:, :16]
-    np.testing.assert_allclose(ours, among_model_joints(posed) * (-1, 1, 1), atol=1e-12)
+    assert_allclose(ours, among_model_joints(posed) * (-1, 1, 1), atol=1e-12)
 
 
 def handedness(joints: np.ndarray) -> np.ndarray:
@@ -90,7 +91,8 @@ def handedness(joints: np.ndarray) -> np.ndarray:
     """
     palm, index, little = (joints[:, j] for j in (0, 4, 13))
     normal = np.cross(index - palm, little - palm)
-    bent = joints[:, 6:16:3].mean(axis=1) - joints[:, 4:14:3].mean(axis=1)
+    tips, knuckles = joints[:, 6:16:3], joints[:, 4:14:3]
+    bent = tips.mean(axis=1) - knuckles.mean(axis=1)
     return np.sign((normal * bent).sum(axis=1))
 
 

@@ -23,25 +23,23 @@ def at(values, number, where=1):
 
 @pytest.mark.parametrize("shape", [(4, 6), (4, 2, 3)])
 @pytest.mark.parametrize("dtype", ["f4", "i2"])
-def test_joints(tmp_path, shape, dtype):
+def test_joints(here, shape, dtype):
     stored = (100 * ROWS).astype(dtype)
-    joints = labels.read(write_hdf5(tmp_path / "a.h5", joint=stored.reshape(shape)), 2).joints
+    joints = labels.read(write_hdf5("a.h5", joint=stored.reshape(shape)), 2).joints
     assert joints.dtype == np.float64 and np.array_equal(joints, stored.reshape(4, 2, 3))
 
 
 @pytest.mark.parametrize("shape", [(4,), (4, 1)])
-def test_half_cubes(tmp_path, shape):
+def test_half_cubes(here, shape):
     """There is one half-cube per frame, from the labels and from an open file alike."""
-    path = write_hdf5(
-        tmp_path / "a.h5", joint=ROWS, half_cube=np.arange(100, 104, dtype="i2").reshape(shape)
-    )
+    path = write_hdf5("a.h5", joint=ROWS, half_cube=np.arange(100, 104, dtype="i2").reshape(shape))
     for found in (labels.read(path, 2).half_cube, labels.read_half_cubes(File(path, ("joint",)))):
         assert found.dtype == np.float64 and found.tolist() == [100, 101, 102, 103]
 
 
-def test_half_cubes_and_the_origin_are_optional(tmp_path):
+def test_half_cubes_and_the_origin_are_optional(here):
     """Without half-cubes NYU's are taken; the origin is unknown unless the file names it."""
-    path = write_hdf5(tmp_path / "a.h5", joint=ROWS)
+    path = write_hdf5("a.h5", joint=ROWS)
     found = labels.read(path, 2)
     assert found.half_cube.tolist() == [150] * 4 and found.made_from == "an unknown source"
     with h5py.File(path, "a") as file:
@@ -49,7 +47,7 @@ def test_half_cubes_and_the_origin_are_optional(tmp_path):
     assert labels.read(path, 2).made_from == "a test"
 
 
-def test_missing_joints_and_those_outside_the_crop_are_unseen(tmp_path):
+def test_missing_joints_and_those_outside_the_crop_are_unseen(here):
     joints = np.array(
         [
             [0.5, -0.5, 0, 0.9, -0.9, 0],
@@ -58,7 +56,7 @@ def test_missing_joints_and_those_outside_the_crop_are_unseen(tmp_path):
             [0, 2, 0, 0, 0, 0],
         ]
     )
-    found = labels.read(write_hdf5(tmp_path / "a.h5", joint=joints), 2)
+    found = labels.read(write_hdf5("a.h5", joint=joints), 2)
     assert np.array_equal(found.joints.reshape(4, 6), joints, equal_nan=True)
     assert found.seen.tolist() == [[True, True], [False, False], [True, False], [False, True]]
 
@@ -115,11 +113,9 @@ JOINTS = "(N, 6) for 2 joints"
         )
     },
 )
-def test_invalid_labels_are_rejected(tmp_path, given, rejected):
+def test_invalid_labels_are_rejected(here, given, rejected):
     """The error names the file, the data set, what was found and what was expected, on one line."""
-    path = write_hdf5(
-        tmp_path / "a.h5", **({"joint": ROWS} if "half_cube" in given else {}), **given
-    )
+    path = write_hdf5("a.h5", **({"joint": ROWS} if "half_cube" in given else {}), **given)
     with rejected:
         labels.read(path, 2)
 
@@ -132,30 +128,35 @@ def centers_in(path, uvd, xyz):
 
 
 @pytest.mark.parametrize("name", CAMERAS)
-def test_the_camera_of_one_frame(tmp_path, name):
+def test_the_camera_of_one_frame(here, name):
     """A known camera is recognised from the centre of one frame."""
     uvd = np.tile([200.0, 100.0, 700.0], (4, 1))
-    found, camera = centers_in(tmp_path / "a.h5", uvd, CAMERAS[name].unproject(uvd))
+    found, camera = centers_in("a.h5", uvd, CAMERAS[name].unproject(uvd))
     assert camera == CAMERAS[name] and np.allclose(found, uvd)
 
 
 @pytest.mark.parametrize(
     ("camera", "by"), [(NYU, 0.0), (Camera("mine", 500.0, 510.0, 333.0, 222.0, 666, 444), 50.0)]
 )
-def test_crop_centers_that_fit_no_known_camera_are_rejected(tmp_path, camera, by):
+def test_crop_centers_that_fit_no_known_camera_are_rejected(here, camera, by):
     """On the optical axis all cameras agree; an unknown camera, and several, are refused."""
     uvd = np.tile([camera.u0 + by, camera.v0 + by, 700.0], (4, 1))
     with pytest.raises(
         DataError, match=r"a\.h5: its crop centres in px and in mm fit none of the cameras nyu, "
     ):
-        centers_in(tmp_path / "a.h5", uvd, camera.unproject(uvd))
+        centers_in("a.h5", uvd, camera.unproject(uvd))
 
 
 @pytest.mark.parametrize("value", [1e-300, 1e300, np.nan, np.inf, -700.0, 0.0])
-def test_invalid_crop_centers_are_rejected(tmp_path, value):
+def test_invalid_crop_centers_are_rejected(here, value):
     """Centres that are not finite, or not in front of the camera, raise an error of one line."""
     uvd = np.array([[200.0, 100, 700], [400, 90, 600], [300, 300, 500], [500, 200, 800]])
     with pytest.raises(
         DataError, match=r"a\.h5: crop centres that are not finite, or not before the camera"
     ):
-        centers_in(tmp_path / "a.h5", uvd, at(NYU.unproject(uvd), value, (2, 2)))
+        centers_in("a.h5", uvd, at(NYU.unproject(uvd), value, (2, 2)))
+
+
+def test_crop_centers_of_other_frames_are_rejected(here):
+    with pytest.raises(DataError, match=r"a\.h5: centres of shape \(4, 2\), expected \(4, 3\)"):
+        centers_in("a.h5", np.ones((4, 2)), np.ones((4, 3)))

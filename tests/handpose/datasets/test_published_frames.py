@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from handpose.body.nyu import TEST_FRAMES
 from handpose.datasets import nyu_files, parts
@@ -46,8 +47,8 @@ def test_crops() -> None:
     """A good frame becomes a labelled crop, and each kind of bad frame is reported."""
     found, bad = frames().crops(0, 2)
     assert not bad
-    np.testing.assert_allclose(found.depth[0, 0, 64, 64], -20 / 150, rtol=1e-6)
-    np.testing.assert_array_equal(found.joint[0], 0)
+    assert_allclose(found.depth[0, 0, 64, 64], -20 / 150, rtol=1e-6)
+    assert_array_equal(found.joint[0], 0)
     assert found.joint[1].max() == pytest.approx(100 / 130.5)
     nan = np.zeros((2, 4, 3)) * np.nan
     for changes, kind in (
@@ -84,11 +85,9 @@ def test_recipe(tmp_path: Path) -> None:
     assert len({json.dumps(recipe) for recipe in found}) == 7
 
 
-def test_a_file_of_centres(tmp_path: Path) -> None:
-    (tmp_path / "centers.txt").write_text("0 1 2\n3, 4, 5\n")
-    np.testing.assert_array_equal(
-        read_centers(tmp_path / "centers.txt", 2), np.arange(6.0).reshape(2, 3)
-    )
+def test_a_file_of_centres(here: Path) -> None:
+    Path("centers.txt").write_text("0 1 2\n3, 4, 5\n")
+    assert_array_equal(read_centers("centers.txt", 2), np.arange(6.0).reshape(2, 3))
 
 
 @bad_inputs(
@@ -100,10 +99,10 @@ def test_a_file_of_centres(tmp_path: Path) -> None:
         "1 2 3\n": "...expected (2, 3)...",
     },
 )
-def test_wrong_centres(tmp_path: Path, given: str, rejected: Any) -> None:
-    (tmp_path / "centers.txt").write_text(given)
+def test_wrong_centres(here: Path, given: str, rejected: Any) -> None:
+    Path("centers.txt").write_text(given)
     with rejected:
-        read_centers(tmp_path / "centers.txt", 2)
+        read_centers("centers.txt", 2)
 
 
 def test_statistics() -> None:
@@ -112,12 +111,12 @@ def test_statistics() -> None:
     assert "0.0% of the frames have a joint outside the cube" in report
 
 
-def test_statistics_of_the_real_annotation(nyu_data: Path, tmp_path: Path) -> None:
+def test_statistics_of_the_real_annotation(nyu_data: Path, here: Path) -> None:
     """A fifth of NYU's test frames have an annotated joint outside the cube about joint 34."""
     uvd = np.load(nyu_data / "test_joint_uvd.npz")["joint_uvd"].astype(float)
-    (tmp_path / "test").mkdir()
-    write_annotation(tmp_path / "test" / nyu_files.ANNOTATION, NYU.unproject(uvd))
-    report = statistics(nyu_files.read_split(tmp_path, "test"), range(TEST_FRAMES))
+    Path("test").mkdir()
+    write_annotation(Path("test", nyu_files.ANNOTATION), NYU.unproject(uvd))
+    report = statistics(nyu_files.read_split(here, "test"), range(TEST_FRAMES))
     assert "cube 261 mm (5812 frames) and 300 mm (2440 frames); 19.2% of the frames" in report
 
 

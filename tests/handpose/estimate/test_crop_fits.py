@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 import netlib
 from handpose.estimate.crop_fits import fit_crops, fit_starts
@@ -92,10 +93,8 @@ def test_of_a_net_with_sizes(net: Net, model: CapsuleModel) -> None:
     """The start has the size that the net predicts, and the joints of its hand model."""
     (x,) = fit_starts(net, DepthFitter(model), crops(2), (0,))
     assert x.shape == (2, model.variables) and best_fit(net) == "accurate"
-    np.testing.assert_allclose(np.exp(x[:, SIZE_INDEX]), 0.9, atol=0.003)
-    np.testing.assert_allclose(
-        model.joints(x)[0] / 150, net.blobs["pred"].data[0].reshape(31, 3), atol=0.02
-    )
+    assert_allclose(np.exp(x[:, SIZE_INDEX]), 0.9, atol=0.003)
+    assert_allclose(model.joints(x)[0] / 150, net.blobs["pred"].data[0].reshape(31, 3), atol=0.02)
 
 
 def test_starts_are_moved_to_the_predicted_joints(net: Net, model: CapsuleModel) -> None:
@@ -103,8 +102,9 @@ def test_starts_are_moved_to_the_predicted_joints(net: Net, model: CapsuleModel)
     net.params["joints"][1].data.reshape(31, 3)[:, 0] += 0.2
     poses, (x,) = hand_poses(net, crops(1)), fit_starts(net, DepthFitter(model), crops(1), (0,))
     assert poses.joints is not None
-    np.testing.assert_allclose(poses.joints[0].ravel(), net.params["joints"][1].data, atol=1e-6)
-    assert np.linalg.norm(model.joints(x)[0] / 150 - poses.joints[0], axis=1).max() < 0.02
+    assert_allclose(poses.joints[0].ravel(), net.params["joints"][1].data, atol=1e-6)
+    off = model.joints(x)[0] / 150 - poses.joints[0]
+    assert np.linalg.norm(off, axis=1).max() < 0.02
 
 
 def test_turned_crops(net: Net, model: CapsuleModel) -> None:
@@ -115,4 +115,4 @@ def test_turned_crops(net: Net, model: CapsuleModel) -> None:
         model.joints(x)[0] for x in fit_starts(net, DepthFitter(model), crops(1), (0, 1))
     )
     clockwise = np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1.0]])
-    np.testing.assert_allclose(turned, plain @ clockwise.T, atol=1.0)
+    assert_allclose(turned, plain @ clockwise.T, atol=1.0)

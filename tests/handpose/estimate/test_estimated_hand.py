@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from handpose.body.sides import MIRROR, SIDES, Side
 from handpose.estimate.hand import HandEstimate, as_one_side, judge
@@ -46,10 +47,10 @@ def test_a_hand_in_three_units() -> None:
     """
     joints_mm = np.array([[0.0, 0, 0], [150, -75, 37.5]])
     found = HandEstimate("right", CROP, np.array([NYU.u0, NYU.v0, 700]), 300.0, NYU, joints_mm)
-    np.testing.assert_allclose(found.joints, [[0, 0, 0], [1, -0.5, 0.25]])
-    np.testing.assert_allclose(found.joints_mm, joints_mm)
-    np.testing.assert_allclose(found.center_mm, [0, 0, 700])
-    np.testing.assert_allclose(found.xyz, [[0, 0, 700], [150, -75, 737.5]])
+    assert_allclose(found.joints, [[0, 0, 0], [1, -0.5, 0.25]])
+    assert_allclose(found.joints_mm, joints_mm)
+    assert_allclose(found.center_mm, [0, 0, 700])
+    assert_allclose(found.xyz, [[0, 0, 700], [150, -75, 737.5]])
 
 
 def test_without_a_fit() -> None:
@@ -73,7 +74,7 @@ def test_values_of_the_fit(model: CapsuleModel) -> None:
     found = fitted(model, "right")
     assert (found.cost, found.uncertainty, found.moved_mm) == (2.5, 3.5, 5)
     assert found.size == pytest.approx(0.95) and found.thickness == pytest.approx(1.1)
-    np.testing.assert_array_equal(found.inputs, found.whole_inputs[: len(model.skeleton.initial)])
+    assert_array_equal(found.inputs, found.whole_inputs[: len(model.skeleton.initial)])
 
 
 @pytest.mark.parametrize("side", SIDES)
@@ -81,17 +82,17 @@ def test_a_left_hand_is_mirrored_back(model: CapsuleModel, side: Side) -> None:
     """Joints, place and surface are in camera axes; the pose in space is in the side's view."""
     found, right = fitted(model, side), fitted(model, "right")
     mirror = MIRROR if side == "left" else np.ones(3)
-    np.testing.assert_allclose(found.joints_mm, right.joints_mm * mirror)
-    np.testing.assert_array_equal(found.network_mm, right.network_mm)
-    np.testing.assert_allclose(found.capsules().a, right.capsules().a * mirror)
-    np.testing.assert_allclose(
+    assert_allclose(found.joints_mm, right.joints_mm * mirror)
+    assert_array_equal(found.network_mm, right.network_mm)
+    assert_allclose(found.capsules().a, right.capsules().a * mirror)
+    assert_allclose(
         found.capsules(in_space=True).a, found.capsules().a + found.center_mm, atol=1e-6
     )
-    np.testing.assert_allclose(found.body.others, right.body.others)
+    assert_allclose(found.body.others, right.body.others)
     moved = found.body.place - found.view_center_mm
-    np.testing.assert_allclose(moved, right.body.place - right.center_mm, atol=1e-9)
-    np.testing.assert_allclose(found.center_mm, NYU.unproject(found.center_uvd), atol=1e-9)
-    np.testing.assert_array_equal(found.crop, CROP[:, ::-1] if side == "left" else CROP)
+    assert_allclose(moved, right.body.place - right.center_mm, atol=1e-9)
+    assert_allclose(found.center_mm, NYU.unproject(found.center_uvd), atol=1e-9)
+    assert_array_equal(found.crop, CROP[:, ::-1] if side == "left" else CROP)
 
 
 def test_an_unjudged_hand_has_no_confidence(model: CapsuleModel) -> None:
@@ -117,15 +118,13 @@ def test_the_side_lowers_the_confidence(model: CapsuleModel, cost: float, chance
     doubtful = as_one_side(replace(alone, other=other), JUDGE)
     assert doubtful.confidence == pytest.approx(chance * alone.confidence)
     apart = np.linalg.norm(alone.xyz - other.xyz, axis=1).mean()
-    assert doubtful.error_mm == pytest.approx(
-        chance * alone.error_mm + (1 - chance) * max(apart, alone.error_mm)
-    )
+    of_the_other = max(apart, alone.error_mm)
+    expected = chance * alone.error_mm + (1 - chance) * of_the_other
+    assert doubtful.error_mm == pytest.approx(expected)
     assert model.fingers is not None
     own, others = model.fingers.joints(np.stack([alone.xyz, other.xyz]))
     apart = np.maximum(np.linalg.norm(own - others, axis=2).mean(axis=1), alone.finger_error_mm)
-    np.testing.assert_allclose(
-        doubtful.finger_error_mm, chance * alone.finger_error_mm + (1 - chance) * apart
-    )
+    assert_allclose(doubtful.finger_error_mm, chance * alone.finger_error_mm + (1 - chance) * apart)
 
 
 def test_a_crop_alone_shows_what_its_frame_shows(model: CapsuleModel) -> None:

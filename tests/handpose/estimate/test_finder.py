@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from handpose.estimate.finder import VOTE_MM, Finder, FoundHand, channels_of
 from handpose.estimate.packaged import load_finder
@@ -71,9 +72,10 @@ def found_in(
 def test_palms_and_masks_of_two_hands() -> None:
     first, second = found_in(frame())
     for hand, side in ((first, "right"), (second, "left")):
-        np.testing.assert_allclose(hand.middle, PALMS[side], atol=0.3)
+        assert_allclose(hand.middle, PALMS[side], atol=0.3)
         true = frame() == PALMS[side][2] - 20
-        assert (hand.mask & ~true).sum() == 0 and hand.mask.sum() > 0.9 * true.sum()
+        assert not (hand.mask & ~true).any()
+        assert hand.mask.sum() > 0.9 * true.sum()
     assert (first.presence, second.presence) == pytest.approx((0.9, 0.6), abs=1e-3)
     assert [hand.presence for hand in found_in(frame(), most=1)] == [first.presence]
 
@@ -82,7 +84,7 @@ def test_a_finer_camera_gives_the_same_hands_and_masks_of_its_own_size() -> None
     fine = Camera("fine", 480.0, 480.0, 240.0, 192.0, 480, 384)
     coarse, again = found_in(frame()), found_in(np.kron(frame(), np.ones((3, 3), np.float32)), fine)
     for one, other in zip(coarse, again, strict=True):
-        np.testing.assert_allclose(one.middle, other.middle, atol=0.3)
+        assert_allclose(one.middle, other.middle, atol=0.3)
         assert other.mask.shape == (384, 480)
         assert other.mask[::3, ::3].sum() == pytest.approx(one.mask.sum(), rel=0.1)
 
@@ -122,7 +124,7 @@ def test_channels_of_a_slope() -> None:
     u = np.arange(9) - 4
     depth = np.tile(600 / (1 - u / 160), (9, 1)).astype(np.float32)[None]  # z = 600 + x
     channels = channels_of(depth)
-    np.testing.assert_allclose(channels[0, 2, :, 1:-1], np.sin(np.pi / 4), atol=0.02)
+    assert_allclose(channels[0, 2, :, 1:-1], np.sin(np.pi / 4), atol=0.02)
     assert not channels[0, 3].any()
 
 
@@ -137,7 +139,7 @@ def test_the_net_sees_angles_whatever_the_camera() -> None:
     net, shown = TrueNet(), []
     net.forward = lambda blobs, frame: shown.append(frame) or net.answers  # type: ignore[method-assign]
     Finder(net).hands(np.tile(across, (camera.height, 1)), camera)  # type: ignore[arg-type]
-    np.testing.assert_allclose(shown[0][0, 2, :, 1:-1], np.sin(np.pi / 4), atol=0.02)
+    assert_allclose(shown[0][0, 2, :, 1:-1], np.sin(np.pi / 4), atol=0.02)
     assert not shown[0][0, 3].any()
 
 

@@ -7,6 +7,7 @@ from unittest import mock
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 import netlib
 from handpose.estimate.nets import best_fit, skeleton_to_fit
@@ -29,9 +30,9 @@ def test_a_crop(net_of: NetOf, batch: int, cube: float) -> None:
     net = net_of(NET % batch, netlib.TEST)
     found = Predictor(net, cube_mm=cube).in_crop(some_crop().astype(np.float64))
     expected = net.forward(depth=some_crop()[None, None])["pred"].reshape(31, 3)
-    np.testing.assert_array_equal(found.joints, expected)
-    np.testing.assert_allclose(found.joints_mm, expected * cube / 2)
-    np.testing.assert_array_equal(found.crop, some_crop())
+    assert_array_equal(found.joints, expected)
+    assert_allclose(found.joints_mm, expected * cube / 2)
+    assert_array_equal(found.crop, some_crop())
     assert found.joints.dtype == np.float64
     assert not np.array_equal(Predictor(net).in_crop(-some_crop()).joints, found.joints)
 
@@ -111,7 +112,7 @@ def test_masked_pixels_are_background_in_crops_and_unread_in_frames(
     shown, predictor = some_crop(), Predictor(seeing, KINECT2, refine=0)
     shown[:20] = 1
     hidden = np.ma.array(some_crop(), mask=np.arange(128)[:, None] < np.full(128, 20))
-    np.testing.assert_array_equal(predictor.in_crop(hidden).joints, predictor.in_crop(shown).joints)
+    assert_array_equal(predictor.in_crop(hidden).joints, predictor.in_crop(shown).joints)
     holes, predictor = (
         np.where(frame > 1000, 0, frame),
         load_predictor(KINECT2, fit="fast", hand="right"),
@@ -120,7 +121,7 @@ def test_masked_pixels_are_background_in_crops_and_unread_in_frames(
         found, same = (
             predictor.in_frame(depth, center) for depth in (np.ma.masked_equal(holes, 0), holes)
         )
-        np.testing.assert_array_equal(found.xyz, same.xyz)
+        assert_array_equal(found.xyz, same.xyz)
 
 
 # ------------------------------------------------------------------------------------------- frames
@@ -144,7 +145,7 @@ def test_a_hand_below_the_minimum_confidence(frame: np.ndarray) -> None:
         found = predict(image)
         assert not found.has_joints and np.isnan([found.size, *found.xyz.ravel()]).all()
         for name in ("hand", "confidence", "error_mm", "in_frame", "center_uvd"):
-            np.testing.assert_array_equal(getattr(found, name), getattr(whole, name))
+            assert_array_equal(getattr(found, name), getattr(whole, name))
         with pytest.raises(AssertionError, match="a hand without a fit"):
             found.inputs  # noqa: B018
 
@@ -211,7 +212,7 @@ def test_a_finder_is_loaded_when_it_is_used(seeing: netlib.Net, frame: np.ndarra
     predictor.in_frame(frame, (260, 210, 690))
     load.assert_not_called()
     for _ in range(2):
-        np.testing.assert_allclose(predictor.in_frame(frame).center_mm, (30, -20, 700))
+        assert_allclose(predictor.in_frame(frame).center_mm, (30, -20, 700))
     load.assert_called_once_with()
     assert predictor.finder is load.return_value
 
@@ -219,12 +220,10 @@ def test_a_finder_is_loaded_when_it_is_used(seeing: netlib.Net, frame: np.ndarra
 def test_the_start_is_a_pixel_or_a_place(seeing: netlib.Net, frame: np.ndarray) -> None:
     """A pixel is completed by the depth around it."""
     predictor = Predictor(seeing, KINECT2, refine=0)
-    np.testing.assert_array_equal(
+    assert_array_equal(
         predictor.in_frame(frame, (260, 210)).center_uvd, depth_around(frame, 260, 210)
     )
-    np.testing.assert_array_equal(
-        predictor.in_frame(frame, (260, 210, 700)).center_uvd, [260, 210, 700]
-    )
+    assert_array_equal(predictor.in_frame(frame, (260, 210, 700)).center_uvd, [260, 210, 700])
 
 
 @pytest.mark.parametrize(
@@ -244,7 +243,7 @@ def test_frames_of_other_sizes(seeing: netlib.Net, frame: np.ndarray) -> None:
     found, same = (
         Predictor(seeing, camera).in_frame(frame, (260, 210)) for camera in (own, KINECT2)
     )
-    np.testing.assert_array_equal(found.joints, same.joints)
+    assert_array_equal(found.joints, same.joints)
     assert (found.camera.width, found.camera.height) == (512, 424)
 
 
@@ -256,7 +255,7 @@ def test_the_hand_with_the_highest_presence(seeing: netlib.Net, frame: np.ndarra
     said = Said(found_at(frame, (30.0, -20, 700)), found_at(frame, (0, 0, 900), 0.5))
     predictor = Predictor(seeing, KINECT2, refine=0, finder=said)
     found = predictor.in_frame(frame)
-    np.testing.assert_allclose(found.center_mm, said.said[0].middle)
+    assert_allclose(found.center_mm, said.said[0].middle)
     assert found.presence == 0.9
     given = predictor.in_frame(frame, (260, 210, 690))
     assert given.center_uvd.tolist() == [260, 210, 690] and np.isnan(given.presence)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from handpose.fit.body import SIZE_INDEX, THICKNESS_INDEX, CapsuleModel
 from layers.hand.bodies import kinematics_of
@@ -31,19 +32,17 @@ def exact_ends(model: CapsuleModel, x: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("text", [None, ARM, COUPLED], ids=["hand", "arm", "coupled"])
 def test_ends_and_their_motion_equal_those_of_the_surface(
-    model: CapsuleModel, text: str | None
+    model: CapsuleModel, text: str | None, rng: np.random.Generator
 ) -> None:
     """The motion is compared with central differences, with all kinds of variables."""
     surface = model if text is None else body(text)
-    x = np.random.default_rng(0).normal(0, 0.2, (5, surface.variables))
+    x = rng.normal(0, 0.2, (5, surface.variables))
     posed = surface.posed(x)
     scale = surface.unit_mm
-    np.testing.assert_allclose(posed.ends, exact_ends(surface, x), atol=1e-6 * scale)
+    assert_allclose(posed.ends, exact_ends(surface, x), atol=1e-6 * scale)
     expected = slopes(lambda x: exact_ends(surface, x), x, 1e-5)
-    np.testing.assert_allclose(posed.motion, expected, atol=3e-6 * scale)
-    np.testing.assert_allclose(
-        posed.thickness, np.exp(x[:, SIZE_INDEX] + x[:, THICKNESS_INDEX]), rtol=1e-6
-    )
+    assert_allclose(posed.motion, expected, atol=3e-6 * scale)
+    assert_allclose(posed.thickness, np.exp(x[:, SIZE_INDEX] + x[:, THICKNESS_INDEX]), rtol=1e-6)
     assert (posed.motion[..., THICKNESS_INDEX] == 0).all()
 
 
@@ -67,17 +66,15 @@ def test_inputs_survive_conversion_to_variables_and_back(model: CapsuleModel) ->
     lower, upper = model.skeleton.lower, model.skeleton.upper
     inputs = np.where(model.skeleton.fixed, 0, np.clip(inputs, lower, upper))
     x = model.variables_of(inputs)
-    np.testing.assert_allclose(model.inputs_of(x), inputs)
-    np.testing.assert_allclose(
-        model.joints(x), kinematics_of(model.skeleton).joints(inputs) * 150, atol=1e-9
-    )
+    assert_allclose(model.inputs_of(x), inputs)
+    assert_allclose(model.joints(x), kinematics_of(model.skeleton).joints(inputs) * 150, atol=1e-9)
     x[:, SIZE_INDEX] = np.log(1.1)
     root = model.joints(x)[:, model.skeleton.joint_names.index("palm")]
     larger = model.joints(x) - root[:, None]
     same = model.joints(model.variables_of(inputs)) - root[:, None]
-    np.testing.assert_allclose(larger, 1.1 * same, atol=1e-9)
+    assert_allclose(larger, 1.1 * same, atol=1e-9)
     wild = model.variables_of(np.full((1, 47), 50.0))
-    np.testing.assert_array_equal(wild[0, model.limbs], model.upper[model.limbs])
+    assert_array_equal(wild[0, model.limbs], model.upper[model.limbs])
 
 
 def test_capsules_for_the_renderer(model: CapsuleModel) -> None:
@@ -85,10 +82,8 @@ def test_capsules_for_the_renderer(model: CapsuleModel) -> None:
     x = np.zeros((1, model.variables))
     x[0, THICKNESS_INDEX] = np.log(1.2)
     capsules = model.capsules(x, np.array([[1.0, 2, 700]]))
-    np.testing.assert_allclose(capsules.radius_a[0], model.radii[:, 0] * 1.2, rtol=1e-6)
-    np.testing.assert_allclose(
-        capsules.a[0] - (1, 2, 700), model.posed(x).ends[0, model.start], atol=1e-4
-    )
+    assert_allclose(capsules.radius_a[0], model.radii[:, 0] * 1.2, rtol=1e-6)
+    assert_allclose(capsules.a[0] - (1, 2, 700), model.posed(x).ends[0, model.start], atol=1e-4)
 
 
 def test_flat_parts_for_the_renderer(model: CapsuleModel) -> None:
@@ -101,4 +96,4 @@ def test_flat_parts_for_the_renderer(model: CapsuleModel) -> None:
     ends = np.stack([model.surface.start, model.surface.end], axis=1).reshape(-1)
     corners = [[names[joint] for joint in ends[spheres]] for spheres in capsules.facets]
     assert corners == [list(wedge.joint) for wedge in flesh.wedge]
-    np.testing.assert_array_equal(capsules.mirrored(np.array([-1.0, 1, 1])).facets, capsules.facets)
+    assert_array_equal(capsules.mirrored(np.array([-1.0, 1, 1])).facets, capsules.facets)

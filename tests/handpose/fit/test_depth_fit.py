@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from handpose.fit.body import SIZE_INDEX, CapsuleModel
 from handpose.fit.depth_fit import DepthFitter
@@ -30,15 +31,13 @@ def test_a_fast_fit(fitter: DepthFitter, scene: Scene) -> None:
     start = start_of(scene, model)
     found = fitter.fit(scene.seen, [start], FAST)
     assert np.median(error(model, found.x, scene)) < 0.5 * np.median(error(model, start, scene))
-    np.testing.assert_allclose(found.joints, model.joints(found.x))
+    assert_allclose(found.joints, model.joints(found.x))
     size = np.exp(found.x[:, SIZE_INDEX])
     assert ((size > 0.65) & (size < 1.36)).all() and (found.start == 0).all()
-    np.testing.assert_allclose(found.cost, found.signs[:, :4].sum(axis=1))
-    np.testing.assert_allclose(
-        np.log(found.uncertainty), np.log1p(found.signs) @ FitSettings().sign_weights
-    )
-    np.testing.assert_allclose(found.network, model.joints(rounded(start, NETWORK_STEP)), atol=1e-6)
-    np.testing.assert_allclose(
+    assert_allclose(found.cost, found.signs[:, :4].sum(axis=1))
+    assert_allclose(np.log(found.uncertainty), np.log1p(found.signs) @ FitSettings().sign_weights)
+    assert_allclose(found.network, model.joints(rounded(start, NETWORK_STEP)), atol=1e-6)
+    assert_allclose(
         found.signs[:, 4], np.linalg.norm(found.joints - found.network, axis=2).mean(axis=1)
     )
 
@@ -52,7 +51,9 @@ def test_more_starts_are_better_explained(fitter: DepthFitter, scene: Scene) -> 
 
 
 @pytest.mark.parametrize("plan", [FAST, ACCURATE], ids=lambda plan: plan.name)
-def test_the_same_frames_give_the_same_bits(fitter: DepthFitter, few: Scene, plan: Plan) -> None:
+def test_the_same_frames_give_the_same_bits(
+    fitter: DepthFitter, few: Scene, plan: Plan, rng: np.random.Generator
+) -> None:
     """A fit does not depend on other frames, the number of threads, and differences of
     predictions by 1e-7.
     """
@@ -61,11 +62,11 @@ def test_the_same_frames_give_the_same_bits(fitter: DepthFitter, few: Scene, pla
     threads = engine.get().threads()
     whole = fitter.fit(few.seen, [start] * quarters, plan)
     one = fitter.fit(few.seen.take(slice(3, 4)), [start[3:4]] * quarters, plan)
-    np.testing.assert_allclose(one.joints[0], whole.joints[3], atol=1e-6)
-    nearly = start + np.random.default_rng(0).normal(0, 1e-7, start.shape) * (start != 0)
+    assert_allclose(one.joints[0], whole.joints[3], atol=1e-6)
+    nearly = start + rng.normal(0, 1e-7, start.shape) * (start != 0)
     try:
         engine.get().set_threads(1)
-        np.testing.assert_array_equal(fitter.fit(few.seen, [nearly] * quarters, plan).x, whole.x)
+        assert_array_equal(fitter.fit(few.seen, [nearly] * quarters, plan).x, whole.x)
     finally:
         engine.get().set_threads(threads)
 
@@ -93,21 +94,20 @@ def test_the_wrong_hand_explains_less(fitter: DepthFitter, scene: Scene) -> None
 
 
 def test_the_pose_of_the_previous_frame_is_one_more_start(
-    fitter: DepthFitter, scene: Scene
+    fitter: DepthFitter, scene: Scene, rng: np.random.Generator
 ) -> None:
     """It wins if the network is far off, and loses if it is far off itself."""
     model = fitter.model
     far = scene.truth.copy()
-    far[:, model.limbs] = np.clip(
-        far[:, model.limbs] + 0.9, model.lower[model.limbs], model.upper[model.limbs]
-    )
+    limbs = model.limbs
+    far[:, limbs] = np.clip(far[:, limbs] + 0.9, model.lower[limbs], model.upper[limbs])
     far[:, model.root[3:]] += 0.7
-    near = scene.truth + np.random.default_rng(0).normal(0, 0.02, scene.truth.shape)
+    near = scene.truth + rng.normal(0, 0.02, scene.truth.shape)
     alone = fitter.fit(scene.seen, [far], FAST)
     found = fitter.fit(scene.seen, [far], FAST, before=near)
     assert (found.start == 1).mean() > 0.7 and np.median(error(model, found.x, scene)) < 4
     assert error(model, found.x, scene).mean() < 0.5 * error(model, alone.x, scene).mean()
-    np.testing.assert_allclose(found.network, alone.network)
+    assert_allclose(found.network, alone.network)
     other = fitter.fit(scene.seen, [near], FAST, before=far)
     assert (other.start == 0).mean() > 0.7
     accurate = fitter.fit(scene.seen, [far] * 4, ACCURATE, before=near)
@@ -127,8 +127,8 @@ def test_a_frame_without_a_previous_one_is_fitted_alone(fitter: DepthFitter, few
     found = fitter.fit(few.seen, starts, ACCURATE, before=before)
     alone = fitter.fit(few.seen, starts, ACCURATE)
     followed = fitter.fit(few.seen, starts, ACCURATE, before=few.truth)
-    np.testing.assert_array_equal(found.x[::2], alone.x[::2])
-    np.testing.assert_array_equal(found.x[1::2], followed.x[1::2])
+    assert_array_equal(found.x[::2], alone.x[::2])
+    assert_array_equal(found.x[1::2], followed.x[1::2])
 
 
 def test_known_sizes_are_kept(fitter: DepthFitter, scene: Scene) -> None:
@@ -141,32 +141,34 @@ def test_known_sizes_are_kept(fitter: DepthFitter, scene: Scene) -> None:
         (fitter.fit(scene.seen, [scene.truth], FAST, size=sizes, before=scene.truth), sizes),
         (fitter.follow(scene.seen, scene.truth, np.zeros(12), FAST, size=sizes), sizes),
     ):
-        np.testing.assert_allclose(np.exp(found.x[:, SIZE_INDEX]), size, atol=3e-3)
+        assert_allclose(np.exp(found.x[:, SIZE_INDEX]), size, atol=3e-3)
 
 
 @pytest.mark.parametrize("plan", [FAST, ACCURATE], ids=lambda plan: plan.name)
 def test_following_reduces_the_error_without_a_network(
-    fitter: DepthFitter, scene: Scene, plan: Plan
+    fitter: DepthFitter, scene: Scene, plan: Plan, rng: np.random.Generator
 ) -> None:
     """``moved``, the network's error, stays a sign."""
     model = fitter.model
-    before = scene.truth + np.random.default_rng(0).normal(0, 0.05, scene.truth.shape)
+    before = scene.truth + rng.normal(0, 0.05, scene.truth.shape)
     before[:, -2:] = 0
     kept, moved = before.copy(), np.linspace(0, 40, len(before))
     found = fitter.follow(scene.seen, before, moved, plan)
     assert error(model, found.x, scene).mean() < error(model, before, scene).mean()
-    np.testing.assert_array_equal(before, kept)
+    assert_array_equal(before, kept)
     own = np.linalg.norm(found.joints - model.joints(before), axis=2).mean(axis=1)
-    np.testing.assert_allclose(found.signs[:, 4], np.maximum(own, moved), rtol=1e-6)
-    np.testing.assert_array_equal(found.x, fitter.follow(scene.seen, before, 0 * moved, plan).x)
+    assert_allclose(found.signs[:, 4], np.maximum(own, moved), rtol=1e-6)
+    assert_array_equal(found.x, fitter.follow(scene.seen, before, 0 * moved, plan).x)
 
 
-def test_followed_limbs_are_held(fitter: DepthFitter, scene: Scene) -> None:
+def test_followed_limbs_are_held(
+    fitter: DepthFitter, scene: Scene, rng: np.random.Generator
+) -> None:
     """Limbs stay nearer to the expected pose than the network's errors imply; the signs use the
     network's errors.
     """
     model, objective = fitter.model, fitter.objective
-    before = scene.truth + np.random.default_rng(0).normal(0, 0.1, scene.truth.shape)
+    before = scene.truth + rng.normal(0, 0.1, scene.truth.shape)
     before[:, -2:] = 0
     before = np.clip(before, model.lower, model.upper)
     found = fitter.follow(scene.seen, before, np.zeros(len(before)), FAST)
@@ -175,7 +177,7 @@ def test_followed_limbs_are_held(fitter: DepthFitter, scene: Scene) -> None:
     prior = objective.measure(
         found.x, scene.seen, objective.prior_of(expected, fitter.precision)
     ).prior
-    np.testing.assert_allclose(found.signs[:, 3], prior, rtol=1e-4)
+    assert_allclose(found.signs[:, 3], prior, rtol=1e-4)
     settings = FitSettings(steady=SteadySettings(limb_precision=1.0))
     loose = DepthFitter(model, fitter.errors, settings=settings).follow(
         scene.seen, before, np.zeros(len(before)), FAST

@@ -8,6 +8,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from handpose.fit.body import CapsuleModel
 from handpose.fit.network_errors import (
@@ -31,40 +32,36 @@ def write(path: Path, **arrays: object) -> Path:
     )
 
 
-def test_natural_poses() -> None:
+def test_natural_poses(rng: np.random.Generator) -> None:
     """Mean and covariance of poses; a limb that never moves keeps the covariance invertible."""
-    limbs = np.random.default_rng(0).normal(0.5, 0.2, (1000, 20))
+    limbs = rng.normal(0.5, 0.2, (1000, 20))
     limbs[:, 7] = 0.1
     poses = Poses.of(limbs)
-    np.testing.assert_allclose(poses.mean, limbs.mean(axis=0))
-    np.testing.assert_allclose(
-        poses.covariance, np.cov(limbs.T, bias=True) + np.eye(20) * POSE_STD**2
-    )
+    assert_allclose(poses.mean, limbs.mean(axis=0))
+    assert_allclose(poses.covariance, np.cov(limbs.T, bias=True) + np.eye(20) * POSE_STD**2)
 
 
 @pytest.mark.parametrize(
     "poses", [None, Poses(np.linspace(0.1, 0.5, 20), np.diag(np.linspace(1.0, 2.0, 20)))]
 )
-def test_stored_errors_are_read_back(
-    model: CapsuleModel, tmp_path: Path, poses: Poses | None
-) -> None:
+def test_stored_errors_are_read_back(model: CapsuleModel, here: Path, poses: Poses | None) -> None:
     """Other arrays, such as the tables of files of earlier versions, are not read."""
     errors = NetworkErrors(np.eye(20) * 0.04, poses)
-    found = read_errors(write(tmp_path / "w.h5", **arrays_of(errors), fast=np.ones((3, 3))), model)
+    found = read_errors(write("w.h5", **arrays_of(errors), fast=np.ones((3, 3))), model)
     assert found.is_measured and (found.poses is None) == (poses is None)
-    np.testing.assert_array_equal(found.limbs, errors.limbs)
+    assert_array_equal(found.limbs, errors.limbs)
     for one, other in zip(found.poses or (), poses or ()):
-        np.testing.assert_array_equal(one, other)
+        assert_array_equal(one, other)
 
 
-def test_unmeasured_weights_get_a_default_spread(model: CapsuleModel, tmp_path: Path) -> None:
+def test_unmeasured_weights_get_a_default_spread(model: CapsuleModel, here: Path) -> None:
     """Caffe's weights, and those of another format, are not measured."""
-    with h5py.File(tmp_path / "w.h5", "w") as file:
+    with h5py.File("w.h5", "w") as file:
         file.create_group("data")
-    (tmp_path / "binary.caffemodel").write_bytes(b"\x0a\x03abc")
+    Path("binary.caffemodel").write_bytes(b"\x0a\x03abc")
     for name in ("w.h5", "binary.caffemodel"):
-        found = read_errors(tmp_path / name, model)
-        np.testing.assert_allclose(found.limbs, np.eye(20) * UNKNOWN_STD**2)
+        found = read_errors(name, model)
+        assert_allclose(found.limbs, np.eye(20) * UNKNOWN_STD**2)
         assert not found.is_measured
 
 
@@ -99,13 +96,13 @@ LIMBS = "expected a covariance (20, 20)"
     },
 )
 def test_invalid_groups_are_rejected(
-    model: CapsuleModel, tmp_path: Path, given: dict[str, object], rejected: Any
+    model: CapsuleModel, here: Path, given: dict[str, object], rejected: Any
 ) -> None:
     """An invalid group ``fit`` raises an error with the name and the shape."""
     with rejected:
-        read_errors(write(tmp_path / "w.h5", **given), model)
+        read_errors(write("w.h5", **given), model)
 
 
 def test_covariance() -> None:
     """The covariance is about 0, not about the mean, so that a constant error counts."""
-    np.testing.assert_allclose(covariance(np.full((5, 2), 0.1)), np.full((2, 2), 0.01))
+    assert_allclose(covariance(np.full((5, 2), 0.1)), np.full((2, 2), 0.01))

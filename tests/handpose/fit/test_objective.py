@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from handpose.fit import objective as objectives
 from handpose.fit.body import SIZE_INDEX, CapsuleModel
@@ -52,7 +53,7 @@ def test_the_truth_costs_little(model: CapsuleModel, scene: Scene) -> None:
     for term in (SURFACE, OUTLINE, FRONT, PRIOR):
         assert true.parts[:, term].mean() < off.parts[:, term].mean()
     assert true.parts[:, PRIOR].max() < 1e-6
-    np.testing.assert_allclose(true.total, true.parts.sum(axis=1))
+    assert_allclose(true.total, true.parts.sum(axis=1))
 
 
 def test_the_prior_by_hand(model: CapsuleModel, scene: Scene) -> None:
@@ -98,11 +99,11 @@ def test_natural_poses_cost_less(model: CapsuleModel, scene: Scene) -> None:
     expected = 0.5 * (off * np.linalg.solve(poses.covariance, off.T).T).sum(axis=1)
     for one, other in ((natural, plain), (natural.of_known_size(), plain.of_known_size())):
         found = cost(one, x, scene).parts - cost(other, x, scene).parts
-        np.testing.assert_allclose(found[:, PRIOR], expected)
+        assert_allclose(found[:, PRIOR], expected)
         assert not found[:, :PRIOR].any()
     A, plain_A = (equations(objective, x, scene)[0] for objective in (natural, plain))
     limbs = np.ix_(range(len(x)), model.limbs, model.limbs)
-    np.testing.assert_allclose((A - plain_A)[limbs], np.tile(natural.natural, (len(x), 1, 1)))
+    assert_allclose((A - plain_A)[limbs], np.tile(natural.natural, (len(x), 1, 1)))
 
 
 def test_a_forearm_counts_less(model: CapsuleModel, scene: Scene) -> None:
@@ -116,7 +117,7 @@ def test_a_forearm_counts_less(model: CapsuleModel, scene: Scene) -> None:
     weight = [one.weigh(measured, scene.seen, 40.0).weight[:, :, :P] for one in (whole, less)]
     arm = model.surface.limbs[measured.residuals.capsule[:, :P]]
     assert 0.01 < arm.mean() < 0.5
-    np.testing.assert_allclose(weight[1], weight[0] * np.where(arm, 0.5, 1.0)[:, None], rtol=1e-6)
+    assert_allclose(weight[1], weight[0] * np.where(arm, 0.5, 1.0)[:, None], rtol=1e-6)
 
 
 @pytest.mark.parametrize("robust", [40.0, 10.0])
@@ -148,4 +149,4 @@ def test_each_weight_weighs_its_term(model: CapsuleModel, scene: Scene) -> None:
         ).parts
         expected = base.copy()
         expected[:, term] *= 2
-        np.testing.assert_allclose(doubled, expected, rtol=1e-4)
+        assert_allclose(doubled, expected, rtol=1e-4)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from handpose.fit.observation import HandCrops, observe
 from handpose.frames.cameras import NYU
@@ -24,22 +25,22 @@ def test_points_lie_on_the_surface(scene: Scene) -> None:
     found = scene.crops[n, at[..., 1], at[..., 0]] * 150
     # rounding in the crop moves a few points by a pixel
     assert (np.abs(found - points[..., 2]) < 1e-2).mean() > 0.98
-    np.testing.assert_allclose(np.cross(xyz, rays), 0, atol=1e-2)
-    np.testing.assert_allclose(np.linalg.norm(rays, axis=2), 1, atol=1e-6)
+    assert_allclose(np.cross(xyz, rays), 0, atol=1e-2)
+    assert_allclose(np.linalg.norm(rays, axis=2), 1, atol=1e-6)
 
 
-def test_columns_and_rows(scene: Scene) -> None:
+def test_columns_and_rows(scene: Scene, rng: np.random.Generator) -> None:
     """``offset`` and ``factor`` map a point in space to its column and row in the crop, whose
     pixels begin at -0.5.
     """
     seen = scene.seen
-    xyz = np.random.default_rng(0).uniform(-100, 100, (12, 7, 3)) + seen.center[:, None]
+    xyz = rng.uniform(-100, 100, (12, 7, 3)) + seen.center[:, None]
     x, y, z = np.moveaxis(xyz, -1, 0)
     found = [
         seen.offset[:, [axis]] + seen.factor[:, [axis]] * way / z for axis, way in enumerate((x, y))
     ]
     expected = crop_pixels(NYU.project(xyz), scene.center_uvd, 300.0)
-    np.testing.assert_allclose(np.stack(found, axis=-1), expected - 0.5, atol=0.001)
+    assert_allclose(np.stack(found, axis=-1), expected - 0.5, atol=0.001)
 
 
 def test_outside_and_nearest() -> None:
@@ -95,20 +96,20 @@ def test_cameras_of_several_views_together(scene: Scene) -> None:
     cameras = [NYU, NYU.mirrored()] * 6
     both = observe(HandCrops(scene.crops, scene.center_uvd, cameras, 300.0), 400, 3.0)
     for n, camera in enumerate(cameras[:2]):
-        alone = observe(
-            HandCrops(scene.crops[n : n + 1], scene.center_uvd[n : n + 1], camera, 300.0), 400, 3.0
-        )
+        one = slice(n, n + 1)
+        crops = HandCrops(scene.crops[one], scene.center_uvd[one], camera, 300.0)
+        alone = observe(crops, 400, 3.0)
         for name, values in vars(both.take(slice(n, n + 1))).items():
             own = values[n : n + 1] if name in ("outside", "nearest") else values
             if name != "frame":
-                np.testing.assert_array_equal(own, getattr(alone, name), name)
+                assert_array_equal(own, getattr(alone, name), name)
     assert both.center[0, 0] != both.center[1, 0]
 
 
 def test_some_frames_and_some_points(scene: Scene) -> None:
     """``take`` selects frames, also repeatedly; ``thinned`` keeps every third point."""
     few = scene.seen.take(np.array([3, 3, 1])).thinned(3)
-    np.testing.assert_array_equal(few.points[1], scene.seen.points[3, :, ::3])
+    assert_array_equal(few.points[1], scene.seen.points[3, :, ::3])
     assert len(few) == 3
     assert few.frame.tolist() == [3, 3, 1]
     assert few.known.shape == (3, 134)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from handpose.fit.pose_confidence import (
     FINGER_SIGNS,
@@ -74,7 +75,8 @@ def test_half_at_thirty_millimetres() -> None:
     """The confidence is 50% where the median error is 30 mm, for instance for a pose
     smoothed by that much.
     """
-    error, confidence = of(0.0, lag=np.array([np.sqrt(30**2 - np.exp(2 * HAND.constant))]))
+    lag = np.sqrt(30**2 - np.exp(2 * HAND.constant))
+    error, confidence = of(0.0, lag=np.array([lag]))
     assert confidence == pytest.approx(0.5)
     assert error == pytest.approx(30 * np.exp(HAND.spread**2 / 2))
 
@@ -147,14 +149,12 @@ def test_finger_errors_worked_by_hand() -> None:
     """
     constant = np.exp(FINGER.constant + FINGER.spread**2 / 2)
     whole, *weights = FINGER.weights
-    np.testing.assert_allclose(errors_of(1.0, FINGERS), [[constant] * 5])
-    np.testing.assert_allclose(errors_of(np.e, FINGERS), [[constant * np.exp(whole)] * 5])
+    assert_allclose(errors_of(1.0, FINGERS), [[constant] * 5])
+    assert_allclose(errors_of(np.e, FINGERS), [[constant * np.exp(whole)] * 5])
     for sign, weight in zip(FINGERS, weights, strict=True):
         change = -1 if sign == "seen" else np.e - 1
         worse = FINGERS | {sign: FINGERS[sign] + change * (np.arange(5) == 2)}
-        np.testing.assert_allclose(
-            errors_of(1.0, worse)[0], constant * np.exp([0, 0, weight, 0, 0])
-        )
+        assert_allclose(errors_of(1.0, worse)[0], constant * np.exp([0, 0, weight, 0, 0]))
 
 
 def test_finger_errors_are_bounded() -> None:

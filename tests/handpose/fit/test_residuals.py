@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from handpose.fit.body import CapsuleModel
 from handpose.fit.observation import HandCrops, Observation, observe
@@ -87,19 +88,18 @@ def test_the_surface_of_a_cone() -> None:
     points = np.stack([s * b + r * np.sin(tilt), 0 * s, -r * np.cos(tilt)], axis=1)
     cones, only = cones_at(model, np.zeros((1, 4))), np.zeros((1, 9), int)
     found = point_residuals(cones, looking(points), only)
-    np.testing.assert_allclose(found.value, 0, atol=1e-3)
-    np.testing.assert_allclose(found.place[0], s, atol=1e-4)
+    assert_allclose(found.value, 0, atol=1e-3)
+    assert_allclose(found.place[0], s, atol=1e-4)
 
 
 def test_derivatives_of_point_residuals_agree_with_differences(
-    model: CapsuleModel, scene: Scene
+    model: CapsuleModel, scene: Scene, rng: np.random.Generator
 ) -> None:
     """With fixed capsules, direction and swelling are the residuals' derivatives by each variable.
 
     This holds for the facing side only: the place of points behind it slides along the outline,
     to second order.
     """
-    rng = np.random.default_rng(0)
     x = scene.truth + rng.normal(0, 0.03, scene.truth.shape)
     capsule = nearest_capsules(cones_at(model, x), scene.seen)
 
@@ -160,8 +160,8 @@ def test_spheres_before_a_plate(model: CapsuleModel) -> None:
     expected = np.maximum(30 - (z - model.radii[spheres, 1]) - 3, 0)
     shown = (np.abs([x, y]) < 120).all(axis=0)
     assert expected[shown].max() > 10
-    np.testing.assert_allclose(found.value[0, 1, shown], expected[shown], atol=1e-3)
-    np.testing.assert_array_equal(found.capsule, spheres[None])
+    assert_allclose(found.value[0, 1, shown], expected[shown], atol=1e-3)
+    assert_array_equal(found.capsule, spheres[None])
     # the plate fills the picture
     assert (found.value[:, 0] == 0).all() and (found.place == 1).all()
 
@@ -178,11 +178,12 @@ def some_residuals(model: CapsuleModel, rng: np.random.Generator, N: int, R: int
     )
 
 
-def test_normal_equations_are_those_of_the_written_out_jacobian(model: CapsuleModel) -> None:
+def test_normal_equations_are_those_of_the_written_out_jacobian(
+    model: CapsuleModel, rng: np.random.Generator
+) -> None:
     """The equations equal A = sum w J Jt and b = sum w J r, with J computed row by row from the
     motion of the ends.
     """
-    rng = np.random.default_rng(0)
     x = rng.normal(0, 0.2, (3, model.variables))
     posed, r = model.posed(x), some_residuals(model, rng, 3, 40)
     weight = rng.random((3, 2, 40)).astype(np.float32)
@@ -190,9 +191,9 @@ def test_normal_equations_are_those_of_the_written_out_jacobian(model: CapsuleMo
     J = written_out(model, posed, r)
     weighted = weight[..., None] * J
     expected = np.einsum("ntrv,ntrw->nvw", weighted, J)
-    np.testing.assert_allclose(A, expected, rtol=1e-3, atol=1.0)
+    assert_allclose(A, expected, rtol=1e-3, atol=1.0)
     expected = np.einsum("ntrv,ntr->nv", weighted, r.value)
-    np.testing.assert_allclose(b, expected, rtol=1e-3, atol=0.05)
+    assert_allclose(b, expected, rtol=1e-3, atol=0.05)
 
 
 def test_the_order_of_points_changes_nothing(model: CapsuleModel) -> None:
@@ -205,4 +206,4 @@ def test_the_order_of_points_changes_nothing(model: CapsuleModel) -> None:
     for order in (np.arange(400)[::-1], rng.permutation(400)):
         shuffled = Residuals(*(np.ascontiguousarray(values[..., order]) for values in r))
         for one, other in zip(found, normal_equations(model, posed, shuffled, weight[..., order])):
-            np.testing.assert_array_equal(one, other)
+            assert_array_equal(one, other)

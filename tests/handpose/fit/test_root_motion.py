@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from handpose.fit.body import (
@@ -71,15 +72,15 @@ def test_place_and_rotation_there_and_back(model: CapsuleModel, made: CapsuleMod
     x[:, SIZE_INDEX] = 0
     pose = kinematics.forward(own.inputs_of(x))
     joint = int(np.flatnonzero(own.skeleton.parents < 0)[0])
-    np.testing.assert_allclose(root.place(x), pose.joints[:, joint] * 150)
-    np.testing.assert_allclose(root.rotation(x), kinematics.rotation_of(pose, joint), atol=1e-12)
+    assert_allclose(root.place(x), pose.joints[:, joint] * 150)
+    assert_allclose(root.rotation(x), kinematics.rotation_of(pose, joint), atol=1e-12)
     # of all bodies here
     poles = np.add.outer((0.5 * np.pi, 1.5 * np.pi, -0.5 * np.pi), (0.4, -0.4, 0.0))
     for middle in (x[:, root.columns[4]], *poles.ravel()):
         x[:, root.columns[4]] = middle
         again = x.copy()
         again[:, root.columns] = root.variables(root.place(x), root.rotation(x))
-        np.testing.assert_allclose(own.joints(again), own.joints(x), atol=1e-3)
+        assert_allclose(own.joints(again), own.joints(x), atol=1e-3)
         assert (np.abs(again[:, root.columns[3:]]) <= np.pi).all()
 
 
@@ -97,9 +98,9 @@ def test_any_crop_centre(
     x[model.root] *= 4
     again = crop_variables(model, world_pose(model, x, np.array(first)), np.array(second))
     before, after = model.joints(np.stack([x, again]))
-    np.testing.assert_allclose(after + second, before + first, atol=1e-3)
+    assert_allclose(after + second, before + first, atol=1e-3)
     others = model.root_motion.others
-    np.testing.assert_array_equal(again[others], x[others])
+    assert_array_equal(again[others], x[others])
 
 
 @given(seed=st.integers(0, 10**6), angle=st.floats(0, np.pi))
@@ -113,14 +114,14 @@ def test_a_step_and_its_inverse_restore_the_pose(seed: int, angle: float) -> Non
     rotation = Rotation.random(random_state=rng).as_matrix()
     first = WorldPose(rng.normal(size=3), rotation, rng.normal(size=4))
     second = first.moved(step)
-    np.testing.assert_allclose(second.place, first.place + step[:3])
+    assert_allclose(second.place, first.place + step[:3])
     turned = Rotation.from_rotvec(step[3:6]).as_matrix() @ rotation
-    np.testing.assert_allclose(second.rotation, turned, atol=1e-9)
-    np.testing.assert_allclose(second.others, first.others + step[6:])
+    assert_allclose(second.rotation, turned, atol=1e-9)
+    assert_allclose(second.others, first.others + step[6:])
     back = first.step_to(second)
     assert np.linalg.norm(back[3:6]) <= np.pi + 1e-9
     for found, expected in zip(first.moved(back), second):
-        np.testing.assert_allclose(found, expected, atol=1e-5)
+        assert_allclose(found, expected, atol=1e-5)
 
 
 def test_a_step_by_hand() -> None:
@@ -129,4 +130,4 @@ def test_a_step_by_hand() -> None:
     quarter = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])
     second = WorldPose(np.array([10.0, 0, 0]), quarter, np.array([0, 0.1]))
     expected = [10, 0, 0, 0, np.pi / 2, 0, 0, 0.1]
-    np.testing.assert_allclose(first.step_to(second), expected, atol=1e-9)
+    assert_allclose(first.step_to(second), expected, atol=1e-9)

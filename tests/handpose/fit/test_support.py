@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from handpose.body.render import Capsules
 from handpose.fit.body import CapsuleModel
@@ -71,7 +72,8 @@ def test_parts(model: CapsuleModel, image: np.ndarray) -> None:
     )
     assert whole == IMAGES.support(capsules, model.surface.limbs, covered, CAMERA)
     assert parts[0].hidden[0] > 0.5 > 0.2 > parts[1].hidden[0]
-    assert min(part.seen[0] for part in parts) < whole.seen[0] < max(part.seen[0] for part in parts)
+    seen = [part.seen[0] for part in parts]
+    assert min(seen) < whole.seen[0] < max(seen)
 
 
 WEB = """name: "web" dof { name: "x" } joint { name: "a" translate { axis: X dof: "x" } }
@@ -93,8 +95,8 @@ def test_flat_parts_are_sampled_at_their_middles(model: CapsuleModel) -> None:
     a, b, c = corners.swapaxes(0, 1)
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
     samples, flat = Samples.of(at_rest(model)), len(corners)
-    np.testing.assert_allclose(samples.center[0, -flat:], corners.mean(axis=1), atol=1e-3)
-    np.testing.assert_allclose(samples.area[0, -flat:], area, rtol=1e-4)
+    assert_allclose(samples.center[0, -flat:], corners.mean(axis=1), atol=1e-3)
+    assert_allclose(samples.area[0, -flat:], area, rtol=1e-4)
 
 
 def test_a_flat_part_between_thin_edges() -> None:

@@ -26,8 +26,9 @@ def hand_sized(shape: tuple[int, int] = (48, 64), distance: int = 1000) -> NDArr
     return image
 
 
-def put(path: Path, image: NDArray[np.generic]) -> Path:
+def put(name: str | Path, image: NDArray[np.generic]) -> Path:
     """Write an image file."""
+    path = Path(name)
     path.parent.mkdir(parents=True, exist_ok=True)
     assert cv2.imwrite(str(path), image)
     return path

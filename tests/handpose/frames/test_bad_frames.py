@@ -242,11 +242,9 @@ def test_invalid_values_are_rejected(given: Callable[[], object], rejected: Any)
     },
 )
 def test_invalid_files_are_rejected(
-    tmp_path: Path, given: Callable[[Path], object], rejected: Any
+    tmp_path: Path, given: Callable[[Path], object], rejected: Any, rng: np.random.Generator
 ) -> None:
-    content = cv2.imencode(
-        ".png", np.random.default_rng(0).integers(0, 999, (30, 40)).astype(np.uint16)
-    )[1].tobytes()
+    content = cv2.imencode(".png", rng.integers(0, 999, (30, 40)).astype(np.uint16))[1].tobytes()
     for name, size in (("frame", len(content)), ("cut", len(content) * 3 // 4), ("empty", 0)):
         (tmp_path / f"{name}.png").write_bytes(content[:size])
     with rejected:

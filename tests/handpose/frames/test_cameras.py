@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
 
 from handpose.frames.cameras import CAMERAS, NYU, VIEWS, Camera, View
 from netlib.errors import DataError
@@ -15,7 +16,7 @@ from netlib.errors import DataError
 
 def test_axes() -> None:
     """The optical axis meets the principal point; right is +x and +u; up is +y and a smaller v."""
-    np.testing.assert_allclose(NYU.project([0, 0, 800]), [320, 240, 800])
+    assert_allclose(NYU.project([0, 0, 800]), [320, 240, 800])
     u, v, d = NYU.project([100, 50, 1000])
     assert (u, v, d) == pytest.approx((320 + 58.803, 240 - 29.3535, 1000))
 
@@ -24,7 +25,7 @@ def test_axes() -> None:
 @given(x=st.floats(-500, 500), y=st.floats(-500, 500), z=st.floats(100, 5000))
 def test_round_trip(camera: Camera, x: float, y: float, z: float) -> None:
     points = np.broadcast_to([x, y, z], (2, 3, 3))
-    np.testing.assert_allclose(camera.unproject(camera.project(points)), points, atol=1e-9)
+    assert_allclose(camera.unproject(camera.project(points)), points, atol=1e-9)
 
 
 def test_minimum_range() -> None:
@@ -32,7 +33,7 @@ def test_minimum_range() -> None:
     returned unchanged.
     """
     depth = np.array([[0, 199, 200, 900, -1]], np.int16)
-    np.testing.assert_array_equal(NYU.in_range(depth), [[0, 0, 200, 900, -1]])
+    assert_array_equal(NYU.in_range(depth), [[0, 0, 200, 900, -1]])
     assert replace(NYU, min_range_mm=100.0).in_range(depth) is depth
 
 

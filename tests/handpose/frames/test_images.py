@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from handpose.frames import images
 from handpose.frames.cameras import NYU, SR305
@@ -15,15 +16,15 @@ from handpose.frames.recording import CameraInfo
 from tests.support.nyu_data_set import pack_depth
 
 
-def test_a_truncated_or_damaged_png_is_rejected(tmp_path: Path) -> None:
+def test_a_truncated_or_damaged_png_is_rejected(here: Path, rng: np.random.Generator) -> None:
     """It may be truncated at any place, or have one wrong byte; it is rejected before it is
     decoded.
     """
-    image = np.random.default_rng(0).integers(0, 65536, (40, 30)).astype(np.uint16)
+    image = rng.integers(0, 65536, (40, 30)).astype(np.uint16)
     raw = cv2.imencode(".png", image)[1].tobytes()
-    path = tmp_path / "image.png"
+    path = Path("image.png")
     path.write_bytes(raw + b"more")
-    np.testing.assert_array_equal(images.read_png(path), image)
+    assert_array_equal(images.read_png(path), image)
     broken = [raw[:cut] for cut in (0, 7, 8, 20, 100, len(raw) // 2, len(raw) - 12, len(raw) - 1)]
     for at in (3, 20, 60, len(raw) // 2, len(raw) - 5):
         broken.append(raw[:at] + bytes([raw[at] ^ 1]) + raw[at + 1 :])
@@ -33,35 +34,33 @@ def test_a_truncated_or_damaged_png_is_rejected(tmp_path: Path) -> None:
             images.read_png(path)
 
 
-def test_other_formats_than_png(tmp_path: Path) -> None:
-    image = np.random.default_rng(0).integers(0, 256, (40, 30)).astype(np.uint8)
-    path = tmp_path / "image.png"
+def test_other_formats_than_png(here: Path, rng: np.random.Generator) -> None:
+    image = rng.integers(0, 256, (40, 30)).astype(np.uint8)
+    path = Path("image.png")
     path.write_bytes(cv2.imencode(".bmp", image)[1].tobytes())
     assert (images.read_picture(path).reshape(40, 30, -1)[..., 0] == image).all()
 
 
-def test_the_packing_of_nyu(tmp_path: Path) -> None:
-    depth = np.random.default_rng(0).integers(0, 3000, (480, 640))
-    cv2.imwrite(str(tmp_path / "frame.png"), pack_depth(depth))
-    np.testing.assert_array_equal(images.read_frame(tmp_path / "frame.png", CameraInfo(NYU)), depth)
+def test_the_packing_of_nyu(here: Path, rng: np.random.Generator) -> None:
+    depth = rng.integers(0, 3000, (480, 640))
+    cv2.imwrite("frame.png", pack_depth(depth))
+    assert_array_equal(images.read_frame("frame.png", CameraInfo(NYU)), depth)
 
 
-def test_units_of_a_frame(tmp_path: Path) -> None:
+def test_units_of_a_frame(here: Path) -> None:
     """The default unit of SR305 is 0.125 mm."""
-    cv2.imwrite(str(tmp_path / "frame.png"), np.full((480, 640), 8000, np.uint16))
+    cv2.imwrite("frame.png", np.full((480, 640), 8000, np.uint16))
     for unit, depth in ((None, 1000), (0.1, 800)):
-        assert (
-            images.read_frame(tmp_path / "frame.png", CameraInfo(SR305, unit_mm=unit)) == depth
-        ).all()
+        assert (images.read_frame("frame.png", CameraInfo(SR305, unit_mm=unit)) == depth).all()
 
 
-def test_crops_are_normalised(tmp_path: Path) -> None:
+def test_crops_are_normalised(here: Path) -> None:
     """Gray 0 is the near plane -1, 255 the far plane 1; other sizes are resized by
     nearest neighbour.
     """
     image = np.kron(np.array([[0, 255]] * 2, np.uint8), np.ones((32, 32), np.uint8))
-    cv2.imwrite(str(tmp_path / "crop.png"), image)
-    crop = images.read_crop(tmp_path / "crop.png")
+    cv2.imwrite("crop.png", image)
+    crop = images.read_crop("crop.png")
     assert crop.shape == (128, 128)
     assert (crop[:, :64] == -1).all()
     assert (crop[:, 64:] == 1).all()

@@ -66,9 +66,8 @@ def test_every_frame_is_read_once() -> None:
 def test_the_nearest_thing_does_not_depend_on_the_unit(factor: float) -> None:
     image = hand_sized(distance=500).astype(np.float32)
     image[3, 3] = 200
-    assert nearest_thing(image * np.float32(factor), CAMERA) == pytest.approx(
-        (500 * factor, 100 * factor), rel=0.01
-    )
+    found = nearest_thing(image * np.float32(factor), CAMERA)
+    assert found == pytest.approx((500 * factor, 100 * factor), rel=0.01)
     assert nearest_thing(np.zeros((48, 64), np.float32), CAMERA) is None
 
 

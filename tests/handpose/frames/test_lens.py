@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
 
 from handpose.frames.cameras import Camera
 from handpose.frames.lens import Lens, Undistorter, lens_of
@@ -38,17 +39,18 @@ def test_the_same_map_as_opencvs(coefficients: tuple[float, ...]) -> None:
     # otherwise either neighbour is valid
     clear = (abs(u % 1 - 0.5) > 1e-3) & (abs(v % 1 - 0.5) > 1e-3)
     column, row = np.rint(u).astype(int), np.rint(v).astype(int)
-    inside = (column >= 0) & (column < CAMERA.width) & (row >= 0) & (row < CAMERA.height)
+    inside = (column >= 0) & (column < CAMERA.width)
+    inside &= (row >= 0) & (row < CAMERA.height)
     expected = np.where(inside, row * CAMERA.width + column + 1, 0)
     straight = Undistorter(CAMERA, Lens(coefficients))(numbered())
     assert clear.mean() > 0.98 and inside.mean() > 0.5
-    np.testing.assert_array_equal(straight[clear], expected[clear])
+    assert_array_equal(straight[clear], expected[clear])
 
 
 def test_no_distortion_changes_nothing() -> None:
     for lens in (Lens(), Lens((0, 0, 0, 0, 0))):
         assert lens.is_straight
-        np.testing.assert_array_equal(Undistorter(CAMERA, lens)(numbered()), numbered())
+        assert_array_equal(Undistorter(CAMERA, lens)(numbered()), numbered())
 
 
 @given(
@@ -60,7 +62,7 @@ def test_the_inverse_lens_is_the_inverse(coefficients: tuple[float, ...]) -> Non
     x, y = np.meshgrid(np.linspace(-0.6, 0.6, 9), np.linspace(-0.5, 0.5, 7))
     there = Lens(coefficients, "inverse_brown_conrady").distorted(x, y)
     back = Lens(coefficients).distorted(*there)
-    np.testing.assert_allclose(back, (x, y), atol=1e-4)
+    assert_allclose(back, (x, y), atol=1e-4)
 
 
 def test_pixels_beyond_a_fold_of_the_lens_become_0() -> None:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.testing import assert_array_equal
 
 from handpose.frames.cameras import KINECT2, NYU, SR305
 from handpose.frames.formats import open_recording
@@ -31,19 +32,18 @@ def decode(raw: np.ndarray, unit_mm: float = 0.5) -> np.ndarray:
 def test_depth_is_in_mm(dtype: str) -> None:
     depth = decode(np.array([[0, 1, 65]], dtype))
     assert depth.dtype == np.float32
-    np.testing.assert_array_equal(depth, [[0, 0.5, 32.5]])
+    assert_array_equal(depth, [[0, 0.5, 32.5]])
 
 
 def test_invalid_depth_values_become_0() -> None:
-    np.testing.assert_array_equal(
-        decode(np.array([[np.nan, np.inf, -np.inf, 1e300, 2]])), [[0, 0, 0, 0, 1]]
-    )
+    values = np.array([[np.nan, np.inf, -np.inf, 1e300, 2]])
+    assert_array_equal(decode(values), [[0, 0, 0, 0, 1]])
 
 
 def test_the_lens_is_taken_out() -> None:
     lens, raw = Lens((0.3, 0, 0, 0)), hand_sized()
     expected = Undistorter(CAMERA, lens)(raw.astype(np.float32))
-    np.testing.assert_array_equal(
+    assert_array_equal(
         DepthDecoder(raw.shape, U16, "take", CameraInfo(CAMERA, lens, 1.0))(raw), expected
     )
 
@@ -55,7 +55,7 @@ def test_the_lens_is_taken_out() -> None:
 def test_stored_is_the_inverse(values: list[int], unit_mm: float) -> None:
     """Every 16-bit value is restored, in any unit."""
     raw = np.array([values], np.uint16)
-    np.testing.assert_array_equal(stored(decode(raw, unit_mm), unit_mm, "take"), raw)
+    assert_array_equal(stored(decode(raw, unit_mm), unit_mm, "take"), raw)
 
 
 def test_values_of_the_user_take_precedence() -> None:

@@ -36,12 +36,12 @@ def write(path: Path, taken: list[DepthFrame], unit_mm: float = 0.5) -> None:
 
 
 @pytest.mark.parametrize("name", ["take", "take.1", "take.npz"])
-def test_a_recording_comes_back(tmp_path: Path, name: str) -> None:
+def test_a_recording_comes_back(here: Path, name: str) -> None:
     """Camera, unit, rate and times are restored, relative to the first frame; no
     other file is left.
     """
-    write(tmp_path / "new" / name, frames(start=7.5))
-    recording = open_recording(tmp_path / "new" / name)
+    write(Path("new", name), frames(start=7.5))
+    recording = open_recording(Path("new", name))
     assert (recording.camera, recording.unit_mm, recording.rate, recording.count) == (
         SMALL,
         0.5,
@@ -50,7 +50,7 @@ def test_a_recording_comes_back(tmp_path: Path, name: str) -> None:
     )
     assert [frame.time for frame in recording] == pytest.approx([0, 1 / 30, 2 / 30], abs=1e-6)
     assert [float(frame.depth.mean()) for frame in recording] == [100, 101, 102]
-    assert [path.name for path in (tmp_path / "new").iterdir()] == [name]
+    assert [path.name for path in Path("new").iterdir()] == [name]
 
 
 @settings(max_examples=25, deadline=None)
@@ -102,13 +102,13 @@ def test_written_depths_and_times_are_restored_exactly(
     },
 )
 def test_frames_that_cannot_be_stored_are_rejected(
-    tmp_path: Path, name: str, given: DepthFrame, rejected: Any
+    here: Path, name: str, given: DepthFrame, rejected: Any
 ) -> None:
-    with rejected, RecordingWriter(tmp_path / name, SMALL, 1.0) as writer:
+    with rejected, RecordingWriter(Path(name), SMALL, 1.0) as writer:
         for one in (*frames(2), given):
             writer.write(one)
     assert writer.count == 2
-    assert len(list(open_recording(tmp_path / name))) == 2
+    assert len(list(open_recording(Path(name)))) == 2
 
 
 @bad_inputs(
@@ -128,10 +128,9 @@ def test_frames_that_cannot_be_stored_are_rejected(
     },
 )
 def test_existing_and_impossible_places_are_rejected(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: str, rejected: Any
+    here: Path, monkeypatch: pytest.MonkeyPatch, given: str, rejected: Any
 ) -> None:
     """Existing files are never replaced."""
-    monkeypatch.chdir(tmp_path)
     Path("file").touch()
     for name in ("take", "take.npz"):
         write(Path(name), frames(3))
@@ -141,20 +140,20 @@ def test_existing_and_impossible_places_are_rejected(
     assert {path: path.is_file() and path.read_bytes() for path in Path().rglob("*")} == before
 
 
-def test_a_folder_that_another_program_fills_meanwhile(tmp_path: Path) -> None:
-    first, second = (RecordingWriter(tmp_path / "take", SMALL, 1.0) for _ in range(2))
+def test_a_folder_that_another_program_fills_meanwhile(here: Path) -> None:
+    first, second = (RecordingWriter(Path("take"), SMALL, 1.0) for _ in range(2))
     with first, pytest.raises(NetlibError, match="take: is there already"), second:
         first.write(frames(1)[0])
         second.write(frames(1)[0])
-    assert len(list(open_recording(tmp_path / "take"))) == 1
+    assert len(list(open_recording(Path("take")))) == 1
 
 
 @pytest.mark.parametrize("name", ["take", "take.npz"])
-def test_without_frames_there_is_no_recording(tmp_path: Path, name: str) -> None:
-    write(tmp_path / name, [])
-    assert list(tmp_path.iterdir()) == []
+def test_without_frames_there_is_no_recording(here: Path, name: str) -> None:
+    write(Path(name), [])
+    assert list(here.iterdir()) == []
 
 
-def test_an_empty_folder_is_filled(tmp_path: Path) -> None:
-    write(tmp_path, frames(3))
-    assert open_recording(tmp_path).count == 3
+def test_an_empty_folder_is_filled(here: Path) -> None:
+    write(here, frames(3))
+    assert open_recording(here).count == 3

@@ -34,9 +34,9 @@ layer {{ name: "loss" type: "EuclideanLoss" bottom: "pred" bottom: "joint" top: 
 
 
 @pytest.fixture
-def frames(tmp_path: Path) -> Path:
+def frames(tmp_path: Path, rng: np.random.Generator) -> Path:
     """Seven frames whose inputs are the pose itself, and whose joints are 10 mm away from it."""
-    x = np.random.default_rng(0).normal(0, 0.2, (7, 47)).astype(np.float32)
+    x = rng.normal(0, 0.2, (7, 47)).astype(np.float32)
     joint = kinematics_of(skeleton.load()).joints(x) + np.array([10 / 150, 0, 0])
     write_hdf5(
         tmp_path / "a.h5",

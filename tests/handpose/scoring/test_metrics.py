@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from handpose.body.nyu import EVALUATION_JOINTS
 from handpose.scoring import metrics
@@ -13,7 +14,7 @@ from netlib.errors import DataError
 def test_joint_errors() -> None:
     truth = np.zeros((1, 2, 3))
     predicted = np.array([[[3.0, 4.0, 0.0], [1.0, 2.0, 2.0]]])
-    np.testing.assert_allclose(metrics.joint_errors(predicted, truth), [[5, 3]])
+    assert_allclose(metrics.joint_errors(predicted, truth), [[5, 3]])
 
 
 def test_means_over_nyus_joints() -> None:
@@ -27,10 +28,8 @@ def test_means_over_nyus_joints() -> None:
 def test_success_rate() -> None:
     """A frame succeeds at a threshold if its worst (or mean) joint error is at most that."""
     errors = np.array([[3.0, 5.0], [10.0, 0.0], [20.0, 40.0]])
-    np.testing.assert_allclose(metrics.success_rate(errors, [4, 5, 10, 40]), [0, 1 / 3, 2 / 3, 1])
-    np.testing.assert_allclose(
-        metrics.success_rate(errors, [4, 5, 30], worst=False), [1 / 3, 2 / 3, 1]
-    )
+    assert_allclose(metrics.success_rate(errors, [4, 5, 10, 40]), [0, 1 / 3, 2 / 3, 1])
+    assert_allclose(metrics.success_rate(errors, [4, 5, 30], worst=False), [1 / 3, 2 / 3, 1])
 
 
 def test_fraction_out_of_limits() -> None:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from handpose.body.nyu import EVALUATION_JOINTS
 from handpose.frames.cameras import ICVL, NYU
@@ -34,9 +35,9 @@ def read(tmp_path: Path, text: str | bytes, fmt: Format = "xyz") -> np.ndarray:
 
 def test_read_joints(tmp_path: Path) -> None:
     """x y z are read unchanged; u v d are unprojected by the camera, where v grows downwards."""
-    np.testing.assert_array_equal(read(tmp_path, LINE), [[[320, 240, 700], [330.5, 230, -100]]])
+    assert_array_equal(read(tmp_path, LINE), [[[320, 240, 700], [330.5, 230, -100]]])
     found = read(tmp_path, "320 240 700 378.803 181.293 500\n", "uvd")
-    np.testing.assert_allclose(found, [[[0, 0, 700], [50, 50, 500]]])
+    assert_allclose(found, [[[0, 0, 700], [50, 50, 500]]])
     assert found.dtype == np.float64
 
 
@@ -55,7 +56,7 @@ def test_line_ends_and_whitespace_do_not_matter(tmp_path: Path, text: str) -> No
     """Trailing empty lines, a missing line end, CRLF, a byte order mark and tabs give the
     same three frames.
     """
-    np.testing.assert_array_equal(read(tmp_path, text), read(tmp_path, LINE * 3))
+    assert_array_equal(read(tmp_path, text), read(tmp_path, LINE * 3))
 
 
 NUMBER, SIX = "expected a number of px or mm, below 1e+06", "expected 6 = 2 joints x 3"
@@ -183,15 +184,13 @@ def test_published_curve() -> None:
     found = published_score("nyu", "IJCAI16_NYU_DeepModel")
     assert found.parts_mm == pytest.approx({"subject 1": 10.154, "subject 2": 19.925}, abs=1e-3)
     rates = [found.success_max[t] for t in range(10, 81, 10)]
-    np.testing.assert_allclose(
-        rates, [0.019, 0.190, 0.419, 0.582, 0.718, 0.834, 0.911, 0.951], atol=5e-4
-    )
+    assert_allclose(rates, [0.019, 0.190, 0.419, 0.582, 0.718, 0.834, 0.911, 0.951], atol=5e-4)
 
 
 SKELETON = skeletons.load()
 
 
-def test_angles_of_methods() -> None:
+def test_angles_of_methods(rng: np.random.Generator) -> None:
     """A method without errors, one with a finger beyond its limits, and noise, which is
     not on the model.
 
@@ -206,11 +205,9 @@ def test_angles_of_methods() -> None:
     bent = inputs.copy()
     dof = SKELETON.dof_names.index("index_base_rot_z")
     bent[1, dof] = SKELETON.upper[dof] + 0.3
-    truth, beyond = (
-        kinematics_of(SKELETON).joints(x)[:, EVALUATION_JOINTS] * 150 + (0, 0, 700)
-        for x in (inputs, bent)
-    )
-    noise = truth + np.random.default_rng(0).normal(0, 5, truth.shape)
+    joints = (kinematics_of(SKELETON).joints(x)[:, EVALUATION_JOINTS] for x in (inputs, bent))
+    truth, beyond = (xyz * 150 + (0, 0, 700) for xyz in joints)
+    noise = truth + rng.normal(0, 5, truth.shape)
     watched: list[tuple[str, int, int]] = []
 
     @contextlib.contextmanager

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from handpose.frames.cameras import ICVL, NYU, Camera
 from handpose.sequences.acts import FINGER_SPEED, HAND_SPEED, MARGIN_MM, Act, Actor, Volume
@@ -49,7 +50,7 @@ def test_a_hand_returns_however_long_the_movement_is_to_be() -> None:
     """The way back is the same if the movement ends before the hand has returned."""
     acts = (Act("moving", 3), Act("away", 6))
     short, long = played(*acts, seconds=8.9), played(*acts, seconds=20)
-    np.testing.assert_allclose(short.place.at(8.8), long.place.at(8.8), atol=1e-6)
+    assert_allclose(short.place.at(8.8), long.place.at(8.8), atol=1e-6)
     assert 0 < NYU.project(short.place.at(8.8))[0] < NYU.width
 
 
@@ -60,14 +61,15 @@ def test_away(first: bool) -> None:
     """
     acts = (Act("away", 4),) if first else (Act("rest", 1), Act("away", 4))
     movement = played(*acts, Act("rest", 2), Act("away", 9), seconds=10 - first)
-    u = [float(NYU.project(movement.place.at(t))[0]) for t in np.arange(0, 10 - first, 0.5)]
+    times = np.arange(0, 10 - first, 0.5)
+    u = [float(NYU.project(movement.place.at(t))[0]) for t in times]
     gone = [not 0 < column < NYU.width for column in u]
     assert gone[0] is first and gone[-1] and any(not now for now in gone)
     back = 4.5 if first else 5.5
     inside = movement.place.at(back)
     assert 0 < NYU.project(inside)[0] < NYU.width
     if not first:
-        np.testing.assert_allclose(inside, movement.place.at(0.0))
+        assert_allclose(inside, movement.place.at(0.0))
 
 
 def test_a_wave_turns_the_palm_to_and_fro() -> None:
@@ -132,7 +134,7 @@ def test_places_are_in_the_image(camera: Camera) -> None:
         assert 0.5 * camera.width + across < u < camera.width - across
         assert down < v < camera.height - down
         assert volume.near <= d <= volume.far
-        np.testing.assert_allclose(volume.kept(place), place)
+        assert_allclose(volume.kept(place), place)
         assert not 0 < camera.project(volume.outside(place))[0] < camera.width
     u, v, d = camera.project(volume.kept(np.array([9e3, -9e3, 100.0])))
     assert u < camera.width and v < camera.height and d == pytest.approx(volume.near)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from handpose.body.render import in_front
 from handpose.frames.cameras import ICVL, NYU, SR305, VIEWS, Camera
@@ -27,7 +28,7 @@ def test_frames_are_the_same_every_time() -> None:
     assert recording.count == 3 and [frame.number for frame in once] == [0, 1, 2]
     assert [frame.time for frame in once] == [0, 1 / 30, 2 / 30]
     for one, two in zip(once, twice):
-        np.testing.assert_array_equal(one.depth, two.depth)
+        assert_array_equal(one.depth, two.depth)
         assert one.depth.dtype == np.float32 and one.depth.shape == (240, 320)
     assert not np.array_equal(once[0].depth, once[1].depth)
     other = SyntheticRecording("rest", ICVL, seconds=0.1, seed=4)
@@ -77,8 +78,8 @@ def test_the_truth_is_what_is_seen() -> None:
             xyz = joints_of(
                 header.skeleton, header.unit_mm, hand.hand, pose.inputs, pose.bones, pose.origin_mm
             )
-            np.testing.assert_allclose(xyz, hand.xyz, atol=1e-9)
-            np.testing.assert_allclose(pose.center_uvd, NYU.project(pose.origin_mm))
+            assert_allclose(xyz, hand.xyz, atol=1e-9)
+            assert_allclose(pose.center_uvd, NYU.project(pose.origin_mm))
             ends = np.hstack([surface.a, surface.b])[0]
             radii = np.hstack([surface.radius_a, surface.radius_b])[0]
             # also of a left hand
@@ -90,8 +91,8 @@ def test_rate_and_length_do_not_change_the_movement() -> None:
         SyntheticRecording("moving", ICVL, rate=rate, seconds=1, clean=True) for rate in (10, 60)
     )
     longer = SyntheticRecording("moving", ICVL, rate=10, seconds=3, clean=True)
-    np.testing.assert_array_equal(slow.frame(8).depth, fast.frame(48).depth)
-    np.testing.assert_array_equal(slow.frame(8).depth, longer.frame(8).depth)
+    assert_array_equal(slow.frame(8).depth, fast.frame(48).depth)
+    assert_array_equal(slow.frame(8).depth, longer.frame(8).depth)
 
 
 def test_a_hand_that_leaves_is_lost_until_it_returns() -> None:
@@ -117,7 +118,7 @@ def test_two_hands() -> None:
     for truth in one.truths():
         right, left = truth.hands
         assert (right.hand, left.hand) == ("right", "left") and right.id == 0 and left.id == 1
-        np.testing.assert_array_equal(right.pose.bones, left.pose.bones)
+        assert_array_equal(right.pose.bones, left.pose.bones)
         assert right.pose.center_uvd[0] < 160 < left.pose.center_uvd[0]
     other = SyntheticRecording("two_hands", ICVL, rate=2, seconds=1, mirrored=True).truth(0).hands
     assert [hand.hand for hand in other] == ["left", "right"]
@@ -162,7 +163,7 @@ def test_cameras() -> None:
     coded = SyntheticRecording("rest", SR305, seconds=0.1)
     stored = coded.frame(0).depth / coded.unit_mm
     assert coded.unit_mm == 0.125
-    np.testing.assert_array_equal(stored, np.rint(stored))
+    assert_array_equal(stored, np.rint(stored))
 
 
 def test_a_model_of_camera() -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from handpose.datasets import parts
 from handpose.datasets.frames import Frames
@@ -59,12 +60,12 @@ def test_whole_files_are_kept(tmp_path: Path) -> None:
 def test_generate_cuts_anywhere(generator: Generator, frames: Frames) -> None:
     pieces = list(generate(BLOCK, generator, start=BLOCK // 2))
     assert [len(piece) for piece in pieces] == [BLOCK // 2, BLOCK // 2]
-    np.testing.assert_array_equal(pieces[0].depth, frames.depth[BLOCK // 2 :])
-    np.testing.assert_array_equal(
+    assert_array_equal(pieces[0].depth, frames.depth[BLOCK // 2 :])
+    assert_array_equal(
         np.concatenate([p.index for p in pieces]), np.arange(BLOCK // 2, BLOCK * 3 // 2)
     )
     (few,) = generate(3, generator)
-    np.testing.assert_array_equal(few.joint, frames.joint[:3])
+    assert_array_equal(few.joint, frames.joint[:3])
     assert not list(generate(0, generator))
 
 

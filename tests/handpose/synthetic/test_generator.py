@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from handpose.body.joint_formats.frames import palm_frame
 from handpose.body.nyu import ANNOTATION_OF_JOINT, CENTER_JOINT
@@ -31,7 +32,7 @@ def test_arrays(generator: Generator, frames: Frames) -> None:
         assert np.isfinite(array).all()
         if name in ("depth", "joint"):
             assert array.min() >= -1 and array.max() == 1
-    np.testing.assert_array_equal(frames.index, np.arange(BLOCK))
+    assert_array_equal(frames.index, np.arange(BLOCK))
 
 
 def test_frames_depend_on_seed_split_and_number_only(generator: Generator, frames: Frames) -> None:
@@ -40,7 +41,7 @@ def test_frames_depend_on_seed_split_and_number_only(generator: Generator, frame
     """
     generator.block(3)
     for name, array in generator.block(0).arrays().items():
-        np.testing.assert_array_equal(array, frames.arrays()[name], name)
+        assert_array_equal(array, frames.arrays()[name], name)
     for other in (Generator(8).block(0), Generator(7, "test").block(0), generator.block(1)):
         assert (np.abs(other.joint - frames.joint).max(axis=1) > 0.05).all()
 

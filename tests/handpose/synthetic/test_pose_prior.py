@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from handpose.body.nyu import CENTER_IN_PALM
@@ -27,7 +28,7 @@ def test_bones_vary_within_reason(sampler: BodySampler, hands: Bodies) -> None:
     lengths = np.linalg.norm(
         hands.joints[:, child] - hands.joints[:, skeleton.parents[child]], axis=2
     )
-    np.testing.assert_allclose(lengths, np.abs(hands.bones[:, child]), atol=1e-12)
+    assert_allclose(lengths, np.abs(hands.bones[:, child]), atol=1e-12)
     own = lengths / np.abs(skeleton.bones[child]) / hands.scale[:, None]
     assert own.std() == pytest.approx(0.04, rel=0.1)
     assert hands.scale.std() == pytest.approx(0.06, rel=0.15)
@@ -44,9 +45,7 @@ def test_parameters_are_the_models(sampler: BodySampler, hands: Bodies) -> None:
     assert (hands.inputs <= skeleton.upper + 1e-12).all()
     assert (hands.inputs[:, skeleton.fixed] == 0).all()
     kinematics = kinematics_of(skeleton)
-    np.testing.assert_allclose(
-        kinematics.joints(hands.inputs, hands.bones[:, :31]), hands.joints, atol=1e-12
-    )
+    assert_allclose(kinematics.joints(hands.inputs, hands.bones[:, :31]), hands.joints, atol=1e-12)
     nearly = np.linalg.norm(kinematics.joints(hands.inputs) - hands.joints, axis=2) * 150
     assert 1 < nearly.mean() < 6
 
@@ -63,7 +62,7 @@ def test_fingers_rarely_run_through_each_other(sampler: BodySampler, hands: Bodi
 
 def test_center_is_in_the_palm(sampler: BodySampler, hands: Bodies) -> None:
     """The prior's crop centre is NYU's joint 34; the hands lie about it, up to the jitter."""
-    np.testing.assert_allclose(sampler.center * 150, CENTER_IN_PALM, atol=1e-12)
+    assert_allclose(sampler.center * 150, CENTER_IN_PALM, atol=1e-12)
     distance = (
         np.linalg.norm(hands.joints[:, sampler.skeleton.joint_names.index("palm")], axis=1) * 150
     )
@@ -71,27 +70,25 @@ def test_center_is_in_the_palm(sampler: BodySampler, hands: Bodies) -> None:
     assert distance.max() < 70
 
 
-def test_bones_of_a_group_differ_together() -> None:
+def test_bones_of_a_group_differ_together(rng: np.random.Generator) -> None:
     """All bones of a group are scaled by one factor; other bones keep the body's size."""
     group = ProportionParameter(("index_pip_a", "index_pip_b"), 0.1)
     prior = prior_file.load().but(scale_mean=0.8, scale_std=0.0, bone_std=0.0, proportion=(group,))
     sampler = BodySampler(prior)
-    bones, own = sampler.draw(np.random.default_rng(0), 500).bones, sampler.surface.whole.bones
+    bones, own = sampler.draw(rng, 500).bones, sampler.surface.whole.bones
     index = [sampler.skeleton.joint_names.index(joint) for joint in group.joint]
     others = np.setdiff1d(np.arange(len(own)), index)
-    np.testing.assert_allclose(bones[:, others], np.tile(0.8 * own[others], (500, 1)))
+    assert_allclose(bones[:, others], np.tile(0.8 * own[others], (500, 1)))
     factor = bones[:, index] / own[index]
-    np.testing.assert_allclose(factor[:, 0], factor[:, 1])
+    assert_allclose(factor[:, 0], factor[:, 1])
     assert factor[:, 0].std() == pytest.approx(0.08, rel=0.15)
 
 
-def test_people_are_seen_from_every_side() -> None:
+def test_people_are_seen_from_every_side(rng: np.random.Generator) -> None:
     """The directions of palms and fingers are distributed evenly over the eight octants."""
     sampler = BodySampler(prior_file.load(prior_file.PEOPLE_PRIOR))
     everywhere = tuple(schema.changed(turn, any=1.0) for turn in sampler.prior.turn)
-    angles = BodySampler(sampler.prior.but(turn=everywhere)).rotations(
-        np.random.default_rng(0), 4000
-    )
+    angles = BodySampler(sampler.prior.but(turn=everywhere)).rotations(rng, 4000)
     for axis in np.eye(3):
         pointing = Rotation.from_euler("ZXY", angles).apply(axis) > 0
         octant = np.bincount(pointing @ [1, 2, 4], minlength=8)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from handpose.frames.cameras import CAMERAS
 from handpose.synthetic import prior_file
@@ -17,8 +18,7 @@ from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.recipes import check_in_view, recipe, recipe_of
 from layers.hand.bodies import kinematics_of
 from netlib.errors import NetlibError, PrototxtError
-from tests.support.bad_input import bad_inputs
-from tests.support.tables import pairs_of
+from tests.support.bad_input import bad_inputs, in_table
 
 SKELETON = """\
 name: "tail"
@@ -85,33 +85,31 @@ def test_another_body(tail: Path) -> None:
     posed = kinematics_of(generator.sampler.skeleton).joints(
         frames.dof.astype(float), frames.bones.astype(float)
     )
-    np.testing.assert_allclose(posed.reshape(BLOCK, -1), frames.joint, atol=1e-6)
+    assert_allclose(posed.reshape(BLOCK, -1), frames.joint, atol=1e-6)
     assert (frames.half_cube == 500).all() and (frames.depth < 1).any(axis=(1, 2, 3)).all()
     turn = np.degrees(frames.dof[:, 3] + 0.5)
     assert turn.mean() == pytest.approx(30, abs=3) and 2 < turn.std() < 8
     # ``a`` goes from its lower to its upper limit while ``b`` goes from its lower to its upper one
-    np.testing.assert_allclose((frames.dof[:, 4] + 1) / 1.5, frames.dof[:, 5] / 2, atol=1e-6)
+    assert_allclose((frames.dof[:, 4] + 1) / 1.5, frames.dof[:, 5] / 2, atol=1e-6)
 
 
-def test_the_crop_centre(tail: Path) -> None:
+def test_the_crop_centre(tail: Path, rng: np.random.Generator) -> None:
     """The crop centre is at the given position in the frame of its joint, for any rotation."""
     sampler = BodySampler(prior_file.load(tail))
-    bodies = sampler.draw(np.random.default_rng(0), 50)
+    bodies = sampler.draw(rng, 50)
     kinematics = kinematics_of(sampler.skeleton)
     pose = kinematics.forward(bodies.inputs, bodies.bones)
     frame = kinematics.rotation_of(pose, 0)
-    np.testing.assert_allclose(bodies.joints[:, 0] + frame @ [0, 0.2, 0], 0, atol=1e-12)
+    assert_allclose(bodies.joints[:, 0] + frame @ [0, 0.2, 0], 0, atol=1e-12)
 
 
-def test_poses_with_a_name(tail: Path) -> None:
+def test_poses_with_a_name(tail: Path, rng: np.random.Generator) -> None:
     """Named poses are parts of the ranges, and blends of them stay within the limits."""
     prior = prior_file.load(tail)
     sampler = BodySampler(prior)
-    np.testing.assert_allclose(sampler.poses["curled"], [0, 0, 0, 0, 0.5, 2, 0, 0])
+    assert_allclose(sampler.poses["curled"], [0, 0, 0, 0, 0.5, 2, 0, 0])
     only = BodySampler(prior.but(blend=1.0))
-    np.testing.assert_allclose(
-        only.draw(np.random.default_rng(0), 20).inputs[:, 4:7] - [0.5, 2, 0], 0, atol=1e-12
-    )
+    assert_allclose(only.draw(rng, 20).inputs[:, 4:7] - [0.5, 2, 0], 0, atol=1e-12)
 
 
 def test_one_hand_and_a_second() -> None:
@@ -131,19 +129,13 @@ def test_one_hand_and_a_second() -> None:
         assert (own == own[0]).all() and (own[0] == hand.bones).all() == same
         assert scene.cube_mm == (300 if same else 261)
     again = Generator(5, "test", made).scene(3).bodies.bones
-    np.testing.assert_array_equal(again[0, : len(hand.bones)], own[0])
-
-
-MISTAKES = pairs_of(Path(__file__).with_name("prior_mistakes.txt"))
+    assert_array_equal(again[0, : len(hand.bones)], own[0])
 
 
 @bad_inputs(
     PrototxtError,
     {
-        **{
-            " -> ".join(change): (change, f"...tail_prior.prototxt:{line}")
-            for change, line in MISTAKES
-        },
+        **in_table(Path(__file__).with_name("prior_mistakes.txt"), "...tail_prior.prototxt:"),
         "no skeleton": (
             ('"tail.prototxt"', '"tial.prototxt"'),
             NetlibError,

@@ -8,6 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from handpose.frames.cameras import NYU
 from handpose.synthetic.sensor import NOISY_KINECT, Sensor, sense
@@ -42,7 +43,7 @@ def test_sensor_without_faults_is_exact_to_its_step() -> None:
     seen = slope() < 950
     assert (read[~seen] == 950).all()
     disparity = NYU.fx * 75.0 / read[seen]
-    np.testing.assert_allclose(disparity * 8, np.rint(disparity * 8), atol=1e-3)
+    assert_allclose(disparity * 8, np.rint(disparity * 8), atol=1e-3)
     assert np.abs(disparity - NYU.fx * 75.0 / slope()[seen]).max() <= 1 / 16 + 1e-4
 
 
@@ -72,8 +73,8 @@ def test_holes() -> None:
     far = np.array([950.0, 1200.0])
     read = read_of(slope(), far=far, holes=(1.0, 1.0))
     around = [cv2.dilate(one.astype(np.uint8), np.ones((3, 3))) > 0 for one in edges(whole)]
-    np.testing.assert_array_equal(read[0][around[0]], 950)
-    np.testing.assert_array_equal(read[0][~around[0]], whole[0][~around[0]])
+    assert_array_equal(read[0][around[0]], 950)
+    assert_array_equal(read[0][~around[0]], whole[0][~around[0]])
     assert (read[1][around[1]] == 1200).all()
     few = read_of(slope(), holes=(0.01, 0.01))
     assert 0 < (few != whole).sum() <= 9 * 0.03 * edges(whole).sum()
@@ -125,4 +126,4 @@ def test_near_surfaces_spread() -> None:
         read = read_of(depth, pixel, spread=(2.0, 2.0), disparity_step=1e-4)
         covered = np.flatnonzero(read[0, :, 60] < 900)
         assert covered.min() == 40 - rows and covered.max() == 79 + rows
-        np.testing.assert_allclose(read[0, covered, 60], 700, atol=0.1)
+        assert_allclose(read[0, covered, 60], 700, atol=0.1)

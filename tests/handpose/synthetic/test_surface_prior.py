@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from handpose.body.render import CLEAR_MM, Capsules
 from handpose.synthetic.pose_prior import BodySampler
@@ -32,13 +33,12 @@ def test_forearms_do_not_point_at_the_camera(sampler: BodySampler) -> None:
     assert (drawn(sampler, replace(DEFAULT_SURFACE, redraws=0)).b[:, -1, 2] < 700).mean() > 0.1
 
 
-def test_thickness_and_single_radii(sampler: BodySampler) -> None:
+def test_thickness_and_single_radii(sampler: BodySampler, rng: np.random.Generator) -> None:
     """Radii are those of the file, times a thickness per hand and a factor per radius."""
-    rng = np.random.default_rng(0)
     size = sampler.draw(rng, 300).scale
     own = sampler.surface.radii[:, 0] * 150
     exact = drawn(sampler, EXACT).radius_a / size[:, None]
-    np.testing.assert_allclose(exact, np.broadcast_to(own, exact.shape))
+    assert_allclose(exact, np.broadcast_to(own, exact.shape))
     together = drawn(sampler, DEFAULT_SURFACE).radius_a / size[:, None] / own
     assert np.ptp(together, axis=1).max() < 1e-12
     assert together[:, 0].std() == pytest.approx(0.08, rel=0.15)
@@ -46,12 +46,12 @@ def test_thickness_and_single_radii(sampler: BodySampler) -> None:
     assert single.std(axis=1).mean() == pytest.approx(0.1, rel=0.1)
 
 
-def test_offsets(sampler: BodySampler) -> None:
+def test_offsets(sampler: BodySampler, rng: np.random.Generator) -> None:
     """With offsets of 0, capsules end at the joints."""
     own = ~sampler.surface.limbs
-    hands = sampler.draw(np.random.default_rng(0), 10)
+    hands = sampler.draw(rng, 10)
     joints = hands.joints[:, sampler.surface.start[own]] * 150 + (0, 0, 800)
-    np.testing.assert_allclose(
+    assert_allclose(
         drawn(sampler, replace(EXACT, offsets=(0.0, 0.0)), 10).a[:, own], joints, atol=1e-9
     )
 
@@ -62,14 +62,14 @@ def test_cut_forearms_and_sleeves(sampler: BodySampler) -> None:
     """
     whole, cut = drawn(sampler, EXACT), drawn(sampler, replace(EXACT, cut=1.0, cut_at=(0.25, 0.25)))
     length = [np.linalg.norm(c.b[:, -1] - c.a[:, -1], axis=1) for c in (whole, cut)]
-    np.testing.assert_allclose(length[1], length[0] / 4)
+    assert_allclose(length[1], length[0] / 4)
     worn = drawn(
         sampler, replace(EXACT, sleeve=1.0, sleeve_from=(0.5, 0.5), sleeve_mm=(10.0, 10.0))
     )
     arm, sleeve = (Capsules(*(values[:, m] for values in worn)) for m in (-2, -1))
-    np.testing.assert_allclose(sleeve.a, (arm.a + arm.b) / 2)
-    np.testing.assert_allclose(sleeve.b, arm.b)
-    np.testing.assert_allclose(sleeve.radius_b, arm.radius_b + 10)
+    assert_allclose(sleeve.a, (arm.a + arm.b) / 2)
+    assert_allclose(sleeve.b, arm.b)
+    assert_allclose(sleeve.radius_b, arm.radius_b + 10)
 
 
 def test_a_forearm_ends_before_the_camera(sampler: BodySampler) -> None:
@@ -89,7 +89,5 @@ def test_palms_are_thicker_than_fingers(sampler: BodySampler) -> None:
     thin, thick = (drawn(sampler, own, count=20) for own in (EXACT, prior))
     factor = np.concatenate([thick.radius_a / thin.radius_a, thick.radius_b / thin.radius_b])
     parts = np.array(sampler.surface.parts)
-    np.testing.assert_allclose(factor[:, parts == "palm"], 3.0)
-    np.testing.assert_allclose(
-        factor[:, (parts == "thumb") | (parts == "index") | sampler.surface.limbs], 1.5
-    )
+    assert_allclose(factor[:, parts == "palm"], 3.0)
+    assert_allclose(factor[:, (parts == "thumb") | (parts == "index") | sampler.surface.limbs], 1.5)

@@ -4,14 +4,6 @@ import numpy as np
 import pytest
 
 
-def test_by_hand(by_hand):
-    bottoms = [[1, 2], [3, 4], [5, 6], [7, 8]], [10, 20, 30, 40], [0, 1, 0, -0.5]
-    tops = [[3, 4], [7, 8]], [20, 40]
-    dy = [[1, 2], [3, 4]], [5, 6]
-    dx = [[0, 0], [1, 2], [0, 0], [3, 4]], [0, 5, 0, 6], None
-    by_hand("Filter", bottoms, tops, dy, dx)
-
-
 @pytest.mark.parametrize(
     ("selector", "passed"), [([[1], [1], [1]], 3), ([[[0]], [[0]], [[2]]], 1), ([0, 0, 0], 0)]
 )

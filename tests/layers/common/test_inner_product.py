@@ -11,14 +11,6 @@ def text(options=""):
     return f'type: "InnerProduct" inner_product_param {{ num_output: 3 {fillers} {options} }}'
 
 
-def test_by_hand(by_hand):
-    x, y, dy, dx = [[1, 2]], [[11, 22, 31]], [[1, 0, 2]], [[7, -2]]
-    params = [[1, 0], [0, 1], [3, -1]], [10, 20, 30]
-    dparams = [[1, 2], [0, 0], [2, 4]], [1, 0, 2]
-    layer = "InnerProduct inner_product_param { num_output: 3 }"
-    by_hand(layer, [x], [y], [dy], [dx], dparams, params=params)
-
-
 def test_a_transposed_weight(run, rng):
     x, w = rng.normal(size=(2, 4)), rng.normal(size=(3, 4))
     plain = run(text("bias_term: false"), x, params=[w])

@@ -2,168 +2,39 @@
 Reshape and others.
 """
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
-X = [[1.0, 2], [3, 4], [5, 6]]
-SIX = np.arange(6.0).reshape(1, 6, 1, 1)
-NHWC = "Permute permute_param { order: 0 order: 2 order: 3 order: 1 }"
-
-
-@pytest.mark.parametrize(
-    ("layer", "bottoms", "tops", "dy", "dx"),
-    [
-        (
-            "BatchReindex",
-            [X, [2, 0, 2, 0]],
-            [[[5, 6], [1, 2], [5, 6], [1, 2]]],
-            [[[1, 2], [3, 4], [10, 20], [30, 40]]],
-            [[[33, 44], [0, 0], [11, 22]], None],
-        ),
-        ("BatchReindex", [X, [1.75]], [[[3, 4]]], [], []),  # truncated, as in Caffe
-        ("BatchReindex", [np.zeros((3, 2, 4)), []], [np.zeros((0, 2, 4))], [], []),
-        (
-            "Concat concat_param { concat_dim: 1 }",
-            [[[1], [2]], [[3, 4], [5, 6]]],
-            [[[1, 3, 4], [2, 5, 6]]],
-            [],
-            [],
-        ),
-        ("Concat", [X], [X], [X], [X]),
-        ("Concat", [X, np.ones((3, 0))], [X], [X], [X, np.ones((3, 0))]),
-        # the numbers of one position become neighbours: y[n, h, w, c] = x[n, c, h, w]
-        (
-            NHWC,
-            [[[[[1, 2, 3]], [[4, 5, 6]]]]],
-            [[[[[1, 4], [2, 5], [3, 6]]]]],
-            [[[[[1, 2], [3, 4], [5, 6]]]]],
-            [[[[[1, 3, 5]], [[2, 4, 6]]]]],
-        ),
-        (
-            "ShuffleChannel shuffle_channel_param { group: 2 }",
-            [SIX],
-            [np.reshape([0, 3, 1, 4, 2, 5], SIX.shape)],
-            [np.reshape([0, 30, 10, 40, 20, 50], SIX.shape)],
-            [10 * SIX],
-        ),
-        (
-            "ShuffleChannel shuffle_channel_param { group: 3 }",
-            [SIX],
-            [np.reshape([0, 2, 4, 1, 3, 5], SIX.shape)],
-            [],
-            [],
-        ),
-        *(
-            (f"ShuffleChannel shuffle_channel_param {{ {group} }}", [SIX], [SIX], [], [])
-            for group in ("", "group: 1", "group: 6")
-        ),
-        (
-            "Split",
-            [X],
-            [X, X, X],
-            [np.ones((3, 2)), X, np.zeros((3, 2))],
-            [[[2, 3], [4, 5], [6, 7]]],
-        ),
-        (
-            "Tile tile_param { tiles: 2 }",
-            [X[:2]],
-            [[[1, 2, 1, 2], [3, 4, 3, 4]]],
-            [[[1, 2, 10, 20], [3, 4, 30, 40]]],
-            [[[11, 22], [33, 44]]],
-        ),
-        (
-            "Tile tile_param { tiles: 2147483647 }",
-            [np.zeros((0, 1))],
-            [np.zeros((0, 2147483647))],
-            [],
-            [],
-        ),
-    ],
-)
-def test_by_hand(by_hand, layer, bottoms, tops, dy, dx):
-    by_hand(layer, bottoms, tops, dy, dx)
+from tests.support.tables import lines_of, shape_of
 
 
-def like_numpy(layer, *rows):
-    """Rows of a layer type, the shape of its bottom, its options, and the function of NumPy
-    that it equals.
-    """
-    return [
-        (f'type: "{layer.split()[0]}" {layer.split()[1]} {{ {options} }}', *row)
-        for options, *row in rows
-    ]
+def test_no_index_selects_no_item(by_hand):
+    by_hand("BatchReindex", [np.zeros((3, 2, 4)), []], [np.zeros((0, 2, 4))])
+
+
+FUNCTIONS = {
+    "reshape": np.reshape,
+    "transpose": np.transpose,
+    "thrice": lambda x, axes: np.concatenate([x] * 3, *axes),
+}
 
 
 @pytest.mark.parametrize(
-    ("text", "shape", "function"),
-    [
-        *like_numpy(
-            "Flatten flatten_param",
-            *(
-                (options, (2, 3, 4, 5), lambda x, shape=shape: x.reshape(shape))
-                for options, shape in (
-                    ("", (2, 60)),
-                    ("axis: 0", (120,)),
-                    ("axis: 2", (2, 3, 20)),
-                    ("axis: 1 end_axis: 2", (2, 12, 5)),
-                    ("axis: -2", (2, 3, 20)),
-                    ("axis: 1 end_axis: -2", (2, 12, 5)),
-                    ("axis: 1 end_axis: 1", (2, 3, 4, 5)),
-                    ("axis: 2 end_axis: 1", (2, 3, 1, 4, 5)),
-                )
-            ),
-        ),
-        *like_numpy(
-            "Permute permute_param",
-            *(
-                (options, (2, 3, 4, 5), lambda x, axes=axes: x.transpose(axes))
-                # axes without a place follow in sequence
-                for options, axes in (
-                    ("", (0, 1, 2, 3)),
-                    ("order: 2", (2, 0, 1, 3)),
-                    ("order: 3 order: 1", (3, 1, 0, 2)),
-                    ("order: 3 order: 2 order: 1 order: 0", (3, 2, 1, 0)),
-                )
-            ),
-        ),
-        *like_numpy(
-            "Reshape reshape_param",
-            *(
-                (options, (2, 3, 4), lambda x, shape=shape: x.reshape(shape))
-                for options, shape in (
-                    ("shape { dim: 6 dim: 4 }", (6, 4)),
-                    ("shape { dim: 0 dim: -1 }", (2, 12)),
-                    ("shape { dim: 0 dim: 0 dim: 2 dim: 2 }", (2, 3, 2, 2)),
-                    ("shape { dim: -1 }", (24,)),
-                    ("shape { dim: 12 } axis: 1", (2, 12)),
-                    ("shape { dim: 3 dim: 1 } axis: 1 num_axes: 1", (2, 3, 1, 4)),
-                    ("shape { dim: 2 dim: 2 } axis: -2", (2, 3, 2, 2)),
-                    ("shape { dim: 1 dim: 1 } axis: -1", (2, 3, 4, 1, 1)),
-                    ("shape { dim: 1 } axis: 0 num_axes: 0", (1, 2, 3, 4)),
-                    ("shape { } axis: 1 num_axes: 0", (2, 3, 4)),
-                )
-            ),
-        ),
-        *like_numpy(
-            "Tile tile_param",
-            *(
-                (
-                    f"tiles: 3 axis: {axis}",
-                    (2, 3, 4),
-                    lambda x, axis=axis: np.concatenate([x] * 3, axis),
-                )
-                for axis in (0, 1, 2, -3)
-            ),
-        ),
-    ],
+    ("layer", "shape", "function"), lines_of(Path(__file__).with_name("like_numpy.txt"))
 )
-def test_values_and_gradients_are_those_of_numpy(run, rng, text, shape, function):
-    x = rng.normal(size=shape)
-    done = run(text, x)
-    assert np.array_equal(done.y, function(x))
+def test_values_and_gradients_are_those_of_numpy(run, rng, layer, shape, function):
+    kind, _, options = layer.partition(" ")
+    name, *numbers = function.split()
+    compute, given = FUNCTIONS[name], [int(number) for number in numbers]
+    x = rng.normal(size=shape_of(shape))
+    done = run(f'type: "{kind}" {options}', x)
+    assert_array_equal(done.y, compute(x, given))
     dy, dx = rng.normal(size=done.y.shape), np.zeros(x.size)
-    np.add.at(dx, function(np.arange(x.size).reshape(shape)).ravel(), dy.ravel())
-    np.testing.assert_allclose(done.backward(dy)[0], dx.reshape(shape))
+    np.add.at(dx, compute(np.arange(x.size).reshape(x.shape), given).ravel(), dy.ravel())
+    assert_allclose(done.backward(dy)[0], dx.reshape(x.shape))
 
 
 @pytest.mark.parametrize(

@@ -75,7 +75,8 @@ def test_transformed(database, images, net_of, tmp_path, rng):
     write_blob(tmp_path / "mean.binaryproto", mean)
     more = f'transform_param {{ crop_size: 2 scale: 0.5 mean_file: "{tmp_path}/mean.binaryproto" }}'
     x = net_of(text(database, more=more), netlib.TEST).forward()["x"]
-    assert np.array_equal(x, ((images[:2] - mean) * np.float32(0.5))[:, :, 1:3, 2:4])
+    scaled = (images[:2] - mean) * np.float32(0.5)
+    assert np.array_equal(x, scaled[:, :, 1:3, 2:4])
 
 
 def test_a_database_that_is_made_anew(database, images, net_of, tmp_path):
@@ -140,9 +141,8 @@ def test_a_database_that_is_cut_under_a_running_net(tmp_path, net_of):
     """If the file is truncated, the position is kept, and a net on the restored file continues with
     the same batch.
     """
-    database = write(
-        tmp_path / "lmdb", [datum(np.ones((1, 100, 100), np.uint8), i) for i in range(20)]
-    )
+    image = np.ones((1, 100, 100), np.uint8)
+    database = write(tmp_path / "lmdb", [datum(image, i) for i in range(20)])
     content = (database / "data.mdb").read_bytes()
     layer = text(database, "batch_size: 4")
     net = net_of(layer)

@@ -1,6 +1,7 @@
 """HDF5Data: the order of rows, resuming, and invalid files."""
 
 import os
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -12,7 +13,7 @@ from tests.support.hdf5_files import write_hdf5
 
 
 @pytest.fixture
-def data(tmp_path, net_of):
+def data(here, net_of):
     """``data([3, 4], batch, shuffle)``: a net that reads files of 3 and 4 rows, numbered
     consecutively.
     """
@@ -20,18 +21,16 @@ def data(tmp_path, net_of):
     def make(counts, batch, shuffle=False, chunks=None, dtype=np.float32, **options):
         number = 0
         for i, count in enumerate(counts):
-            (tmp_path / f"{i}.h5").unlink(missing_ok=True)  # keeps the files of an earlier net
-            with h5py.File(tmp_path / f"{i}.h5", "w") as file:
+            Path(f"{i}.h5").unlink(missing_ok=True)  # keeps the files of an earlier net
+            with h5py.File(f"{i}.h5", "w") as file:
                 rows = np.arange(number, number + count)
                 file.create_dataset(
                     "x", data=np.repeat(rows[:, None], 2, 1).astype(dtype), chunks=chunks
                 )
                 file.create_dataset("t", data=rows.astype(np.float64))
             number += count
-        (tmp_path / "list.txt").write_text(
-            "".join(f"{tmp_path}/{i}.h5\n" for i in range(len(counts)))
-        )
-        return net_of(layer(tmp_path / "list.txt", batch, shuffle), **options)
+        Path("list.txt").write_text("".join(f"{i}.h5\n" for i in range(len(counts))))
+        return net_of(layer("list.txt", batch, shuffle), **options)
 
     return make
 
@@ -65,9 +64,8 @@ def test_rows_come_in_order_over_file_ends_and_start_again(data, counts, batch):
 def test_the_order_depends_on_the_seed_only(data):
     one, two = data([5, 6], 2, shuffle=True, seed=4), data([5, 6], 11, shuffle=True, seed=4)
     assert numbers(one, 11) == numbers(two, 2)
-    assert numbers(data([5, 6], 11, shuffle=True, seed=5), 2) != numbers(
-        data([5, 6], 11, shuffle=True, seed=4), 2
-    )
+    one, other = (data([5, 6], 11, shuffle=True, seed=seed) for seed in (5, 4))
+    assert numbers(one, 2) != numbers(other, 2)
 
 
 @pytest.mark.parametrize("shuffle", [False, True])
@@ -102,20 +100,19 @@ def test_any_storage_is_read(data, options, shuffle):
 
 
 @pytest.mark.parametrize("chunks", [None, (2, 2)], ids=["in one piece", "in chunks"])
-def test_the_rest_of_a_file_in_another(data, tmp_path, net_of, monkeypatch, chunks):
+def test_the_rest_of_a_file_in_another(data, here, net_of, monkeypatch, chunks):
     """The attribute rest_in names a file with further data sets, relative to the folder of
     the first file.
     """
     want = numbers(data([5], 5, chunks=chunks), 1)
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "companions").mkdir()
-    with h5py.File(tmp_path / "companions" / "a.h5", "w") as file:
+    Path("companions").mkdir()
+    with h5py.File(Path("companions/a.h5"), "w") as file:
         file["t"] = np.arange(5.0)
         file.attrs["rest_in"] = "../0.h5"
-    (tmp_path / "companions" / "list.txt").write_text("companions/a.h5\n")
+    Path("companions/list.txt").write_text("companions/a.h5\n")
     net = net_of(layer("companions/list.txt", 5))
     assert numbers(net, 1) == want
-    cut(tmp_path / "0.h5")
+    cut(Path("0.h5"))
     with pytest.raises(netlib.DataError, match=r"^0\.h5: was cut to"):
         net.forward()
 
@@ -136,9 +133,9 @@ def test_an_array_taken_from_a_top_is_good_until_the_next_forward(data):
         assert np.array_equal(x, before)
 
 
-def test_it_says_what_the_data_are_made_from(data, tmp_path):
+def test_it_says_what_the_data_are_made_from(data, here):
     made = data([3], 2).layer_dict["d"]
-    assert made.notes == [f"3 rows in 1 files of {tmp_path}/list.txt, made from an unknown source"]
+    assert made.notes == ["3 rows in 1 files of list.txt, made from an unknown source"]
 
 
 def test_a_batch_of_more_rows_than_there_are_is_a_warning(data, caplog):
@@ -149,11 +146,11 @@ def test_a_batch_of_more_rows_than_there_are_is_a_warning(data, caplog):
 @pytest.mark.parametrize(
     "options", ["", "scale: 0.5", "mirror: true", 'mean_file: "absent"', "crop_size: 1"]
 )
-def test_transform_param_is_rejected(tmp_path, net_of, options):
+def test_transform_param_is_rejected(here, net_of, options):
     """HDF5Data does not transform data; transform_param is an error, as in Caffe, even
     if it is empty.
     """
-    text = layer(tmp_path / "list.txt", 2)[:-1] + f"transform_param {{ {options} }} }}"
+    text = layer("list.txt", 2)[:-1] + f"transform_param {{ {options} }} }}"
     with pytest.raises(
         netlib.LayerError, match="layer 'd': HDF5Data does not transform data, as in Caffe"
     ):
@@ -268,10 +265,10 @@ def of_two_shapes(folder):
         ),
     },
 )
-def test_invalid_files_are_rejected(tmp_path, net_of, request, given, rejected):
-    given(tmp_path)
+def test_invalid_files_are_rejected(here, net_of, request, given, rejected):
+    given(here)
     with rejected:
-        net_of(layer(tmp_path / "list.txt", 0 if "batch_size" in request.node.name else 2))
+        net_of(layer("list.txt", 0 if "batch_size" in request.node.name else 2))
 
 
 OUTSIDE = "rest_in is '%s'; expected a relative name of a file in the same"
@@ -293,27 +290,27 @@ OUTSIDE = "rest_in is '%s'; expected a relative name of a file in the same"
         ("link.h5", "../near/rest.h5", True),
     ],
 )
-def test_the_rest_of_a_file_must_be_near_it(tmp_path, net_of, rest, link, is_near):
+def test_the_rest_of_a_file_must_be_near_it(here, net_of, rest, link, is_near):
     """In the folder of the data file, below it or in a neighbouring folder, also by a
     link; nowhere else.
     """
     for folder in ("set/a/below", "set/near/below"):
-        (tmp_path / folder).mkdir(parents=True)
+        Path(folder).mkdir(parents=True)
     for place in ("private.h5", "set/near/below/private.h5", "set/near/rest.h5"):
-        write_hdf5(tmp_path / place, x=np.zeros((3, 2)))
+        write_hdf5(place, x=np.zeros((3, 2)))
     if link:
-        (tmp_path / "set" / "a" / rest.split("/")[0]).symlink_to(link)
+        Path("set", "a", rest.split("/")[0]).symlink_to(link)
     elif is_near:
-        write_hdf5(tmp_path / "set" / "a" / rest, x=np.zeros((3, 2)))
-    write_hdf5(tmp_path / "set" / "a" / "a.h5", t=np.zeros(3))
-    with h5py.File(tmp_path / "set" / "a" / "a.h5", "r+") as file:
+        write_hdf5(Path("set", "a", rest), x=np.zeros((3, 2)))
+    write_hdf5("set/a/a.h5", t=np.zeros(3))
+    with h5py.File("set/a/a.h5", "r+") as file:
         file.attrs["rest_in"] = rest
-    (tmp_path / "list.txt").write_text("set/a/a.h5")
+    Path("list.txt").write_text("set/a/a.h5")
     if is_near:
-        assert net_of(layer(tmp_path / "list.txt", 2)).forward()["x"].shape == (2, 2)
+        assert net_of(layer("list.txt", 2)).forward()["x"].shape == (2, 2)
     else:
         with pytest.raises(netlib.DataError, match=OUTSIDE % rest):
-            net_of(layer(tmp_path / "list.txt", 2))
+            net_of(layer("list.txt", 2))
 
 
 def cut(path):
@@ -323,11 +320,11 @@ def cut(path):
 
 @pytest.mark.parametrize("shuffle", [False, True])
 @pytest.mark.parametrize("done", [0, 2], ids=["before the first batch", "after two batches"])
-def test_a_file_that_is_cut_under_a_running_net(data, tmp_path, shuffle, done):
+def test_a_file_that_is_cut_under_a_running_net(data, here, shuffle, done):
     """A truncated file raises a one-line error; on whole files a new net continues."""
     net = data([6, 5], 2, shuffle)
     found = numbers(net, done)
-    for path in (tmp_path / "0.h5", tmp_path / "1.h5"):
+    for path in (Path("0.h5"), Path("1.h5")):
         cut(path)
     for _ in range(2):
         with pytest.raises(
@@ -353,25 +350,25 @@ def test_an_array_that_a_caller_keeps_shows_the_current_batch(data):
 
 
 @pytest.mark.parametrize("row", [(2,), (2000,)], ids=["held in memory", "read"])
-def test_data_that_are_overwritten_in_place(tmp_path, net_of, row):
+def test_data_that_are_overwritten_in_place(here, net_of, row):
     """A file that is overwritten during training, with the same size, raises an error."""
-    write_hdf5(tmp_path / "a.h5", x=np.ones((6, *row), np.float32))
-    (tmp_path / "list.txt").write_text("a.h5")
-    net = net_of(layer(tmp_path / "list.txt", 2).replace('top: "t"', ""))
+    write_hdf5("a.h5", x=np.ones((6, *row), np.float32))
+    Path("list.txt").write_text("a.h5")
+    net = net_of(layer("list.txt", 2).replace('top: "t"', ""))
     net.forward()
-    size = (tmp_path / "a.h5").stat().st_size
-    with (tmp_path / "a.h5").open("r+b") as file:
+    size = Path("a.h5").stat().st_size
+    with Path("a.h5").open("r+b") as file:
         file.seek(size // 2)
         file.write(bytes(100))
-    os.utime(tmp_path / "a.h5", ns=(0, 1))  # also for file systems with a coarse clock
+    os.utime("a.h5", ns=(0, 1))  # also for file systems with a coarse clock
     with pytest.raises(
         netlib.DataError, match=r"a\.h5: was changed while in use; restore the file and run again"
     ):
         net.forward()
 
 
-def test_a_file_that_takes_the_place_of_another(data, tmp_path):
+def test_a_file_that_takes_the_place_of_another(data, here):
     net = data([5], 5)
-    write_hdf5(tmp_path / "short.h5", x=np.zeros((1, 2)))
-    (tmp_path / "short.h5").replace(tmp_path / "0.h5")
+    write_hdf5("short.h5", x=np.zeros((1, 2)))
+    Path("short.h5").replace("0.h5")
     assert numbers(net, 2) == [0, 1, 2, 3, 4] * 2

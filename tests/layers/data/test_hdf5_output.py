@@ -1,5 +1,7 @@
 """HDF5Output."""
 
+from pathlib import Path
+
 import h5py
 import numpy as np
 import pytest
@@ -19,9 +21,9 @@ def text(path, x="dim: 2 dim: 3", t="dim: 2"):
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_the_first_batch_is_written_with_four_axes(tmp_path, net_of, rng, dtype):
+def test_the_first_batch_is_written_with_four_axes(here, net_of, rng, dtype):
     """The batch has the net's type and four axes, and replaces an older file."""
-    path = tmp_path / "out.h5"
+    path = Path("out.h5")
     path.write_text("old")
     net = net_of(text(path), dtype=dtype)
     assert path.read_text() == "old", "nothing is lost before the new file is whole"
@@ -32,46 +34,46 @@ def test_the_first_batch_is_written_with_four_axes(tmp_path, net_of, rng, dtype)
         assert file["data"].dtype == dtype
         assert np.array_equal(file["data"], x.reshape(2, 3, 1, 1))
         assert np.array_equal(file["label"], t.reshape(2, 1, 1, 1))
-    assert [p.name for p in tmp_path.iterdir()] == ["out.h5"]
+    assert [p.name for p in here.iterdir()] == ["out.h5"]
 
 
-def test_a_second_batch_is_a_mistake(tmp_path, net_of):
-    net = net_of(text(tmp_path / "out.h5"))
+def test_a_second_batch_is_a_mistake(here, net_of):
+    net = net_of(text("out.h5"))
     net.forward(x=np.ones((2, 3)))
     with pytest.raises(
         netlib.LayerError, match=r"layer 'out': .*out.h5 holds the batch of the first forward"
     ):
         net.forward(x=np.zeros((2, 3)))
-    with h5py.File(tmp_path / "out.h5") as file:
+    with h5py.File("out.h5") as file:
         assert (file["data"][...] == 1).all()
 
 
-def test_its_bottoms_have_no_gradient(tmp_path, net_of):
-    net = net_of(text(tmp_path / "out.h5"))
+def test_its_bottoms_have_no_gradient(here, net_of):
+    net = net_of(text("out.h5"))
     net.forward()
     net.blobs["x"].diff[...] = 3
     assert (net.backward()["x"] == 0).all()
 
 
 @pytest.mark.parametrize("name", ["in.h5", "link.h5"])
-def test_a_file_that_is_read_is_not_replaced(tmp_path, net_of, name):
-    write_hdf5(tmp_path / "in.h5", x=np.ones((4, 3)), t=np.ones((4, 1)))
-    (tmp_path / "link.h5").symlink_to("in.h5")
-    (tmp_path / "list.txt").write_text("in.h5")
-    before = (tmp_path / "in.h5").read_bytes()
+def test_a_file_that_is_read_is_not_replaced(here, net_of, name):
+    write_hdf5("in.h5", x=np.ones((4, 3)), t=np.ones((4, 1)))
+    Path("link.h5").symlink_to("in.h5")
+    Path("list.txt").write_text("in.h5")
+    before = Path("in.h5").read_bytes()
     data = (
-        f'layer {{ name: "d" type: "HDF5Data" top: "x" top: "t" hdf5_data_param {{ source: "{tmp_path}/list.txt" '
+        'layer { name: "d" type: "HDF5Data" top: "x" top: "t" hdf5_data_param { source: "list.txt" '
         "batch_size: 4 } }"
     )
     out = (
         f'layer {{ name: "out" type: "HDF5Output" bottom: "x" bottom: "t" hdf5_output_param {{ '
-        f'file_name: "{tmp_path}/{name}" }} }}'
+        f'file_name: "{name}" }} }}'
     )
     with pytest.raises(
         netlib.LayerError, match=rf"layer 'out': file_name '.*{name}' is read by a net; write to"
     ):
         net_of(data + out)
-    assert (tmp_path / "in.h5").read_bytes() == before
+    assert Path("in.h5").read_bytes() == before
 
 
 @bad_inputs(
@@ -92,15 +94,15 @@ def test_a_file_that_is_read_is_not_replaced(tmp_path, net_of, name):
         ),
     },
 )
-def test_mistakes(tmp_path, net_of, given, rejected):
+def test_mistakes(here, net_of, given, rejected):
     with rejected:
-        net_of(text(f"{tmp_path}/{given[0]}", **given[1]))
+        net_of(text(f"{given[0]}", **given[1]))
 
 
-def test_a_file_that_cannot_be_written(tmp_path, net_of):
-    (tmp_path / "folder").mkdir()
-    net = net_of(text(tmp_path / "folder/o"))
-    (tmp_path / "folder").rmdir()
+def test_a_file_that_cannot_be_written(here, net_of):
+    Path("folder").mkdir()
+    net = net_of(text("folder/o"))
+    Path("folder").rmdir()
     with pytest.raises(
         netlib.DataError, match=r"folder/o: cannot write the HDF5 file: .*No such file or directory"
     ):

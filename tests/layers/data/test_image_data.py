@@ -80,7 +80,8 @@ def test_cropped(tmp_path, pictures, net_of):
         netlib.TEST,
     )
     x = net.forward()["x"]
-    assert np.array_equal(x[3], pictures[3].transpose(2, 0, 1)[:, 1:4, 2:5] - 4.0)
+    middle = pictures[3].transpose(2, 0, 1)[:, 1:4, 2:5]
+    assert np.array_equal(x[3], middle - 4.0)
     assert np.array_equal(x[4], pictures[4].transpose(2, 0, 1) - 4.0)
 
 

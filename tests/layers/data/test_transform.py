@@ -153,18 +153,13 @@ def test_an_image_that_does_not_fit_its_batch(image, given, rejected):
         transformer(given[0]).transform(image, np.zeros(given[1]), "x")
 
 
-def test_options_in_their_old_place_are_pointed_out(caplog):
+def test_options_in_their_old_place_are_pointed_out(caplog, rng):
     """Transformation options in the layer's own block are a warning; Caffe ignores
     them silently.
     """
     text = 'name: "it" type: "ImageData" image_data_param { source: "s" scale: 2 mirror: false }'
     spec = schema.read(prototxt.parse(text, "net"), LayerParameter)
-    warn_of_misplaced(
-        ImageData(spec, "TRAIN", np.random.default_rng(0), np.float32),
-        "scale",
-        "mean_file",
-        "mirror",
-    )
+    warn_of_misplaced(ImageData(spec, "TRAIN", rng, np.float32), "scale", "mean_file", "mirror")
     assert [record.message for record in caplog.records] == [
         f"net:1:{column}: layer 'it': ImageData ignores {name} in image_data_param, as Caffe does; "
         "write it in transform_param"

@@ -8,6 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 import netlib
 from netlib.errors import LayerError
@@ -68,7 +69,7 @@ def test_sizes_of_the_changes(net_of: NetOf) -> None:
     net = net_of(LAYER % ("y", "moved", "shift: 6.4 depth: 0.06"))
     _, moved = augmented(net, depth, joint)
     change = (moved - joint).reshape(40, 2, 3)
-    np.testing.assert_allclose(change[:, 0], change[:, 1], atol=1e-6)
+    assert_allclose(change[:, 0], change[:, 1], atol=1e-6)
     limits = np.array([0.1, 0.1, 0.06])
     assert (np.abs(change) <= limits + 1e-6).all()
     assert (np.abs(change).max(axis=(0, 1)) > 0.85 * limits).all()
@@ -104,8 +105,8 @@ def test_identity(net_of: NetOf, options: str, phase: int) -> None:
     depth, joint = dots()
     for tops in (("y", "moved"), ("depth", "joint")):
         y, moved = augmented(net_of(LAYER % (*tops, options), phase), depth, joint)
-        np.testing.assert_array_equal(y, depth)
-        np.testing.assert_array_equal(moved, joint)
+        assert_array_equal(y, depth)
+        assert_array_equal(moved, joint)
 
 
 def test_threads_and_places_change_no_bit(net_of: NetOf, keep_threads: None) -> None:
@@ -115,8 +116,8 @@ def test_threads_and_places_change_no_bit(net_of: NetOf, keep_threads: None) -> 
         results.append(augmented(net_of(LAYER % (*tops, ALL)), *dots()))
     assert cv2.getNumThreads() == theirs
     for y, moved in results[1:]:
-        np.testing.assert_array_equal(y, results[0][0])
-        np.testing.assert_array_equal(moved, results[0][1])
+        assert_array_equal(y, results[0][0])
+        assert_array_equal(moved, results[0][1])
 
 
 def test_every_batch_is_different_and_a_resume_is_exact(net_of: NetOf) -> None:
@@ -126,7 +127,7 @@ def test_every_batch_is_different_and_a_resume_is_exact(net_of: NetOf) -> None:
     second, _ = augmented(net, *dots())
     assert (first != second).any(axis=(1, 2, 3)).all()
     net.layers[1].restore(state)
-    np.testing.assert_array_equal(augmented(net, *dots())[0], second)
+    assert_array_equal(augmented(net, *dots())[0], second)
 
 
 @bad_inputs(

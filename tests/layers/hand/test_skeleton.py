@@ -7,8 +7,7 @@ import numpy as np
 import netlib
 from layers.hand.skeleton import load, load_for
 from layers.hand.skeleton_file import text_of
-from tests.support.bad_input import bad_inputs
-from tests.support.tables import pairs_of
+from tests.support.bad_input import bad_inputs, in_table
 
 HAND = load()
 
@@ -77,12 +76,9 @@ def test_slides_can_be_freed(skeleton, arm_text):
     assert np.array_equal(freed.initial, table.initial) and np.array_equal(freed.bones, table.bones)
 
 
-MISTAKES = pairs_of(Path(__file__).with_name("skeleton_mistakes.txt"))
-
-
 @bad_inputs(
     netlib.PrototxtError,
-    {" -> ".join(change): (change, f"...skeleton0.prototxt:{line}") for change, line in MISTAKES},
+    in_table(Path(__file__).with_name("skeleton_mistakes.txt"), "...skeleton0.prototxt:"),
 )
 def test_mistakes_in_a_skeleton_file(skeleton, arm_text, given, rejected):
     assert given[0] in arm_text

@@ -5,7 +5,6 @@ import pytest
 
 from netlib import gradcheck
 
-FILLERS = 'scale_filler { type: "gaussian" } shift_filler { type: "gaussian" }'
 PSPNET = 'slope_filler { type: "gaussian" } bias_filler { type: "gaussian" }'
 
 
@@ -36,7 +35,8 @@ def test_segnet_learns_with_the_statistics_of_the_batch(run, rng, phase):
 def test_segnet_infers_with_scale_and_bias_only(run, rng):
     """With INFERENCE, the statistics are part of scale and bias."""
     x = rng.normal(3, 2, size=(2, 2, 1, 2))
-    done = run(text("bn_mode: INFERENCE"), x, params=[[[[[2.0]], [[3.0]]]], [[[[-1.0]], [[1.0]]]]])
+    params = np.reshape([[2.0, 3], [-1, 1]], (2, 1, 2, 1, 1))
+    done = run(text("bn_mode: INFERENCE"), x, params=params)
     assert np.allclose(done.y[:, 0], 2 * x[:, 0] - 1)
     assert np.allclose(done.y[:, 1], 3 * x[:, 1] + 1)
     assert np.allclose(done.backward(np.ones_like(x))[0][:, 1], 3)
@@ -75,27 +75,13 @@ def test_pspnet_tests_with_its_averages(run, rng, options, phase):
     ] * 2 + [0, 0]
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        f"bn_mode: LEARN {FILLERS}",
-        f"bn_mode: INFERENCE {FILLERS}",
-        f"frozen: true {PSPNET}",
-        f"momentum: 1 {PSPNET}",
-    ],
-)
 @pytest.mark.parametrize("in_place", [False, True])
-def test_gradient(rng, options, in_place):
-    """The gradients of x, scale and bias agree with differences; the averages have none."""
+def test_frozen_averages_have_no_gradient(rng, in_place):
+    """Those of x, scale and bias agree with differences, as with the other options."""
     x = rng.normal(size=(3, 2, 2, 3))
-    found = list(
-        gradcheck.gradients(gradcheck.make_layer(text(options), [x]), [x], in_place=in_place)
-    )
-    for gradient in found:
-        if gradient.number < 2:
-            assert np.allclose(gradient.analytic, gradient.differences(), rtol=0, atol=1e-6)
-    assert {(gradient.kind, gradient.number) for gradient in found} >= {
-        ("bottom", 0),
-        ("parameter", 0),
-        ("parameter", 1),
-    }
+    layer = gradcheck.make_layer(text(f"frozen: true {PSPNET}"), [x])
+    found = list(gradcheck.gradients(layer, [x], in_place=in_place))
+    learned = [gradient for gradient in found if gradient.number < 2]
+    assert [gradient.kind for gradient in learned] == ["bottom", "parameter", "parameter"]
+    for gradient in learned:
+        assert np.allclose(gradient.analytic, gradient.differences(), rtol=0, atol=1e-6)

@@ -1,6 +1,4 @@
-"""Convolution, Deconvolution, depthwise convolutions and Im2col: by hand, and
-compared with loops.
-"""
+"""Convolution, Deconvolution, depthwise convolutions and Im2col, compared with loops."""
 
 import logging
 
@@ -18,70 +16,6 @@ def text(kind="Convolution", **options):
     fields = " ".join(f"{name}: {value}" for name, value in options.items())
     fillers = 'weight_filler { type: "gaussian" } bias_filler { type: "gaussian" }'
     return f'type: "{kind}" convolution_param {{ {fields} {fillers} }}'
-
-
-DEPTHWISE = [[[[1, 1]]], [[[-1, 1]]]], [10, 20]  # sums of two pixels, and differences of them
-
-
-@pytest.mark.parametrize(
-    ("layer", "x", "params", "y", "dy", "dx", "dparams"),
-    [
-        # a kernel is not flipped: y = 10 + x[h, w] + 2 x[h, w + 1] - x[h + 1, w + 1]
-        (
-            "Convolution num_output: 1 kernel_size: 2",
-            [[[0, 1, 2], [3, 4, 5], [6, 7, 8]]],
-            [[[[[1, 2], [0, -1]]]], [10]],
-            [[[10 + 0 + 2 - 4, 10 + 1 + 4 - 5], [10 + 3 + 8 - 7, 10 + 4 + 10 - 8]]],
-            [[[1, 0], [0, 0]]],
-            [[[1, 2, 0], [0, -1, 0], [0, 0, 0]]],
-            [[[[[0, 1], [3, 4]]]], [1]],
-        ),
-        # two values each add the kernel 1, 2, 3; with stride 2 the kernels overlap in one pixel
-        (
-            "Deconvolution num_output: 1 kernel_h: 1 kernel_w: 3 stride: 2",
-            [[[1, 5]]],
-            [[[[[1, 2, 3]]]], [10]],
-            [[[11, 12, 13 + 5, 20, 25]]],
-            [[[1, 0, 0, 0, 1]]],
-            [[[1, 3]]],
-            [[[[[1, 0, 5]]]], [2]],
-        ),
-        *(
-            (
-                f"{kind} kernel_h: 1 kernel_w: 2",
-                [[[1.0, 2, 4]], [[5, 5, 9]]],
-                DEPTHWISE,
-                [[[13, 16]], [[20, 24]]],
-                [[[1, 10]], [[1, 10]]],
-                [[[1, 11, 10]], [[-1, -9, 10]]],
-                [[[[[21, 42]]], [[[55, 95]]]], [11, 11]],
-            )
-            for kind in ("DepthwiseConvolution num_output: 2 group: 2", "ConvolutionDepthwise")
-        ),
-        # row (i, j) holds the pixels multiplied by kernel element (i, j)
-        (
-            "Im2col kernel_size: 2",
-            [[[0, 1, 2], [3, 4, 5]]],
-            [],
-            [[[0, 1]], [[1, 2]], [[3, 4]], [[4, 5]]],
-            np.ones((4, 1, 2)),
-            [[[1, 2, 1], [1, 2, 1]]],
-            [],
-        ),
-    ],
-    ids=lambda value: value if isinstance(value, str) else "",
-)
-def test_by_hand(by_hand, layer, x, params, y, dy, dx, dparams):
-    kind, _, options = layer.partition(" ")
-    by_hand(
-        f"{kind} convolution_param {{ {options} }}",
-        [[x]],
-        [[y]],
-        [[dy]],
-        [[dx]],
-        dparams,
-        params=params,
-    )
 
 
 PAIRS = st.tuples(st.integers(1, 3), st.integers(1, 3))

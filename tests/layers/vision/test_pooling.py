@@ -17,83 +17,13 @@ def text(**options):
     return f'type: "Pooling" pooling_param {{ {fields} }}'
 
 
-SQUARE = np.reshape([1.0, 2, 0, 4, 3, 5, 6, 0, 7], (1, 1, 3, 3))
-SMALL = np.reshape([1.0, 5, 7, 2], (1, 1, 2, 2))
-ONES = np.ones((1, 1, 6, 1))
-LOWEST = -float(np.finfo(np.float32).max)  # of an empty window
+LOWEST = -float(np.finfo(np.float32).max)
 
 
-# options, x, the tops with one item and channel, dy, dx
-@pytest.mark.parametrize(
-    ("options", "x", "tops", "dy", "dx"),
-    [
-        # with 2 x 2 windows on 3 x 3 pixels the last windows extend over the edge
-        (
-            {"kernel_size": 2, "stride": 2},
-            SQUARE,
-            [[[4, 5], [6, 7]]],
-            [[1, 2], [3, 4]],
-            [[0, 0, 0], [1, 0, 2], [3, 0, 4]],
-        ),
-        (
-            {"pool": "AVE", "kernel_size": 2, "stride": 2},
-            SQUARE,
-            [[[2.5, 2.5], [3, 7]]],
-            [[4, 2], [6, 1]],
-            [[1, 1, 1], [1, 1, 1], [3, 3, 1]],
-        ),
-        # the mask numbers the pixels of a map; the first of equal values counts
-        (
-            {"kernel_size": 2},
-            np.where(SQUARE == 0, 6, SQUARE),
-            [[[4, 6], [6, 7]], [[3, 2], [6, 8]]],
-            [[1, 2], [3, 4]],
-            [[0, 0, 2], [1, 0, 0], [3, 0, 4]],
-        ),
-        (
-            {"kernel_size": 1, "stride": 3},
-            ONES,
-            [[[1], [1], [LOWEST]], [[0], [3], [-1]]],
-            None,
-            None,
-        ),
-        ({"pool": "AVE", "kernel_size": 1, "stride": 3}, ONES, [[[1], [1], [np.nan]]], None, None),
-        # a window may be larger than the bottom; AVE divides by the area within the padding
-        ({"kernel_size": 3, "stride": 2}, SMALL, [[[7]]], [[1]], [[0, 0], [1, 0]]),
-        (
-            {"pool": "AVE", "kernel_size": 3, "stride": 2},
-            SMALL,
-            [[[15 / 4]]],
-            [[4]],
-            [[1, 1], [1, 1]],
-        ),
-        (
-            {"pool": "AVE", "kernel_size": 5, "stride": 3, "pad": 1},
-            SMALL,
-            [[[15 / 16]]],
-            [[16]],
-            [[1, 1], [1, 1]],
-        ),
-        # without its memory
-        ({"kernel_size": 10**9, "stride": 10**9}, SMALL, [[[7]], [[2]]], [[1]], [[0, 0], [1, 0]]),
-        ({"pool": "AVE", "kernel_size": 10**9, "stride": 10**9}, SMALL, [[[15 / 4]]], None, None),
-        # a window as large as its bottom that begins in the padding reads neither the last row nor
-        # the last column
-        (
-            {"kernel_size": 3, "stride": 5, "pad": 1},
-            np.arange(9.0).reshape(1, 1, 3, 3),
-            [[[4]]],
-            [[1]],
-            [[0, 0, 0], [0, 1, 0], [0, 0, 0]],
-        ),
-    ],
-    ids=lambda value: str(value) if isinstance(value, dict) else "",
-)
-def test_by_hand(by_hand, options, x, tops, dy, dx):
-    layer = text(**options).replace('type: "Pooling"', "Pooling")
-    mask = [np.full((1, 1, *np.shape(dy)), 100)] * (len(tops) - 1)  # the diff of a mask is not read
-    backward = ([[[dy]], *mask], [[[dx]]]) if dy else ()
-    by_hand(layer, [x], [[[top]] for top in tops], *backward)
+def test_the_maximum_of_an_empty_window_is_the_lowest_number(by_hand):
+    """Its mask is -1, as in Caffe."""
+    tops = [[[[[1], [1], [LOWEST]]]], [[[[0], [3], [-1]]]]]
+    by_hand("Pooling pooling_param { kernel_size: 1 stride: 3 }", [np.ones((1, 1, 6, 1))], tops)
 
 
 @pytest.mark.parametrize(
@@ -244,11 +174,6 @@ def test_spp_by_hand(run):
     assert done.y.tolist() == [[4.5, 1.5, 3.5, 5.5, 7.5]]
     (dx,) = done.backward([[8, 2, 0, 0, 4]])
     assert dx[0, 0].tolist() == [[2, 2, 1, 1], [1, 1, 3, 3]]
-
-
-def test_spp_the_first_of_equal_values_wins(run):
-    (dx,) = run(spp(2), np.zeros((1, 1, 2, 2))).backward([[1, 2, 3, 4, 5]])
-    assert dx[0, 0].tolist() == [[3, 3], [4, 5]]
 
 
 def test_spp_of_a_single_level_keeps_four_axes(run):

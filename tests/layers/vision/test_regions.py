@@ -1,4 +1,4 @@
-"""ROIPooling and PSROIPooling: regions, rounding and bins, by hand and compared with loops."""
+"""ROIPooling and PSROIPooling: regions, their items and channels, and bins compared with loops."""
 
 import math
 
@@ -14,89 +14,14 @@ def psroi(dim=1, group=2, scale=1.0):
     return f"PSROIPooling psroi_pooling_param {{ spatial_scale: {scale} output_dim: {dim} group_size: {group} }}"
 
 
-def filled(x, values=()):
-    """Return zeros of the shape of x, with these values at their numbers in it."""
-    array = np.zeros(np.shape(x))
-    for number, value in dict(values).items():
-        array.flat[number] = value
-    return array
-
-
-X = np.arange(24.0).reshape(1, 1, 4, 6)
-MAPS = np.arange(96.0).reshape(1, 4, 4, 6)  # map c of pixel (h, w) has 24 c + 6 h + w
-THREE = np.tile([1.0, 2, 6], 4).reshape(1, 4, 1, 3)
-LINE = np.arange(6.0).reshape(1, 1, 1, 6)
-EQUAL = np.zeros((1, 1, 2, 2))
-
-# type and options, image, region, top, dy, dx
-BY_HAND = [
-    # rows 1 to 2 and columns 1 to 4, ends included, have bins of 1 x 2
-    (
-        roi(),
-        X,
-        [0, 1, 1, 4, 2],
-        [[8, 10], [14, 16]],
-        [[1, 2], [3, 4]],
-        filled(X, {8: 1, 10: 2, 14: 3, 16: 4}),
-    ),
-    # three columns in two bins: 0 and 1, 1 and 2; the gradients of a shared pixel are added
-    (
-        roi(1, 2),
-        np.reshape([1.0, 9, 2], (1, 1, 1, 3)),
-        [0, 0, 0, 2, 0],
-        [[9, 9]],
-        [[1, 2]],
-        [[[[0, 3, 0]]]],
-    ),
-    # the first of equal values
-    (roi(1, 1), EQUAL, [0, 0, 0, 1, 1], [[0]], [[5]], filled(EQUAL, {0: 5})),
-    # halves are rounded away from zero
-    *(
-        (roi(1, 1), X, [0, corner, 0, corner, 0], [[column]], [[0]], filled(X))
-        for corner, column in ((0.4, 0), (0.5, 1), (1.5, 2), (2.5, 3), (2.4, 2), (-0.4, 0))
-    ),
-    (roi(1, 1), X + 1, [0, -0.5, 0, -0.5, 0], [[0]], [[1]], filled(X)),  # column -1 is outside
-    # scaled before rounding: 3 / 4 and 9 / 4
-    (roi(1, 1, 0.25), X, [0, 3, 0, 9, 0], [[2]], [[0]], filled(X)),
-    (roi(1, 1), X, [0, 4, 2, 1, 0], [[16]], [[0]], filled(X)),  # at least one row and column
-    (roi(1, 2), X - 100, [0, -2, 0, 1, 0], [[0, -99]], [[7, 1]], filled(X, {1: 1})),  # an empty bin
-    # each of four bins of rows 1 to 2 and columns 1 to 4 is the mean of one row and two columns
-    # of another map
-    (
-        psroi(),
-        MAPS,
-        [0, 1, 1, 4, 2],
-        [[7.5, 24 + 9.5], [48 + 13.5, 72 + 15.5]],
-        [[2, 4], [6, 8]],
-        filled(MAPS, {7: 1, 8: 1, 33: 2, 34: 2, 61: 3, 62: 3, 87: 4, 88: 4}),
-    ),
-    # rounded first
-    (
-        psroi(group=1, scale=0.5),
-        LINE,
-        [0, 1.5, 0, 5.4, 0],
-        [[1.5]],
-        [[2]],
-        [[[[0, 1, 1, 0, 0, 0]]]],
-    ),
-    # three columns in two bins share the middle one
-    (
-        psroi(),
-        THREE,
-        [0, 0, 0, 2, 0],
-        [[1.5, 4], [1.5, 4]],
-        [[2, 0], [0, 0]],
-        filled(THREE, {0: 1, 1: 1}),
-    ),
-    (psroi(), MAPS + 1, [0, 90, 90, 99, 99], [[0, 0], [0, 0]], [[1, 1], [1, 1]], filled(MAPS)),
-    # bins of 0.05
-    (psroi(), MAPS, [0, 3, 2, 1, 0], [[15, 39], [63, 87]], [[0, 0], [0, 0]], filled(MAPS)),
-]
-
-
-@pytest.mark.parametrize(("layer", "x", "region", "y", "dy", "dx"), BY_HAND)
-def test_by_hand(by_hand, layer, x, region, y, dy, dx):
-    by_hand(layer, [x, [region]], [[[y]]], [[[dy]]], [dx, np.zeros((1, 5))])
+def test_a_bin_is_the_mean_of_its_own_map(by_hand):
+    """The four bins of rows 1 to 2 and columns 1 to 4 have one row and two columns each."""
+    maps = np.arange(96.0).reshape(1, 4, 4, 6)  # map c of pixel (h, w) has 24 c + 6 h + w
+    y = [[7.5, 24 + 9.5], [48 + 13.5, 72 + 15.5]]
+    dx = np.zeros(maps.shape)
+    dx.flat[[7, 8, 33, 34, 61, 62, 87, 88]] = 1, 1, 2, 2, 3, 3, 4, 4
+    layer, regions = psroi(), [[0, 1, 1, 4, 2]]
+    by_hand(layer, [maps, regions], [[[y]]], [[[[[2, 4], [6, 8]]]]], [dx, np.zeros((1, 5))])
 
 
 def test_the_channels_of_the_top_follow_each_other(by_hand):

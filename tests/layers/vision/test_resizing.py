@@ -8,107 +8,11 @@ import pytest
 from tests.support.nets import inputs
 
 
-def map_of(rows):
-    return np.array([[rows]], float)
-
-
-MAP = np.arange(20.0).reshape(1, 1, 4, 5)
-BLOCK = np.arange(12.0).reshape(2, 3, 2)
-MASK = map_of([[5, 2], [8, 15]])  # in a map of 4 x 4
-SIXTEEN = np.arange(16.0).reshape(1, 1, 4, 4)
-
-# type and options, bottoms, top, dy, dx
-BY_HAND = [
-    (
-        "Crop crop_param { offset: 1 offset: 2 }",
-        [MAP, np.zeros((7, 7, 2, 3))],
-        map_of([[7, 8, 9], [12, 13, 14]]),
-        map_of([[1, 2, 3], [4, 5, 6]]),
-        [map_of([[0] * 5, [0, 0, 1, 2, 3], [0, 0, 4, 5, 6], [0] * 5]), np.zeros((7, 7, 2, 3))],
-    ),
-    # of all axes
-    (
-        "Crop crop_param { offset: 1 }",
-        [MAP, np.zeros((1, 1, 2, 2))],
-        map_of([[6, 7], [11, 12]]),
-        0,
-        [],
-    ),
-    ("Crop", [MAP, np.zeros((1, 1, 1, 2))], map_of([[0, 1]]), 0, []),
-    (
-        "Crop crop_param { axis: 1 offset: 1 offset: 0 }",
-        [BLOCK, np.zeros((9, 2, 1))],
-        BLOCK[:, 1:, :1],
-        0,
-        [],
-    ),
-    ("Crop crop_param { axis: -1 offset: 1 }", [BLOCK, np.zeros((9, 9, 1))], BLOCK[..., 1:], 0, []),
-    # three columns become five and two rows three, each new value in the middle of its neighbours
-    (
-        "Interp interp_param { height: 3 width: 5 }",
-        [map_of([[0, 2, 4], [10, 12, 18]])],
-        map_of([[0, 1, 2, 3, 4], [5, 6, 7, 9, 11], [10, 11, 12, 15, 18]]),
-        map_of([[0, 8, 0, 0, 0], [0, 0, 0, 0, 0], [0, 0, 0, 0, 4]]),
-        [map_of([[4, 4, 0], [0, 0, 4]])],
-    ),
-    (
-        "Interp interp_param { height: 3 width: 4 }",
-        [map_of([[1, 5, 2, 7]])],
-        map_of([[1, 5, 2, 7]] * 3),
-        0,
-        [],
-    ),
-    ("Interp interp_param { height: 1 width: 1 }", [map_of([[1, 5, 2, 7]])], map_of([[1]]), 0, []),
-    (
-        "Interp interp_param { height: 3 width: 2 }",
-        [np.zeros((0, 2, 1, 4))],
-        np.zeros((0, 2, 3, 2)),
-        0,
-        [],
-    ),
-    (
-        "Upsample upsample_param { scale: 2 }",
-        [map_of([[1, 2], [3, 4]])],
-        map_of([[1, 1, 2, 2], [1, 1, 2, 2], [3, 3, 4, 4], [3, 3, 4, 4]]),
-        SIXTEEN,
-        [map_of([[10, 18], [42, 50]])],
-    ),
-    ("Upsample", [MAP], MAP, 0, []),
-    *(
-        (
-            "Upsample upsample_param { scale: 3 }",
-            [x],
-            x.repeat(3, axis=-1).repeat(3, axis=-2),
-            0,
-            [],
-        )
-        for shape in ((2, 3), (2, 2, 3), (2, 1, 2, 3), (0, 3, 2, 2))
-        for x in [np.arange(np.prod(shape)).reshape(shape)]
-    ),
-    # each value goes to the pixel that the mask names; other pixels are 0
-    (
-        "Upsample",
-        [map_of([[1, 2], [3, 4]]), MASK],
-        map_of([[0, 0, 2, 0], [0, 1, 0, 0], [3, 0, 0, 0], [0, 0, 0, 4]]),
-        10 * SIXTEEN,
-        [map_of([[50, 20], [80, 150]]), np.zeros((1, 1, 2, 2))],
-    ),
-    # of values with the same place, as overlapping windows have, the last one is kept, and it
-    # gets the gradient
-    (
-        "Upsample",
-        [map_of([[1, 2], [3, 4]]), map_of([[5, 5], [0, 5]])],
-        map_of([[3, 0, 0, 0], [0, 4, 0, 0], [0] * 4, [0] * 4]),
-        np.ones((1, 1, 4, 4)),
-        [map_of([[0, 0], [1, 1]]), None],
-    ),
-    ("Upsample", [np.zeros((0, 3, 2, 2))] * 2, np.zeros((0, 3, 4, 4)), 0, []),
-]
-
-
-@pytest.mark.parametrize(("layer", "bottoms", "top", "dy", "dx"), BY_HAND)
-def test_by_hand(by_hand, layer, bottoms, top, dy, dx):
-    by_hand(layer, bottoms, [top], [dy], dx)
+@pytest.mark.parametrize("shape", [(2, 3), (2, 2, 3), (2, 1, 2, 3), (0, 3, 2, 2)])
+def test_upsample_repeats_pixels_of_any_number_of_axes(by_hand, shape):
+    x = np.arange(np.prod(shape)).reshape(shape)
+    wide = x.repeat(3, axis=-1).repeat(3, axis=-2)
+    by_hand("Upsample upsample_param { scale: 3 }", [x], [wide])
 
 
 @pytest.mark.parametrize(
@@ -174,7 +78,7 @@ def test_ignored_sizes_are_reported(run, caplog):
         run(
             'type: "Interp" interp_param { zoom_factor: 2 height: 3 width: 3 }',
             np.zeros((1, 1, 2, 2)),
-            MAP,
+            np.zeros((1, 1, 4, 5)),
         )
     for what in ("ignores height", "ignores width", "size of bottom 'bottom1' is ignored"):
         assert what in caplog.text

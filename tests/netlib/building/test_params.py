@@ -11,7 +11,7 @@ from tests.support.nets import X, ip, loss, shared
 pytestmark = pytest.mark.both_engines
 
 
-def test_shared_parameters_are_one(net_of: MakeNet) -> None:
+def test_shared_parameters_are_one(net_of: MakeNet, rng: np.random.Generator) -> None:
     """Shared parameters have one blob and one learnable entry, with the sum of both
     layers' gradients.
     """
@@ -19,7 +19,7 @@ def test_shared_parameters_are_one(net_of: MakeNet) -> None:
     assert np.shares_memory(net.params["a"][0].data, net.params["b"][0].data)
     assert np.shares_memory(net.params["a"][0].diff, net.params["b"][0].diff)
     assert [p.label for p in net.learnable] == ["a/0", "a/1", "b/1"]
-    x = np.random.default_rng(0).normal(size=(2, 3))
+    x = rng.normal(size=(2, 3))
     net.forward(x=x)
     net.backward()
     da, db = net.blobs["a"].diff, net.blobs["b"].diff

@@ -1,7 +1,10 @@
 """caffe.Classifier: one prediction for each image."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 import netlib.caffe as caffe
 from netlib.caffe.io import ShapeError
@@ -17,15 +20,13 @@ layer { name: "means" type: "Convolution" bottom: "data" top: "means"
 
 
 @pytest.fixture
-def make(tmp_path):
+def make(here):
     """``make(**options)``: a Classifier that predicts the mean of each channel of its input."""
 
     def made(net=MEANS, **options):
-        (tmp_path / "net.prototxt").write_text(net)
-        caffe.Net(prototxt.parse(net), caffe.TEST).save(tmp_path / "net.caffemodel")
-        return caffe.Classifier(
-            str(tmp_path / "net.prototxt"), str(tmp_path / "net.caffemodel"), **options
-        )
+        Path("net.prototxt").write_text(net)
+        caffe.Net(prototxt.parse(net), caffe.TEST).save("net.caffemodel")
+        return caffe.Classifier("net.prototxt", "net.caffemodel", **options)
 
     return made
 
@@ -40,12 +41,12 @@ def test_the_centre(make):
     classifier = make(image_dims=(4, 4))
     found = classifier.predict([image(4, 4)] * 5, oversample=False)
     assert found.shape == (5, 3, 1, 1) and found.dtype == np.float32
-    np.testing.assert_allclose(found[4, :, 0, 0], [(5 + 6 + 9 + 10) / 4, 100, 0])
+    assert_allclose(found[4, :, 0, 0], [(5 + 6 + 9 + 10) / 4, 100, 0])
 
 
 def test_ten_crops(make):
     found = make(image_dims=[4, 4]).predict([image(4, 4), 2 * image(4, 4)])
-    np.testing.assert_allclose(found, [[7.5, 100, 0], [15, 200, 0]], rtol=1e-6)
+    assert_allclose(found, [[7.5, 100, 0], [15, 200, 0]], rtol=1e-6)
 
 
 def test_the_whole_image(make):
@@ -55,7 +56,7 @@ def test_the_whole_image(make):
     assert classifier.outputs == ["means"]
     assert tuple(classifier.image_dims) == tuple(classifier.crop_dims) == (2, 2)
     found = classifier.predict([image(4, 4)], oversample=False)
-    np.testing.assert_allclose(found[0, :, 0, 0], [7.5, 100, 0], rtol=1e-6)
+    assert_allclose(found[0, :, 0, 0], [7.5, 100, 0], rtol=1e-6)
 
 
 def test_preprocessing(make):
@@ -63,7 +64,7 @@ def test_preprocessing(make):
         mean=np.array([1.0, 2, 3]), raw_scale=10, input_scale=0.5, channel_swap=(2, 1, 0)
     )
     found = classifier.predict([image(2, 2)], oversample=False)
-    np.testing.assert_allclose(found[0, :, 0, 0], [(0 - 1) / 2, (1000 - 2) / 2, (15 - 3) / 2])
+    assert_allclose(found[0, :, 0, 0], [(0 - 1) / 2, (1000 - 2) / 2, (15 - 3) / 2])
     assert list(classifier.transformer.transpose["data"]) == [2, 0, 1]
 
 

@@ -1,10 +1,14 @@
 """caffe.coord_map: maps between the coordinates of two tops, on examples worked by hand."""
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from netlib.caffe import layers as L
 from netlib.caffe.coord_map import compose, coord_map, coord_map_from_to, crop, inverse
+from tests.support.tables import lines_of
 
 
 @pytest.fixture
@@ -19,27 +23,12 @@ def numbers(found):
 
 
 @pytest.mark.parametrize(
-    ("type_name", "options", "expected"),
-    [
-        ("Convolution", {"kernel_size": 3}, (1, [1], [-1])),
-        ("Convolution", {"kernel_size": 3, "pad": 1}, (1, [1], [0])),
-        ("Convolution", {"kernel_size": 5, "stride": 2, "pad": 1}, (1, [0.5], [-0.5])),
-        ("Convolution", {"kernel_size": 3, "dilation": 2}, (1, [1], [-2])),
-        ("Convolution", {"kernel_size": [3, 5], "stride": [1, 2]}, (1, [1, 0.5], [-1, -1])),
-        ("Convolution", {"convolution_param": {"kernel_size": 3, "axis": 2}}, (2, [1], [-1])),
-        ("Im2col", {"kernel_size": 1}, (1, [1], [0])),
-        ("Pooling", {"kernel_size": 2, "stride": 2}, (1, [0.5], [-0.25])),
-        ("Pooling", {"pooling_param": {"kernel_size": 2, "stride": 2}}, (1, [0.5], [-0.25])),
-        ("Deconvolution", {"kernel_size": 4, "stride": 2}, (1, [2], [1.5])),
-        ("Deconvolution", {"kernel_size": 4, "stride": 2, "pad": 1}, (1, [2], [0.5])),
-        ("Crop", {"offset": 3}, (1, [1], [-3])),
-        ("Crop", {"crop_param": {"axis": 3, "offset": [4]}}, (2, [1], [-4])),
-        ("ReLU", {"negative_slope": 0.1}, (None, [1], [0])),
-    ],
+    ("type_name", "options", "axis", "a", "b"), lines_of(Path(__file__).with_name("coord_maps.txt"))
 )
-def test_one_layer(data, type_name, options, expected):
+def test_one_layer(data, type_name, options, axis, a, b):
     """Point x of the bottom maps to a x + b of the top: strides scale, kernels and pads shift."""
-    assert numbers(coord_map(getattr(L, type_name)(data, **options).fn)) == expected
+    top = getattr(L, type_name)(data, **json.loads(options))
+    assert numbers(coord_map(top.fn)) == tuple(map(json.loads, (axis, a, b)))
 
 
 def test_compose_and_inverse():

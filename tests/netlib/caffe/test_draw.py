@@ -1,6 +1,7 @@
 """caffe.draw: a net as a graph. Tests that need pydot or Graphviz are skipped without them."""
 
 import shutil
+from pathlib import Path
 
 import pytest
 from google.protobuf import text_format
@@ -127,22 +128,22 @@ def test_rules_without_a_phase(net):
     assert "drop" in text_of(net, "LR", phase=caffe.TRAIN)
 
 
-def test_raw(net, tmp_path):
+def test_raw(net, here):
     """The ``raw`` format writes Graphviz's language and does not need Graphviz."""
     pytest.importorskip("pydot")
-    draw.draw_net_to_file(net, str(tmp_path / "net.raw"), phase=caffe.TRAIN, display_lrm=True)
-    text = (tmp_path / "net.raw").read_text()
+    draw.draw_net_to_file(net, "net.raw", phase=caffe.TRAIN, display_lrm=True)
+    text = Path("net.raw").read_text()
     assert text.startswith('digraph "small net" {\nrankdir=LR;\n') and "lr mult: 2.0, 1.0" in text
 
 
 @pytest.mark.skipif(shutil.which("dot") is None, reason="Graphviz is not installed")
-def test_a_picture(net, tmp_path):
+def test_a_picture(net, here):
     pytest.importorskip("pydot")
-    draw.draw_net_to_file(net, tmp_path / "net.svg")
-    assert "conv1/3x3" in (tmp_path / "net.svg").read_text()
+    draw.draw_net_to_file(net, "net.svg")
+    assert "conv1/3x3" in Path("net.svg").read_text()
     assert draw.draw_net(net, "LR", "dot").startswith(b'digraph "small net" {')
     with pytest.raises(NetlibError, match=r"dot cannot draw the net as 'xyz': .*not recognized"):
-        draw.draw_net_to_file(net, tmp_path / "net.xyz")
+        draw.draw_net_to_file(net, "net.xyz")
 
 
 def test_a_dot_that_fails(net, monkeypatch, tmp_path):

@@ -10,6 +10,7 @@ from types import ModuleType
 import cv2
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from netlib.caffe import io
 from netlib.caffe.proto import caffe_pb2
@@ -79,10 +80,8 @@ def test_preprocess_step_by_step(transformer):
     image[1, 2] = 0.2, 0.4, 0.6  # red, green, blue
     found = transformer.preprocess("data", image)
     assert found.dtype == np.float32 and found.shape == (3, 2, 3)
-    np.testing.assert_allclose(
-        found[:, 1, 2], [(153 - 100) / 2, (102 - 110) / 2, (51 - 120) / 2], rtol=1e-6
-    )
-    np.testing.assert_allclose(found[:, 0, 0], [-50, -55, -60])
+    assert_allclose(found[:, 1, 2], [(153 - 100) / 2, (102 - 110) / 2, (51 - 120) / 2], rtol=1e-6)
+    assert_allclose(found[:, 0, 0], [-50, -55, -60])
 
 
 def test_preprocess_leaves_the_image_alone(transformer):
@@ -102,7 +101,7 @@ def test_deprocess_undoes_preprocess(transformer, rng):
     image = rng.uniform(size=(2, 3, 3)).astype(np.float32)
     item = transformer.preprocess("data", image)
     before = item.copy()
-    np.testing.assert_allclose(transformer.deprocess("data", item[None]), image, atol=1e-6)
+    assert_allclose(transformer.deprocess("data", item[None]), image, atol=1e-6)
     assert (item == before).all()
 
 
@@ -140,7 +139,7 @@ def test_a_mean_of_another_size():
     transformer = io.Transformer({"data": (1, 3, 3, 4)})
     transformer.set_mean("data", np.arange(12.0).reshape(3, 2, 2))
     expected = [[0, 0.20833, 0.625, 0.625], [0.75, 1.25, 1.75, 1.5], [1.25, 1.875, 2.29167, 1.875]]
-    np.testing.assert_allclose(transformer.mean["data"][0], expected, atol=1e-5)
+    assert_allclose(transformer.mean["data"][0], expected, atol=1e-5)
 
 
 def test_a_mean_without_transpose():
@@ -170,9 +169,9 @@ RESIZED = {
 def test_resized_as_scikit_image_does(size):
     found = io.resize_image(SMALL[..., None], size)
     assert found.dtype == np.float32
-    np.testing.assert_allclose(found[..., 0], RESIZED[size], atol=1e-5)
+    assert_allclose(found[..., 0], RESIZED[size], atol=1e-5)
     in_colour = io.resize_image(np.stack([SMALL] * 3, axis=-1), size)
-    np.testing.assert_allclose(in_colour, np.stack([found[..., 0]] * 3, axis=-1), atol=1e-5)
+    assert_allclose(in_colour, np.stack([found[..., 0]] * 3, axis=-1), atol=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -185,19 +184,20 @@ def test_other_orders(order, first_row):
     range of the image.
     """
     found = io.resize_image(SMALL[..., None], (3, 4), interp_order=order)
-    np.testing.assert_allclose(found[0, :, 0], first_row, atol=1e-5)
+    assert_allclose(found[0, :, 0], first_row, atol=1e-5)
     assert found.min() >= 0 and found.max() <= 60
 
 
 def test_resized_with_other_channels():
     found = io.resize_image(np.stack([SMALL, SMALL + 1], axis=-1), (3, 4))
     expected = [[0, 6.666667, 13.333333, 20], [20, 20, 26.666666, 40], [40, 33.333332, 40, 60]]
-    np.testing.assert_allclose(found[..., 0], expected, atol=1e-5)
-    np.testing.assert_allclose(found[..., 1], np.array(expected) + 1, atol=1e-5)
+    assert_allclose(found[..., 0], expected, atol=1e-5)
+    assert_allclose(found[..., 1], np.array(expected) + 1, atol=1e-5)
 
 
 def test_a_constant_image_stays_constant():
-    assert (io.resize_image(np.full((2, 2, 3), 5), (3, 7)) == np.full((3, 7, 3), 5)).all()
+    found = io.resize_image(np.full((2, 2, 3), 5), (3, 7))
+    assert_array_equal(found, np.full((3, 7, 3), 5))
 
 
 def test_ten_crops():
@@ -240,8 +240,8 @@ def test_images(tmp_path, pixels, colour, gray):
         for source in (path, file, BytesIO(path.read_bytes())):
             found = io.load_image(source)
             assert found.dtype == np.float32
-            np.testing.assert_allclose(found, colour, rtol=1e-6)
-    np.testing.assert_allclose(io.load_image(str(path), color=False), gray, rtol=1e-6)
+            assert_allclose(found, colour, rtol=1e-6)
+    assert_allclose(io.load_image(str(path), color=False), gray, rtol=1e-6)
 
 
 def test_names_of_other_packages(monkeypatch: pytest.MonkeyPatch) -> None:

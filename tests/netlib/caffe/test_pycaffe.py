@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 import netlib
 from netlib import caffe
@@ -281,17 +282,17 @@ def test_parameters_of_another_net(net: pycaffe.Net) -> None:
     other.params["a"][0] = net.params["a"][0]
     other.layers[list(other._layer_names).index("a")].blobs[1] = net.params["a"][1]
     assert net.params["a"][0].data.any()
-    np.testing.assert_array_equal(other.forward(x=X)["y"], net.forward(x=X)["y"])
+    assert_array_equal(other.forward(x=X)["y"], net.forward(x=X)["y"])
     net.params["a"][0].data[...] *= 2
-    np.testing.assert_array_equal(other.forward(x=X)["y"], net.forward(x=X)["y"])
+    assert_array_equal(other.forward(x=X)["y"], net.forward(x=X)["y"])
     other.save("a.caffemodel")
     again = pycaffe.Net("net.prototxt", netlib.TEST, weights="a.caffemodel")
-    np.testing.assert_array_equal(again.forward(x=X)["y"], net.forward(x=X)["y"])
+    assert_array_equal(again.forward(x=X)["y"], net.forward(x=X)["y"])
 
 
 @pytest.mark.parametrize("count", [2, 5, 6])
-def test_any_number_of_items(net: pycaffe.Net, count: int) -> None:
-    x = np.random.default_rng(0).normal(size=(count, 3)).astype(np.float32)
+def test_any_number_of_items(net: pycaffe.Net, count: int, rng: np.random.Generator) -> None:
+    x = rng.normal(size=(count, 3)).astype(np.float32)
     w, b = (blob.data for blob in net.params["a"])
     deploy = pycaffe.Net("net.prototxt", netlib.TEST)
     deploy.share_with(net)

@@ -50,9 +50,9 @@ def test_a_picture_of_too_many_pixels_is_not_decoded(tmp_path: Path, suffix: str
 
 
 @pytest.mark.parametrize("part", [0.3, 0.6, 0.9, 0.999])
-def test_a_truncated_jpeg(part: float) -> None:
+def test_a_truncated_jpeg(part: float, rng: np.random.Generator) -> None:
     """A truncated JPEG is rejected by every version of OpenCV; bytes after its end are ignored."""
-    image = np.random.default_rng(0).integers(0, 255, (40, 50, 3), np.uint8)
+    image = rng.integers(0, 255, (40, 50, 3), np.uint8)
     whole = cv2.imencode(".jpg", image)[1].tobytes()
     with pytest.raises(DataError, match=r"^p: truncated JPEG$" if part > 0.5 else "^p: "):
         pictures.decode(whole[: int(len(whole) * part)], cv2.IMREAD_COLOR, "p")

@@ -22,22 +22,22 @@ def proto(text: str) -> BlobProto:
     return schema.read(prototxt.parse(text), BlobProto)
 
 
-def test_an_array_comes_back(tmp_path: Path) -> None:
+def test_an_array_comes_back(here: Path) -> None:
     for array in (
         np.arange(6, dtype=np.float32).reshape(1, 2, 3),
         np.array(0.1),
         np.float32([[7]]),
     ):
-        binaryproto.write_blob(array, tmp_path / "mean.binaryproto")
-        found = binaryproto.read_blob(tmp_path / "mean.binaryproto")
+        binaryproto.write_blob(array, "mean.binaryproto")
+        found = binaryproto.read_blob("mean.binaryproto")
         assert (found.dtype, found.shape) == (array.dtype, array.shape)
         assert np.array_equal(found, array)
 
 
-def test_a_mean_image_is_written_as_caffe_writes_it(tmp_path: Path) -> None:
+def test_a_mean_image_is_written_as_caffe_writes_it(here: Path) -> None:
     """Scripts read its fields channels, height and width, not its shape."""
-    binaryproto.write_blob(np.zeros((1, 3, 2, 4), np.float32), tmp_path / "mean.binaryproto")
-    blob = caffe_pb2.BlobProto.FromString((tmp_path / "mean.binaryproto").read_bytes())
+    binaryproto.write_blob(np.zeros((1, 3, 2, 4), np.float32), "mean.binaryproto")
+    blob = caffe_pb2.BlobProto.FromString(Path("mean.binaryproto").read_bytes())
     assert (blob.num, blob.channels, blob.height, blob.width, blob.HasField("shape")) == (
         1,
         3,
@@ -61,7 +61,7 @@ def test_four_axes_take_precedence_over_a_shape(shape: str) -> None:
     ("kind", "written", "read"),
     [("FLOAT16", "<f2", np.float32), ("FLOAT", "<f4", np.float32), ("DOUBLE", "<f8", float)],
 )
-def test_raw_values(tmp_path: Path, kind: str, written: str, read: type) -> None:
+def test_raw_values(here: Path, kind: str, written: str, read: type) -> None:
     """Values in raw_data, as in half-precision files of OpenCV and NVIDIA's Caffe, are read; half
     becomes single.
     """
@@ -69,8 +69,8 @@ def test_raw_values(tmp_path: Path, kind: str, written: str, read: type) -> None
         raw_data_type=kind, raw_data=np.array([1.5, -0.1, 3], written).tobytes()
     )
     blob.shape.dim.extend([3, 1])
-    (tmp_path / "raw.binaryproto").write_bytes(blob.SerializeToString())
-    found = binaryproto.read_blob(tmp_path / "raw.binaryproto")
+    Path("raw.binaryproto").write_bytes(blob.SerializeToString())
+    found = binaryproto.read_blob("raw.binaryproto")
     assert found.dtype == read
     assert np.array_equal(found, np.array([[1.5], [-0.1], [3]], written).astype(read))
     blob.raw_data += b"1"
@@ -110,15 +110,15 @@ def test_a_shape_that_does_not_fit_its_values(given: str, rejected: Any) -> None
         ),
     },
 )
-def test_invalid_files_are_rejected(tmp_path: Path, given: bytes | None, rejected: Any) -> None:
+def test_invalid_files_are_rejected(here: Path, given: bytes | None, rejected: Any) -> None:
     if given is not None:
-        (tmp_path / "mean.binaryproto").write_bytes(given)
+        Path("mean.binaryproto").write_bytes(given)
     with rejected:
-        binaryproto.read_blob(tmp_path / "mean.binaryproto")
+        binaryproto.read_blob("mean.binaryproto")
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
-def test_a_place_that_cannot_be_written(tmp_path: Path) -> None:
-    tmp_path.chmod(0o500)
+def test_a_place_that_cannot_be_written(here: Path) -> None:
+    here.chmod(0o500)
     with pytest.raises(DataError, match="cannot write the blob"):
-        binaryproto.write_blob(np.zeros(1), tmp_path / "mean.binaryproto")
+        binaryproto.write_blob(np.zeros(1), "mean.binaryproto")

@@ -75,7 +75,9 @@ def test_a_block_of_a_fork_without_effect(net_of: Callable[..., Net]) -> None:
     net_of(inputs(x=(1,)) + f'layer {{ name: "r" type: "ReLU" bottom: "x" top: "y" {block} }}')
 
 
-def test_weights_of_a_net_with_options_of_forks(net_of: Callable[..., Net], tmp_path: Any) -> None:
+def test_weights_of_a_net_with_options_of_forks(
+    net_of: Callable[..., Net], tmp_path: Any, rng: np.random.Generator
+) -> None:
     nets = [
         net_of(
             inputs(x=(1, 2, 3, 3))
@@ -85,7 +87,7 @@ def test_weights_of_a_net_with_options_of_forks(net_of: Callable[..., Net], tmp_
         for of_layer, of_block in (("", ""), ('engine: "MKLDNN"', "engine: MKLDNN relu: false"))
     ]
     nets[0].params["c"][0].data[...] = nets[1].params["c"][0].data
-    x = np.random.default_rng(0).normal(size=(1, 2, 3, 3))
+    x = rng.normal(size=(1, 2, 3, 3))
     assert np.array_equal(*(net.forward(x=x)["y"] for net in nets))
     for i, net in enumerate(nets):
         net.save(str(tmp_path / f"{i}.caffemodel"))

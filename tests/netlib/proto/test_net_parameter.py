@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import netlib
-from netlib.proto import prototxt
+from netlib.proto import prototxt, schema
 from netlib.proto.messages import NetState, NetStateRule
 from netlib.proto.net_parameter import meets
 from tests.netlib.conftest import MakeNet
@@ -19,21 +19,23 @@ def names(net: netlib.Net) -> list[str]:
 @pytest.mark.parametrize(
     ("rule", "state", "expected"),
     [
-        (NetStateRule(), NetState("TRAIN"), True),
-        (NetStateRule(phase="TEST"), NetState("TRAIN"), False),
-        (NetStateRule(min_level=2), NetState(level=1), False),
-        (NetStateRule(min_level=2, max_level=3), NetState(level=3), True),
-        (NetStateRule(max_level=3), NetState(level=4), False),
-        (NetStateRule(stage=("a", "b")), NetState(stage=("a",)), False),
-        (NetStateRule(stage=("a", "b")), NetState(stage=("b", "a")), True),
-        (NetStateRule(not_stage=("a",)), NetState(stage=("a", "b")), False),
-        (NetStateRule(phase="TRAIN", stage=("a",)), NetState("TRAIN", stage=("a",)), True),
+        ("", "phase: TRAIN", True),
+        ("phase: TEST", "phase: TRAIN", False),
+        ("min_level: 2", "level: 1", False),
+        ("min_level: 2 max_level: 3", "level: 3", True),
+        ("max_level: 3", "level: 4", False),
+        ('stage: "a" stage: "b"', 'stage: "a"', False),
+        ('stage: "a" stage: "b"', 'stage: "b" stage: "a"', True),
+        ('not_stage: "a"', 'stage: "a" stage: "b"', False),
+        ('phase: TRAIN stage: "a"', 'phase: TRAIN stage: "a"', True),
     ],
 )
-def test_a_rule_is_met_when_all_its_conditions_are(
-    rule: NetStateRule, state: NetState, expected: bool
-) -> None:
-    assert meets(state, rule) == expected
+def test_a_rule_is_met_when_all_its_conditions_are(rule: str, state: str, expected: bool) -> None:
+    found = meets(
+        schema.read(prototxt.parse(state), NetState),
+        schema.read(prototxt.parse(rule), NetStateRule),
+    )
+    assert found == expected
 
 
 RULES = X + "".join(

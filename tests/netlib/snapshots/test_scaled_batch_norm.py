@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
 import netlib
@@ -81,7 +82,7 @@ def test_a_net_computes_what_the_fork_computes(
         binary(tmp_path, bn=[MEAN, VARIANCE, ONE, GAIN, BIAS]), strict=True
     )
     assert (ignored, missing) == ([], [])
-    np.testing.assert_allclose(output(net), expected(), rtol=1e-5, atol=1e-6)
+    assert_allclose(output(net), expected(), rtol=1e-5, atol=1e-6)
 
 
 @pytest.mark.parametrize("arrays", [
@@ -95,13 +96,13 @@ def test_forms_of_the_five_parameters(
 ) -> None:
     net = net_of(inputs(x=SHAPE) + NETS["scale_bias"], phase=netlib.TEST)
     net.copy_from(binary(tmp_path, bn=arrays))
-    np.testing.assert_allclose(output(net), expected(), rtol=1e-5, atol=1e-6)
+    assert_allclose(output(net), expected(), rtol=1e-5, atol=1e-6)
 
 
 def test_a_file_with_both_scales(net_of: Callable[..., Net], tmp_path: Path) -> None:
     net = net_of(inputs(x=SHAPE) + NETS["a Scale"], phase=netlib.TEST)
     net.copy_from(binary(tmp_path, bn=[MEAN, VARIANCE, ONE, GAIN, BIAS], sc=[BIAS, GAIN]))
-    np.testing.assert_allclose(output(net), expected(BIAS * GAIN, BIAS * BIAS + GAIN), rtol=1e-5)
+    assert_allclose(output(net), expected(BIAS * GAIN, BIAS * BIAS + GAIN), rtol=1e-5)
 
 
 def test_hdf5(net_of: Callable[..., Net], tmp_path: Path) -> None:
@@ -110,7 +111,7 @@ def test_hdf5(net_of: Callable[..., Net], tmp_path: Path) -> None:
     write_hdf5(path, **{f"data/bn/{i}": array for i, array in enumerate(five)})
     net = net_of(inputs(x=SHAPE) + NETS["a Scale"], phase=netlib.TEST)
     net.copy_from(path)
-    np.testing.assert_allclose(output(net), expected(), rtol=1e-5, atol=1e-6)
+    assert_allclose(output(net), expected(), rtol=1e-5, atol=1e-6)
 
 
 @pytest.mark.parametrize("after", ["", RELU, scale().replace("true", "false")])

@@ -36,8 +36,8 @@ NET = """
 
 
 @pytest.fixture(params=[".h5", ""], ids=["HDF5", "binary"])
-def names(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[Path, Path]:
-    return tmp_path / f"w.caffemodel{request.param}", tmp_path / f"s.solverstate{request.param}"
+def names(request: pytest.FixtureRequest, here: Path) -> tuple[Path, Path]:
+    return Path(f"w.caffemodel{request.param}"), Path(f"s.solverstate{request.param}")
 
 
 @pytest.fixture
@@ -72,10 +72,10 @@ def test_weights_name_their_net(
 
 
 def test_a_snapshot_is_read_whatever_its_name(
-    net: netlib.Net, names: tuple[Path, Path], tmp_path: Path
+    net: netlib.Net, names: tuple[Path, Path], here: Path
 ) -> None:
     write_pair(net, state_of(net), *names)
-    names = names[0].rename(tmp_path / "weights"), names[1].rename(tmp_path / "state")
+    names = names[0].rename("weights"), names[1].rename("state")
     found = snapshot.read_weights(names[0])
     assert np.array_equal(found["a"][0], net.params["a"][0].data)
     assert np.array_equal(found["a"][1], net.params["a"][1].data)
@@ -116,12 +116,12 @@ def full_disk(*args: Any) -> None:
 def test_a_failure_leaves_the_old_pair(
     net: netlib.Net,
     names: tuple[Path, Path],
-    tmp_path: Path,
+    here: Path,
     monkeypatch: pytest.MonkeyPatch,
     call: str,
 ) -> None:
     write_pair(net, state_of(net, 5), *names)
-    before = everything_in(tmp_path)
+    before = everything_in(here)
     net.params["a"][0].data[...] = 9
     with monkeypatch.context() as patch:
         patch.setattr(os, "fsync" if call == "fsync" else "replace", full_disk)
@@ -130,7 +130,7 @@ def test_a_failure_leaves_the_old_pair(
             match=r"(w|s)\.[a-z.5]+: cannot write the snapshot: No space left on device$",
         ):
             write_pair(net, state_of(net, 6), *names)
-    assert everything_in(tmp_path) == before
+    assert everything_in(here) == before
 
 
 def test_the_state_is_synced_once_and_before_the_weights_are_renamed(
@@ -150,12 +150,12 @@ def test_the_state_is_synced_once_and_before_the_weights_are_renamed(
     assert calls == ["sync s", "sync w", "rename w", "rename s"]
 
 
-def test_a_checksum_does_not_admit_links_into_other_files(tmp_path: Path) -> None:
-    with h5py.File(tmp_path / "w.h5", "w") as file:
+def test_a_checksum_does_not_admit_links_into_other_files(here: Path) -> None:
+    with h5py.File("w.h5", "w") as file:
         file["data/fc/0"] = h5py.ExternalLink("other.h5", "/secret")
-    (tmp_path / "w.h5").write_bytes(hdf5.sealed((tmp_path / "w.h5").read_bytes()))
+    Path("w.h5").write_bytes(hdf5.sealed(Path("w.h5").read_bytes()))
     with pytest.raises(netlib.WeightsError, match=r"link into another file, 'other\.h5'"):
-        snapshot.read_weights(tmp_path / "w.h5")
+        snapshot.read_weights("w.h5")
 
 
 def test_two_trainings_into_one_prefix(tmp_path: Path) -> None:
@@ -172,15 +172,15 @@ def test_two_trainings_into_one_prefix(tmp_path: Path) -> None:
 
 
 def test_the_probe_leaves_nothing_and_names_the_directory(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with snapshot.prefix_in_use(tmp_path / "new" / "prefix"):
-        assert list(everything_in(tmp_path / "new")) == [".prefix.netlib.lock"]
+    with snapshot.prefix_in_use(Path("new/prefix")):
+        assert list(everything_in(Path("new"))) == [".prefix.netlib.lock"]
     monkeypatch.setattr(Path, "write_bytes", full_disk)
     full = r"new: cannot write snapshots there: No space left on device$"
     with pytest.raises(netlib.WeightsError, match=full):
-        snapshot.prefix_in_use(tmp_path / "new" / "prefix").__enter__()
-    assert everything_in(tmp_path / "new") == {}
+        snapshot.prefix_in_use(Path("new/prefix")).__enter__()
+    assert everything_in(Path("new")) == {}
 
 
 @pytest.fixture
@@ -239,16 +239,16 @@ STATE = "this is a solver state, not weights; expected its pair, dir/w_iter_5.ca
     },
 )
 def test_files_of_another_kind(
-    tmp_path: Path, pair: tuple[Path, Path], given: Callable[..., object], rejected: Any
+    here: Path, pair: tuple[Path, Path], given: Callable[..., object], rejected: Any
 ) -> None:
     """The error names the weights that belong to a state, and the options for resuming
     and for starting.
     """
-    write_hdf5(tmp_path / "data.h5", depth=np.zeros(3))
-    (tmp_path / "text").write_text("type: 'SGD'")
-    (tmp_path / "empty").touch()
+    write_hdf5("data.h5", depth=np.zeros(3))
+    Path("text").write_text("type: 'SGD'")
+    Path("empty").touch()
     with rejected:
-        given(tmp_path, pair)
+        given(here, pair)
 
 
 @pytest.mark.parametrize(
@@ -267,9 +267,9 @@ def test_files_of_another_kind(
     ids=str,
 )
 def test_unexpected_content_gives_at_most_an_error_of_one_line(
-    net: netlib.Net, tmp_path: Path, structure: dict[str, Any]
+    net: netlib.Net, here: Path, structure: dict[str, Any]
 ) -> None:
-    path = write_hdf5(tmp_path / "x.h5", **structure)
+    path = write_hdf5("x.h5", **structure)
     try:
         snapshot.read_state(path) if "iter" in str(structure) else net.copy_from(path)
     except netlib.WeightsError as error:

@@ -53,9 +53,8 @@ def test_parameters(net_of: MakeNet, machine: Callable[[float], None]) -> None:
     parameters count once.
     """
     machine(2_000_000)
-    text = INPUT + "".join(
-        INNER.replace("FC1", f"FC{i}").replace('"y"', f'"y{i}"') for i in range(4)
-    )
+    layers = [INNER.replace("FC1", f"FC{i}").replace('"y"', f'"y{i}"') for i in range(4)]
+    text = INPUT + "".join(layers)
     with pytest.raises(OutOfMemoryError) as raised:
         net_of(text)
     assert isinstance(raised.value, netlib.LayerError) and isinstance(raised.value, MemoryError)

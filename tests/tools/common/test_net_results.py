@@ -118,7 +118,8 @@ def test_classes(results_of: Callable[..., Results]) -> None:
     """
     scores = np.array([[0.25, 0.75]], np.float32)
     results = results_of("soft")
-    assert list(results.lines(results.add(scores, 1)[0], Shown(), STEPS, (1, 1, 3))) == [
+    (found,) = results.add(scores, 1)
+    assert list(results.lines(found, Shown(), STEPS, (1, 1, 3))) == [
         "soft",
         "  0.7500  class 1",
         "  0.2500  class 0",
@@ -128,10 +129,8 @@ def test_classes(results_of: Callable[..., Results]) -> None:
         "conf (2,), values from 0.25 to 0.75, mean 0.5"
     ]
     results = results_of("conf", ["cat", "dog"])
-    assert list(results.lines(results.add(scores, 1)[0], Shown(1), STEPS, (1, 1, 3))) == [
-        "conf",
-        "  0.7500  dog",
-    ]
+    (found,) = results.add(scores, 1)
+    assert list(results.lines(found, Shown(1), STEPS, (1, 1, 3))) == ["conf", "  0.7500  dog"]
 
 
 def test_a_blob_without_images(results_of: Callable[..., Results]) -> None:

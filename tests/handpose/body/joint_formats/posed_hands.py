@@ -15,7 +15,8 @@ MIRROR = np.array([-1.0, 1.0, 1.0])
 def any_pose(rng: np.random.Generator) -> Array:
     """Inputs (D,) within the limits, with the palm at any place and orientation."""
     inputs = rng.uniform(np.maximum(PEOPLE.lower, -np.pi), np.minimum(PEOPLE.upper, np.pi))
-    inputs[:3], inputs[3:6] = rng.normal(size=3), rng.uniform(-np.pi, np.pi, 3)
+    inputs[:3] = rng.normal(size=3)
+    inputs[3:6] = rng.uniform(-np.pi, np.pi, 3)
     return np.asarray(inputs)
 
 

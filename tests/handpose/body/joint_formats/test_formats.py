@@ -52,18 +52,16 @@ def test_bones_are_pairs_of_joints(name: FormatName) -> None:
     assert len(bones) >= len(joints) - 1
 
 
-def test_the_nyu_format_has_the_evaluation_joints() -> None:
-    joints = right_hand(any_pose(np.random.default_rng(0)))
+def test_the_nyu_format_has_the_evaluation_joints(rng: np.random.Generator) -> None:
+    joints = right_hand(any_pose(rng))
     assert np.array_equal(
         formatted("nyu", PEOPLE, "right", joints).positions, joints[list(EVALUATION_JOINTS)]
     )
 
 
-def test_axes_and_units() -> None:
+def test_axes_and_units(rng: np.random.Generator) -> None:
     """A hand at x 100, y 50, z 500 mm, in metres: y points down."""
-    joints = np.broadcast_to([100.0, 50.0, 500.0], (31, 3)) + 1e-3 * right_hand(
-        any_pose(np.random.default_rng(0))
-    )
+    joints = np.broadcast_to([100.0, 50.0, 500.0], (31, 3)) + 1e-3 * right_hand(any_pose(rng))
     for name in ("mediapipe", "mano"):
         found = formatted(name, PEOPLE, "right", joints).positions  # type: ignore[arg-type]
         assert np.abs(found - (0.1, -0.05, 0.5)).max() < 2e-3
@@ -89,10 +87,8 @@ def test_landmarks_without_an_image() -> None:
     joints = right_hand(any_pose(np.random.default_rng(3))) - [0, 0, 500]
     found = formatted("mediapipe", PEOPLE, "right", joints, cube_mm=300.0).landmarks
     assert found is not None
-    assert np.allclose(
-        found[:, :2] * 300,
-        formatted("mediapipe", PEOPLE, "right", joints).positions[:, :2] * 1000 + 150,
-    )
+    expected = formatted("mediapipe", PEOPLE, "right", joints).positions
+    assert np.allclose(found[:, :2] * 300, expected[:, :2] * 1000 + 150)
     assert formatted("mediapipe", PEOPLE, "right", joints).landmarks is None
     own = dataclasses.replace(KINECT2, width=0, height=0)
     assert formatted("mediapipe", PEOPLE, "right", joints, own).landmarks is None
@@ -160,11 +156,10 @@ def test_a_closed_finger(finger: str, spread: str) -> None:
 
 
 @pytest.mark.parametrize("finger", LONG_FINGERS)
-def test_noise_near_a_right_angle(finger: str) -> None:
+def test_noise_near_a_right_angle(finger: str, rng: np.random.Generator) -> None:
     """Where the knuckle's bend does not determine the spread, noise of 0.1 mm changes the
     other bends little.
     """
-    rng = np.random.default_rng(0)
     for bend in np.radians([-88, -90, -92]):
         inputs = np.zeros(len(PEOPLE.initial))
         knuckle, pip = (
@@ -198,7 +193,8 @@ def test_signs(finger: str) -> None:
     rest = angles(with_dof("palm_x", 0.0))
     low = PEOPLE.lower[PEOPLE.dof_names.index(f"{finger}_base_rot_x")]
     bent = angles(with_dof(f"{finger}_base_rot_x", low))
-    assert bent[f"{finger}_mcp_flexion"] > rest[f"{finger}_mcp_flexion"] + np.degrees(-low) / 2
+    angle = f"{finger}_mcp_flexion"
+    assert bent[angle] > rest[angle] + np.degrees(-low) / 2
     # positive turns lead away from the thumb at x
     towards_thumb = angles(with_dof(f"{finger}_base_rot_z", -0.2))
     change = towards_thumb[f"{finger}_mcp_abduction"] - rest[f"{finger}_mcp_abduction"]

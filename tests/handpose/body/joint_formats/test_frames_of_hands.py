@@ -93,9 +93,8 @@ def test_the_skin_is_a_radius_beyond_the_last_joint() -> None:
     assert surface is not None
     for finger, part in SKIN.items():
         last = next(capsule for capsule in surface.capsule if capsule.to == f"{finger}_tip")
-        assert part == pytest.approx(
-            last.radius[-1] / PEOPLE.bones[PEOPLE.joint_names.index(f"{finger}_tip")], abs=0.01
-        )
+        bone = PEOPLE.bones[PEOPLE.joint_names.index(f"{finger}_tip")]
+        assert part == pytest.approx(last.radius[-1] / bone, abs=0.01)
 
 
 def test_a_body_without_fingers_is_rejected() -> None:

@@ -28,10 +28,8 @@ def source(tmp_path):
     """
     inputs = BodySampler(PACKAGED_BONES).draw(np.random.default_rng(3), FRAMES).inputs
     inputs[0, NYU_HAND.dof_names.index("palm_y")] += 0.6
-    write(
-        tmp_path / "data" / "part.h5",
-        joint=np.clip(kinematics_of(NYU_HAND).joints(inputs), -1, 1).reshape(FRAMES, 93),
-    )
+    joints = np.clip(kinematics_of(NYU_HAND).joints(inputs), -1, 1)
+    write(tmp_path / "data" / "part.h5", joint=joints.reshape(FRAMES, 93))
     return tmp_path / "data" / "part.h5"
 
 

@@ -21,9 +21,11 @@ from handpose.frames.formats.folder import FolderRecording, in_order
 from handpose.frames.recording import CameraInfo
 from netlib.errors import DataError
 from tests.handpose.frames.conftest import CAMERA, GIVEN, hand_sized, middles, put, times_of
-from tests.support.bad_input import bad_inputs
+from tests.support.bad_input import bad_inputs, in_table
 from tests.support.nyu_data_set import pack_depth
+from tests.support.tables import lines_of
 
+HERE = Path(__file__).parent
 TWELVE = [500 + number / 2 for number in range(12)]  # the depths of as many frames
 
 
@@ -45,32 +47,32 @@ def test_frames_by_number(folder: Path) -> None:
     assert recording.remarks[-1].startswith("rate unknown: 30 frames per second assumed")
 
 
-def test_a_given_unit_of_the_times(tmp_path: Path) -> None:
+def test_a_given_unit_of_the_times(here: Path) -> None:
     """Times that show no unit are numbers of frames, unless their unit is given, here or
     in camera.json.
     """
     for stamp in (5000, 5100, 5200):
-        put(tmp_path / f"{stamp}.png", hand_sized())
+        put(f"{stamp}.png", hand_sized())
     given = replace(GIVEN, rate=None)
-    assert times_of(FolderRecording(tmp_path, given)) == pytest.approx([0, 100 / 30, 200 / 30])
-    timed = FolderRecording(tmp_path, replace(given, time_unit="ms"))
+    assert times_of(FolderRecording(here, given)) == pytest.approx([0, 100 / 30, 200 / 30])
+    timed = FolderRecording(here, replace(given, time_unit="ms"))
     assert times_of(timed) == [0, 0.1, 0.2]
     assert timed.remarks[0] == "times from the file names, in ms as given: a frame every 100 ms"
-    (tmp_path / "camera.json").write_text('{"time_unit": "ms"}')
-    assert times_of(FolderRecording(tmp_path, given)) == [0, 0.1, 0.2]
-    counted = FolderRecording(tmp_path, replace(GIVEN, rate=100.0, time_unit="frames"))
+    Path("camera.json").write_text('{"time_unit": "ms"}')
+    assert times_of(FolderRecording(here, given)) == [0, 0.1, 0.2]
+    counted = FolderRecording(here, replace(GIVEN, rate=100.0, time_unit="frames"))
     assert times_of(counted) == [0, 1, 2]
 
 
 @pytest.mark.parametrize("suffix", [".tif", ".TIFF", ".PNG"])
-def test_a_pattern_and_a_name(tmp_path: Path, suffix: str) -> None:
+def test_a_pattern_and_a_name(here: Path, suffix: str) -> None:
     """TIFF, and suffixes in capitals, are accepted."""
     for name in ("a_1", "a_2", "b_1"):
-        put(tmp_path / f"{name}{suffix}", hand_sized())
+        put(f"{name}{suffix}", hand_sized())
     with pytest.raises(DataError, match="holds 2 sequences"):
-        FolderRecording(tmp_path, GIVEN)
-    assert FolderRecording(tmp_path / f"a_*{suffix}", GIVEN).count == 2
-    assert middles(FolderRecording(tmp_path / f"b_1{suffix}", GIVEN)) == [500]
+        FolderRecording(here, GIVEN)
+    assert FolderRecording(Path(f"a_*{suffix}"), GIVEN).count == 2
+    assert middles(FolderRecording(Path(f"b_1{suffix}"), GIVEN)) == [500]
 
 
 def test_camera_json(folder: Path) -> None:
@@ -138,23 +140,23 @@ def test_a_picture_of_another_size_or_type_is_an_error(
 @pytest.mark.parametrize(
     "form", ["{}_{}.png", "{} ({}).png", "[{}] {}.png", "{}[{}].tif", "what?{}*{}.png"]
 )
-def test_the_pattern_in_the_error_names_the_depth(tmp_path: Path, form: str) -> None:
+def test_the_pattern_in_the_error_names_the_depth(here: Path, form: str) -> None:
     """Names without leading zeros, infrared files in between, special characters in the path."""
     for number in range(12):
-        put(tmp_path / "a [b]" / form.format("depth", number), hand_sized(distance=1000 + number))
-        put(tmp_path / "a [b]" / form.format("ir", number), hand_sized(distance=3000))
+        put(Path("a [b]", form.format("depth", number)), hand_sized(distance=1000 + number))
+        put(Path("a [b]", form.format("ir", number)), hand_sized(distance=3000))
     with pytest.raises(DataError, match="holds 2 sequences") as raised:
-        FolderRecording(tmp_path / "a [b]", GIVEN)
+        FolderRecording(Path("a [b]"), GIVEN)
     pattern = str(raised.value).partition("; name one, as '")[2].removesuffix("'")
     recording = FolderRecording(Path(pattern), GIVEN)
     assert middles(recording) == TWELVE
 
 
-def test_the_packing_of_nyu(tmp_path: Path) -> None:
+def test_the_packing_of_nyu(here: Path) -> None:
     image = pack_depth(np.full((480, 640), 700))
     for name in ("depth_1_0000001", "rgb_1_0000001"):
-        put(tmp_path / f"{name}.png", image)
-    recording = FolderRecording(tmp_path / "depth_1_*.png", CameraInfo(NYU))
+        put(f"{name}.png", image)
+    recording = FolderRecording(Path("depth_1_*.png"), CameraInfo(NYU))
     assert (recording.camera, recording.unit_mm, recording.count) == (NYU, 1, 1)
     assert [float(frame.depth.mean()) for frame in recording] == [700]
 
@@ -162,8 +164,9 @@ def test_the_packing_of_nyu(tmp_path: Path) -> None:
 # ------------------------------------------------------------------------------------------- arrays
 
 
-def put_array(path: Path, values: np.ndarray, **others: Any) -> None:
-    """Write an array to a file of the path's kind."""
+def put_array(name: str, values: np.ndarray, **others: Any) -> None:
+    """Write an array to a file of the name's kind."""
+    path = Path(name)
     path.parent.mkdir(parents=True, exist_ok=True)
     if path.suffix.lower() == ".npz":
         np.savez(path, **{**others, "depth": values})
@@ -174,23 +177,23 @@ def put_array(path: Path, values: np.ndarray, **others: Any) -> None:
 
 
 @pytest.mark.parametrize("kind", ["npy", "npz", "raw"])
-def test_an_array_for_each_frame(tmp_path: Path, kind: str) -> None:
+def test_an_array_for_each_frame(here: Path, kind: str) -> None:
     """In the order of the numbers in their names, which have no leading zeros."""
     for number in range(12):
-        put_array(tmp_path / f"depth_{number}.{kind}", hand_sized(distance=1000 + number))
-    recording = FolderRecording(tmp_path, GIVEN)
+        put_array(f"depth_{number}.{kind}", hand_sized(distance=1000 + number))
+    recording = FolderRecording(here, GIVEN)
     assert (recording.count, recording.camera, recording.rate) == (12, CAMERA, 10)
     assert recording.warnings == ()
     for _ in range(2):
         assert middles(recording) == TWELVE
     assert times_of(recording) == pytest.approx([number / 10 for number in range(12)])
-    assert FolderRecording(tmp_path / f"depth_1*.{kind}", GIVEN).count == 3
+    assert FolderRecording(Path(f"depth_1*.{kind}"), GIVEN).count == 3
 
 
-def test_times_in_the_names_of_arrays(tmp_path: Path) -> None:
+def test_times_in_the_names_of_arrays(here: Path) -> None:
     for time in (1616799936158, 1616799936125, 1616799936191):
-        put_array(tmp_path / f"x_Depth_{time}.25000000000000.raw", hand_sized())
-    assert times_of(FolderRecording(tmp_path, GIVEN)) == pytest.approx([0, 0.033, 0.066])
+        put_array(f"x_Depth_{time}.25000000000000.raw", hand_sized())
+    assert times_of(FolderRecording(here, GIVEN)) == pytest.approx([0, 0.033, 0.066])
 
 
 @pytest.mark.parametrize(
@@ -206,9 +209,9 @@ def test_times_in_the_names_of_arrays(tmp_path: Path) -> None:
     ids=["big endian", "float32", "int32", "an axis in front", "an axis behind", "by columns"],
 )
 @pytest.mark.parametrize("kind", ["npy", "npz"])
-def test_types_of_arrays(tmp_path: Path, values: np.ndarray, kind: str) -> None:
-    put_array(tmp_path / f"1.{kind}", values)
-    (frame,) = FolderRecording(tmp_path, GIVEN)
+def test_types_of_arrays(here: Path, values: np.ndarray, kind: str) -> None:
+    put_array(f"1.{kind}", values)
+    (frame,) = FolderRecording(here, GIVEN)
     np.testing.assert_array_equal(frame.depth, hand_sized() / np.float32(2))
 
 
@@ -227,42 +230,38 @@ def test_infrared_is_not_joined_into_depth(tmp_path: Path, kind: str) -> None:
 
 
 @pytest.mark.parametrize("depth", ["depth_{}.npy", "{}.png", "{}.npz"])
-def test_arrays_of_other_data_are_ignored(tmp_path: Path, depth: str) -> None:
+def test_arrays_of_other_data_are_ignored(here: Path, depth: str) -> None:
     """Colours, 8-bit infrared, a matrix, joints and a whole take; also if the first
     frame is damaged.
     """
     for number in range(3):
-        path = tmp_path / depth.format(number)
+        path = Path(depth.format(number))
         values = hand_sized(distance=1000 + number)
         put(path, values) if path.suffix == ".png" else put_array(path, values)
-        put_array(tmp_path / f"color_{number}.npy", np.zeros((48, 64, 3), np.uint8))
-        put_array(tmp_path / f"ir_{number}.npy", np.zeros((48, 64), np.uint8))
-        put_array(tmp_path / f"joints_{number}.npy", np.zeros((21, 3)))
-        np.savez(
-            tmp_path / f"labels_{number}.npz",
-            seg=np.zeros((48, 64), np.uint8),
-            pose=np.zeros((1, 51)),
-        )
-    np.save(tmp_path / "K.npy", np.eye(3))
-    np.savez(tmp_path / "take.npz", depth=np.zeros((3, 48, 64), np.uint16))
-    assert middles(FolderRecording(tmp_path, GIVEN)) == [500, 500.5, 501]
-    (tmp_path / depth.format(0)).write_bytes(b"")
-    assert middles(FolderRecording(tmp_path, GIVEN)) == [500.5, 501]
+        put_array(f"color_{number}.npy", np.zeros((48, 64, 3), np.uint8))
+        put_array(f"ir_{number}.npy", np.zeros((48, 64), np.uint8))
+        put_array(f"joints_{number}.npy", np.zeros((21, 3)))
+        np.savez(f"labels_{number}.npz", seg=np.zeros((48, 64), np.uint8), pose=np.zeros((1, 51)))
+    np.save("K.npy", np.eye(3))
+    np.savez("take.npz", depth=np.zeros((3, 48, 64), np.uint16))
+    assert middles(FolderRecording(here, GIVEN)) == [500, 500.5, 501]
+    Path(depth.format(0)).write_bytes(b"")
+    assert middles(FolderRecording(here, GIVEN)) == [500.5, 501]
 
 
-def test_archives_of_frames_may_contain_the_camera(tmp_path: Path) -> None:
+def test_archives_of_frames_may_contain_the_camera(here: Path) -> None:
     """The camera of the first archive is used. Unused arrays are named in a warning."""
     others = {
         "K": [[60, 0, 31.5], [0, 61, 23.5], [0, 0, 1]],
         "color": np.zeros((48, 64, 3), np.uint8),
     }
     for number in range(3):
-        put_array(tmp_path / f"frame_{number}.npz", hand_sized(distance=1000 + number), **others)
-    recording = FolderRecording(tmp_path)
+        put_array(f"frame_{number}.npz", hand_sized(distance=1000 + number), **others)
+    recording = FolderRecording(here)
     assert (recording.camera, recording.unit_mm) == (CAMERA, 1)
     assert recording.remarks[1] == "parameters from 'K'"
     assert recording.warnings[0].startswith("array 'color' is not used")
-    assert FolderRecording(tmp_path, CameraInfo(replace(CAMERA, fx=70.0))).camera.fx == 70
+    assert FolderRecording(here, CameraInfo(replace(CAMERA, fx=70.0))).camera.fx == 70
 
 
 @pytest.mark.parametrize(
@@ -276,24 +275,22 @@ def test_archives_of_frames_may_contain_the_camera(tmp_path: Path) -> None:
     ],
 )
 def test_times_in_the_archives_of_frames(
-    tmp_path: Path, name: str, values: Any, unit: str | None, times: list[float]
+    here: Path, name: str, values: Any, unit: str | None, times: list[float]
 ) -> None:
     """If the names have none; also if a frame is damaged, which is left out."""
     for number, time in enumerate(values):
-        put_array(
-            tmp_path / f"{number + 8}.npz", hand_sized(distance=1000 + number), **{name: time}
-        )
+        put_array(f"{number + 8}.npz", hand_sized(distance=1000 + number), **{name: time})
     given = replace(GIVEN, time_unit=unit)
-    recording = FolderRecording(tmp_path, given)
+    recording = FolderRecording(here, given)
     assert times_of(recording) == pytest.approx(times)
     assert middles(recording) == [500, 500.5, 501]
     assert recording.remarks[0].startswith(f"times from '{name}' of each frame, ")
     assert recording.warnings == ()
-    (tmp_path / "9.npz").write_bytes(b"")
-    assert times_of(FolderRecording(tmp_path, given)) == pytest.approx(times[::2])
+    Path("9.npz").write_bytes(b"")
+    assert times_of(FolderRecording(here, given)) == pytest.approx(times[::2])
     for number, time in enumerate(values):
-        put_array(tmp_path / f"{(number + 1) * 100}us.npz", hand_sized(), **{name: time})
-    assert times_of(FolderRecording(tmp_path / "*us.npz", GIVEN)) == pytest.approx([0, 1e-4, 2e-4])
+        put_array(f"{(number + 1) * 100}us.npz", hand_sized(), **{name: time})
+    assert times_of(FolderRecording(Path("*us.npz"), GIVEN)) == pytest.approx([0, 1e-4, 2e-4])
 
 
 @bad_inputs(
@@ -314,22 +311,22 @@ def test_times_in_the_archives_of_frames(
     },
 )
 def test_times_in_archives_that_do_not_fit(
-    tmp_path: Path, given: tuple[Any, Any], rejected: Any
+    here: Path, given: tuple[Any, Any], rejected: Any
 ) -> None:
     for number, time in enumerate(given):
         others = {} if time is None else {"timestamp_ms": time}
-        put_array(tmp_path / f"{number}.npz", hand_sized(), **others)
+        put_array(f"{number}.npz", hand_sized(), **others)
     with rejected:
-        FolderRecording(tmp_path, GIVEN)
+        FolderRecording(here, GIVEN)
 
 
-def test_raw_values_have_the_size_of_the_camera(tmp_path: Path) -> None:
+def test_raw_values_have_the_size_of_the_camera(here: Path) -> None:
     """By camera.json next to them, also if the user gives focal lengths alone."""
-    put_array(tmp_path / "1.raw", hand_sized())
-    camera_file.write(tmp_path / "camera.json", CameraInfo(CAMERA, unit_mm=2.0))
-    assert middles(FolderRecording(tmp_path)) == [2000]
+    put_array("1.raw", hand_sized())
+    camera_file.write(Path("camera.json"), CameraInfo(CAMERA, unit_mm=2.0))
+    assert middles(FolderRecording(here)) == [2000]
     given = CameraInfo(replace(CAMERA, fx=70.0, width=0, height=0))
-    assert FolderRecording(tmp_path, given).camera.fx == 70
+    assert FolderRecording(here, given).camera.fx == 70
 
 
 @bad_inputs(
@@ -367,33 +364,33 @@ def test_raw_values_have_the_size_of_the_camera(tmp_path: Path) -> None:
 )
 @pytest.mark.parametrize("is_later", [False, True])
 def test_arrays_other_than_depth_are_rejected(
-    tmp_path: Path, given: tuple[str, Any], is_later: bool, rejected: Any
+    here: Path, given: tuple[str, Any], is_later: bool, rejected: Any
 ) -> None:
     """In one line, also of a later frame, which is not taken for a damaged one."""
     name, values = given
-    put_array(tmp_path / name, values)
+    put_array(name, values)
     if is_later:
-        put_array((tmp_path / "0").with_suffix(Path(name).suffix), hand_sized())
+        put_array(Path("0").with_suffix(Path(name).suffix), hand_sized())
     with rejected:
-        list(FolderRecording(tmp_path, GIVEN))
+        list(FolderRecording(here, GIVEN))
 
 
-def test_two_arrays_in_an_archive(tmp_path: Path) -> None:
-    np.savez(tmp_path / "1.npz", a=hand_sized(), b=hand_sized())
+def test_two_arrays_in_an_archive(here: Path) -> None:
+    np.savez("1.npz", a=hand_sized(), b=hand_sized())
     with pytest.raises(
         DataError,
         match=r"1\.npz: holds a \(48, 64\), b \(48, 64\); expected an array depth \(height",
     ):
-        FolderRecording(tmp_path, GIVEN)
+        FolderRecording(here, GIVEN)
 
 
-def test_raw_values_of_unknown_size(tmp_path: Path) -> None:
-    put_array(tmp_path / "1.raw", hand_sized())
+def test_raw_values_of_unknown_size(here: Path) -> None:
+    put_array("1.raw", hand_sized())
     with pytest.raises(
         DataError,
         match=r"1\.raw: 6144 bytes without a header, of unknown height and width; give them",
     ):
-        FolderRecording(tmp_path, CameraInfo(replace(CAMERA, width=0, height=0)))
+        FolderRecording(here, CameraInfo(replace(CAMERA, width=0, height=0)))
 
 
 # ------------------------------------------------------------------------------------------- errors
@@ -445,150 +442,18 @@ def test_folders_without_depth_frames_are_rejected(
         FolderRecording(tmp_path / source, GIVEN)
 
 
-NANO = 10**9
-
-
-@pytest.mark.parametrize(
-    ("names", "times", "ticks", "interpretation"),
-    [
-        ("10.png 9.png 007.png", (0, 2, 3), 0, "names; numbers missing between 7 and 10: 1, which"),
-        ("a_1_depth.png a_2_depth.png", (0, 1), 0, "numbers"),
-        ("cam0_00000000000000000001.png cam0_00000000000000000003.png", (0, 2), 0, "numbers"),
-        ("20210326-230536_110.png 20210326-230536_30.png", (0, 80), 0, "numbers"),
-        ("v1.98.png v1.99.png v1.100.png v1.101.png", (0, 1, 2, 3), 0, "numbers"),
-        ("background.png", (0,), 0, "numbers"),
-        ("z_34512.png z_34545.png", (0, 33), 0, "(--time-unit if they are times)"),
-        # too late in s, too early in ms
-        ("5000000000.png 5000000033.png", (0, 33), 0, "numbers"),
-        ("frame1616799936.png frame1616799938.png", (0, 2_000_000_000), NANO, "in s since 1970"),
-        (
-            "1616799936125.png 1616799936158.png",
-            (0, 33_000_000),
-            NANO,
-            "in ms since 1970: a frame every 33 ms",
-        ),
-        ("1616799936125000.png 1616799936158000.png", (0, 33_000_000), NANO, "in us since 1970"),
-        ("1616799936125000000.png 1616799936125000007.png", (0, 7), NANO, "in ns since 1970"),
-        ("1305031102.5.png 1305031102.160407.png", (0, 339593000), NANO, "in s since 1970"),
-        (
-            "x_Depth_1546543216654.25000000000000.png x_Depth_1546543216687.50000000000000.png",
-            (0, 33250000),
-            NANO,
-            "in ms since 1970",
-        ),
-        ("1750000000_933000.png 1750000001_000000.png", (0, 67_000_000), NANO, "in s since 1970"),
-        (
-            "00012_1750000000033.png 00013_1750000000066.png",
-            (0, 33_000_000),
-            NANO,
-            "in ms since 1970",
-        ),
-        (
-            "1750000000033_100000.png 1750000000066_100001.png",
-            (0, 33_000_000),
-            NANO,
-            "in ms since 1970",
-        ),
-        ("1750000000033_7.png 1750000000066_8.png", (0, 33_000_000), NANO, "in ms since 1970"),
-        (
-            "000000000000us.png 000000033333us.png",
-            (0, 33333000),
-            NANO,
-            "in us: a frame every 33.3 ms",
-        ),
-        ("d7ms.png d10ms.png", (0, 3_000_000), NANO, "in ms"),
-        ("f1_t0msec.png f2_t33msec.png", (0, 33_000_000), NANO, "in ms"),
-        (
-            "20210326-230559.png 20210326-230601.png",
-            (0, 1),
-            0,
-            "the order of the dates in their names",
-        ),
-        ("2021-12-31_23-59-59-750.png 2022-01-01_00-00-00-000.png", (0, 1), 0, "dates"),
-        ("20211231235959999999.png 20220101000000000000.png", (0, 1), 0, "dates"),
-        (
-            "20251103_091542_9.png 20251103_091542_10.png 20251103_091543_9.png",
-            (0, 1, 2),
-            0,
-            "dates",
-        ),
-    ],
-)
-def test_file_names_give_the_order_and_the_times(
-    names: str, times: tuple[int, ...], ticks: int, interpretation: str
-) -> None:
+@pytest.mark.parametrize("row", lines_of(HERE / "names_of_frames.txt"), ids=lambda row: row[0])
+def test_file_names_give_the_order_and_the_times(row: list[str]) -> None:
     """Numbers, and times with a known unit, relative to the first frame."""
-    ordered, found = in_order(names.split(), "here")
-    assert (tuple(found.times), found.ticks) == (times, ticks)
-    assert interpretation in found.how
+    names, times, unit, how, given = row if len(row) == 5 else (*row, None)
+    ordered, found = in_order(names.split(), "here", given)
+    assert found.times == [int(time) for time in times.split()]
+    assert found.ticks == {"frames": 0, "ns": 10**9}[unit]
+    assert how in found.how
     assert sorted(ordered) == sorted(names.split())
 
 
-@pytest.mark.parametrize(
-    ("names", "unit", "times", "ticks"),
-    [
-        ("100.png 180.png 130.png", "ms", (0, 30_000_000, 80_000_000), NANO),
-        ("3_17.png 4_40.png 5_93.png", "ms", (0, 23_000_000, 76_000_000), NANO),
-        ("17_3.png 40_4.png 93_5.png", "ms", (0, 23_000_000, 76_000_000), NANO),
-        ("1.5.png 2.25.png", "s", (0, 750_000_000), NANO),
-        ("51234.5000.png 51267.8333.png", "ms", (0, 33333300), NANO),
-        ("z_34512.png z_34545.png", "frames", (0, 33), 0),
-        ("1_1750000000000.png 2_1750000000033.png", "frames", (0, 1), 0),
-    ],
-)
-def test_a_given_unit(names: str, unit: str, times: tuple[int, ...], ticks: int) -> None:
-    _, found = in_order(names.split(), "here", unit)
-    assert (tuple(found.times), found.ticks) == (times, ticks)
-
-
-@bad_inputs(
-    DataError,
-    {
-        "the same number": (
-            "1.png 001.png",
-            "here: 001.png and 1.png are frames of the same moment; remove one of them",
-        ),
-        "two letters": (
-            "a_1.png a_2.png b_1.png",
-            "here: holds 2 sequences: a_*.png (2), b_*.png (1); name one, as 'here/a_*.png'",
-        ),
-        "colours": (
-            "frame-000000.color.png frame-000001.color.png frame-000000.depth.png frame-000001.depth.png",
-            "here: holds 2 sequences: ...; name one, as 'here/frame-*.depth.png'",
-        ),
-        "two kinds": (
-            "1.png 2.tif",
-            "here: holds 2 sequences: *.png (1), *.tif (1); name one, as 'here/*.png'",
-        ),
-        "a background": (
-            "1.png background.png",
-            "here: holds 2 sequences: *.png (1), background.png (1); name one, as 'here/*.png'",
-        ),
-        "eight letters": (
-            "a_1.png b_1.png c_1.png d_1.png e_1.png f_1.png g_1.png h_1.png",
-            "here: holds 8 sequences: a_*.png (1), ..., f_*.png (1) and 2 more; name one, as 'here/a_*.png'",
-        ),
-        "two takes": (
-            "take1_001.png take1_002.png take2_001.png take2_002.png",
-            "here: holds 2 sequences: take1_*.png (2), take2_*.png (2); name one, as 'here/take1_*.png'",
-        ),
-        "two dated takes": (
-            "1_2021-03-26_23-05-36.png 1_2021-03-26_23-05-37.png "
-            "2_2021-03-26_23-05-36.png 2_2021-03-26_23-05-37.png",
-            "here: holds 2 sequences: 1_2021-03-26_23-05-*.png (2), ...",
-        ),
-        "two cameras": (
-            "cam1_000_1750000000000.png cam1_001_1750000000033.png "
-            "cam2_000_1750000000000.png cam2_001_1750000000033.png",
-            "here: holds 2 sequences: cam1_*_*.png (2), cam2_*_*.png (2); name one, as 'here/cam1_*_*.png'",
-        ),
-        "two sides": (
-            "left_000_1750000000000.png left_001_1750000000033.png "
-            "right_000_1750000000000.png right_001_1750000000033.png",
-            "here: holds 2 sequences: left_*_*.png (2), right_*_*.png (2); name one, as 'here/left_*_*.png'",
-        ),
-    },
-)
+@bad_inputs(DataError, in_table(HERE / "ambiguous_names.txt", "here: "))
 def test_ambiguous_and_invalid_names_are_rejected(given: str, rejected: Any) -> None:
     """The error gives the reason."""
     with rejected:

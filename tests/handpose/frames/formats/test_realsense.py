@@ -258,10 +258,8 @@ def test_the_real_module(software: Any, monkeypatch: pytest.MonkeyPatch) -> None
             sender.start()
             frame = next(frames)
             sender.join()
-            assert (frame.number, round(frame.time, 6)) == (
-                number - 10,
-                round(0.033 * (number - 10), 6),
-            )
+            since = number - 10
+            assert (frame.number, frame.time) == (since, pytest.approx(0.033 * since, abs=5e-7))
             assert (frame.depth == np.float32(1000 + i) * np.float32(0.1)).all()
         monkeypatch.setattr(realsense, "WAIT_MS", 1)
         assert list(frames) == []

@@ -199,9 +199,8 @@ def test_several_topics_of_depth(tmp_path: Path) -> None:
     aligned = "/camera/aligned_depth_to_color/image_raw"
 
     def make(of: bags.Messages, depth: bags.Depth) -> bags.Content:
-        return bags.driver(of, depth) + bags.driver(
-            of, depth[:2], aligned, k=[90, 0, 30, 0, 90, 20, 0, 0, 1]
-        )
+        K = [90, 0, 30, 0, 90, 20, 0, 0, 1]
+        return bags.driver(of, depth) + bags.driver(of, depth[:2], aligned, k=K)
 
     path = bags.write_ros1(tmp_path / "a.bag", DEPTH, make=make)
     with pytest.raises(
@@ -230,7 +229,8 @@ def test_other_topics_than_depth(tmp_path: Path) -> None:
 
 
 def test_images_without_stamps(tmp_path: Path) -> None:
-    make = images((IMAGE_OF(DEPTH[0], 0), 10**9), (IMAGE_OF(DEPTH[1], 0), 3 * 10**9))
+    first, second = (IMAGE_OF(depth, 0) for depth in DEPTH[:2])
+    make = images((first, 10**9), (second, 3 * 10**9))
     assert [f.time for f in read(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=make))[1]] == [
         0.0,
         2.0,

@@ -200,38 +200,23 @@ def test_invalid_stacks_are_rejected(
         list(StackRecording(path, GIVEN))
 
 
+TICKS = {"s": 1, "seconds": 1, "ms": 10**3, "us": 10**6, "usec": 10**6, "ns": 10**9}
+UNITS = {"seconds": "s", "usec": "us"}
+TIMES = "time times t ts timestamp Timestamps time_stamps stamps frame_times depth_timestamps"
+
+
 @pytest.mark.parametrize(
     ("name", "times", "how"),
     [
+        *((name, 1_700_000_000 + SECONDS, "in s since 1970") for name in TIMES.split()),
         *(
-            (name, 1_700_000_000 + SECONDS, "in s since 1970")
-            for name in (
-                "time",
-                "times",
-                "t",
-                "ts",
-                "timestamp",
-                "Timestamps",
-                "time_stamps",
-                "stamps",
-                "frame_times",
-                "depth_timestamps",
-            )
+            ("timestamps", TICKS[unit] * (1_700_000_000 + SECONDS), f"in {unit} since 1970")
+            for unit in ("ms", "us", "ns")
         ),
         *(
-            ("timestamps", ticks * (1_700_000_000 + SECONDS), f"in {unit} since 1970")
-            for unit, ticks in (("ms", 10**3), ("us", 10**6), ("ns", 10**9))
-        ),
-        *(
-            (f"{name}_{ending}", 5 + ticks * SECONDS, f"in {unit} by its name")
+            (f"{name}_{unit}", 5 + TICKS[unit] * SECONDS, f"in {UNITS.get(unit, unit)} by its name")
             for name in ("time", "t", "timestamps")
-            for ending, unit, ticks in (
-                ("s", "s", 1),
-                ("seconds", "s", 1),
-                ("ms", "ms", 10**3),
-                ("usec", "us", 10**6),
-                ("ns", "ns", 10**9),
-            )
+            for unit in ("s", "seconds", "ms", "usec", "ns")
         ),
     ],
 )

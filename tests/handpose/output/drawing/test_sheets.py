@@ -56,15 +56,13 @@ def test_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
     assert columns == 4 and titles == ["0.00 s", "0.03 s", "0.07 s"]
 
 
-def test_two_views() -> None:
+def test_two_views(rng: np.random.Generator) -> None:
     """Each frame has two cells with a title each, the view on the crop and the view in space,
     below a legend.
 
     An annotation of other joints, such as ICVL's 16, is not drawn.
     """
-    joints = kinematics_of(SKELETON).joints(
-        np.random.default_rng(0).normal(0, 0.1, (2, len(SKELETON.initial)))
-    )
+    joints = kinematics_of(SKELETON).joints(rng.normal(0, 0.1, (2, len(SKELETON.initial))))
     centers = np.array([(250.0, 200, 700), (300, 220, 800)])
     cubes = [300.0, 250.0]
     for truth, at in ((joints[:, ::-1], centers), (joints[:, :16], None)):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from handpose.body.render import Capsules, normalise_depth, render_crop
 from handpose.fit.body import CapsuleModel
@@ -26,7 +27,7 @@ def test_surface_over_its_own_picture() -> None:
     surface = np.kron(crop < 1, np.ones((2, 2))) > 0
     blue, _, red = np.moveaxis(drawn.astype(int), -1, 0)
     assert (red[surface] > blue[surface] + 5).mean() > 0.95
-    np.testing.assert_array_equal(drawn[~surface], hands.picture(crop, 2)[~surface])
+    assert_array_equal(drawn[~surface], hands.picture(crop, 2)[~surface])
     alone = over_crop(
         np.ones_like(crop), model.capsules(x, np.zeros((1, 3))), uvd, 300.0, NYU, zoom=2
     )
@@ -51,8 +52,8 @@ def test_surface_is_painted_where_a_camera_sees_it(size: int) -> None:
     paint(canvas, BALL, camera, opacity=1.0)
     rows, columns = np.nonzero((canvas != 90).any(axis=2))
     u, v, _ = camera.project(BALL.a[0, 0])
-    np.testing.assert_allclose([columns.mean(), rows.mean()], [u, v], atol=0.004 * size + 0.5)
-    np.testing.assert_allclose(np.ptp(columns), 2 * 60 / 500 * size, rtol=0.04, atol=2)
+    assert_allclose([columns.mean(), rows.mean()], [u, v], atol=0.004 * size + 0.5)
+    assert_allclose(np.ptp(columns), 2 * 60 / 500 * size, rtol=0.04, atol=2)
     light = canvas.sum(axis=2)
     quarter = round(0.06 * size)
     middle_row, middle_column = round(v), round(u)

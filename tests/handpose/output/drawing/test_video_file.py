@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from handpose.output.drawing.strokes import Image
 from handpose.output.drawing.video_file import TICKS_PER_S, VideoFile
@@ -38,21 +39,19 @@ def read(path: Path) -> list[tuple[float, int]]:
         ]
 
 
-def test_every_picture_at_its_time_as_browsers_play_it(tmp_path: Path) -> None:
+def test_every_picture_at_its_time_as_browsers_play_it(here: Path) -> None:
     """The first time is 0, gaps are kept, and no picture is omitted or changed; the last one
     lasts one period.
 
     The file is H.264 in yuv420p, with the index first.
     """
-    write(tmp_path / "a.mp4")
-    frames = read(tmp_path / "a.mp4")
-    np.testing.assert_allclose(
-        [time for time, _ in frames], np.subtract(TIMES, 5.0), atol=1 / TICKS_PER_S
-    )
-    np.testing.assert_allclose([grey for _, grey in frames], 40 * np.arange(6), atol=4)
-    content = (tmp_path / "a.mp4").read_bytes()
+    write(Path("a.mp4"))
+    frames = read(Path("a.mp4"))
+    assert_allclose([time for time, _ in frames], np.subtract(TIMES, 5.0), atol=1 / TICKS_PER_S)
+    assert_allclose([grey for _, grey in frames], 40 * np.arange(6), atol=4)
+    content = Path("a.mp4").read_bytes()
     assert 0 < content.index(b"moov") < content.index(b"mdat")
-    with av.open(str(tmp_path / "a.mp4")) as file:
+    with av.open(str(Path("a.mp4"))) as file:
         coder = file.streams.video[0].codec_context
         assert (coder.name, coder.pix_fmt, coder.width, coder.height) == ("h264", "yuv420p", 96, 64)
         # limited range, 16 to 235, to which the pictures are converted
@@ -60,13 +59,13 @@ def test_every_picture_at_its_time_as_browsers_play_it(tmp_path: Path) -> None:
         assert file.duration / 1e6 == pytest.approx(1.6 + 1 / 30, abs=0.001)
 
 
-def test_odd_sizes_are_padded_and_extreme_rates_clipped(tmp_path: Path) -> None:
+def test_odd_sizes_are_padded_and_extreme_rates_clipped(here: Path) -> None:
     """The picture gets a row and a column. The rate affects only the last picture's duration."""
     for rate in (1e-300, 1e300):
-        with VideoFile(tmp_path / "a.mp4", rate) as video:
+        with VideoFile(Path("a.mp4"), rate) as video:
             video.write(picture(3, 63, 95), 0.0)
             video.write(picture(3, 63, 95), 0.5)
-        with av.open(str(tmp_path / "a.mp4")) as file:
+        with av.open(str(Path("a.mp4"))) as file:
             images = [frame.to_ndarray(format="gray") for frame in file.decode(video=0)]
         assert [image.shape for image in images] == [(64, 96)] * 2
         assert np.ptp(np.array(images, int)) < 5
@@ -88,13 +87,13 @@ def test_pictures_written_before_a_stop_are_kept(tmp_path: Path, stop: type[Base
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_without_a_picture_there_is_no_file(tmp_path: Path) -> None:
-    (tmp_path / "a.mp4").write_bytes(b"old")
-    with VideoFile(tmp_path / "a.mp4"):
+def test_without_a_picture_there_is_no_file(here: Path) -> None:
+    Path("a.mp4").write_bytes(b"old")
+    with VideoFile(Path("a.mp4")):
         pass
-    with pytest.raises(ValueError), VideoFile(tmp_path / "b.mp4"):
+    with pytest.raises(ValueError), VideoFile(Path("b.mp4")):
         raise ValueError
-    assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"old"]
+    assert [path.read_bytes() for path in here.iterdir()] == [b"old"]
 
 
 def test_errors_of_writing_name_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -126,12 +125,12 @@ LATER = "expected a later one, by 1/60000 s at least and 1e+08 s at most"
         for time in (1.0, 1.000001, 1e300)
     },
 )
-def test_times_must_ascend(tmp_path: Path, given: float, rejected: Any) -> None:
-    with VideoFile(tmp_path / "a.mp4") as video:
+def test_times_must_ascend(here: Path, given: float, rejected: Any) -> None:
+    with VideoFile(Path("a.mp4")) as video:
         video.write(picture(1), 1.0)
         with rejected:
             video.write(picture(1), given)
-    assert len(read(tmp_path / "a.mp4")) == 1
+    assert len(read(Path("a.mp4"))) == 1
 
 
 @bad_inputs(
@@ -143,11 +142,11 @@ def test_times_must_ascend(tmp_path: Path, given: float, rejected: Any) -> None:
     },
 )
 def test_unsupported_formats_and_missing_encoders_are_rejected(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: str, rejected: Any
+    here: Path, monkeypatch: pytest.MonkeyPatch, given: str, rejected: Any
 ) -> None:
     """Another suffix, a missing PyAV, and one without an encoder of H.264 raise errors."""
     monkeypatch.setattr(av, "codecs_available", {"mpeg4", "png"})
     if given == "a.mp4":
         monkeypatch.setitem(sys.modules, "av", None)
     with rejected:
-        VideoFile(tmp_path / given)
+        VideoFile(Path(given))

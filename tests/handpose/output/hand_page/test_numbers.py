@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from handpose.body.model import Surface
 from handpose.body.render import CLEAR_MM, Capsules, in_front, render_crop
@@ -56,24 +57,19 @@ def test_joints_torques_and_limits(tab: Any, name: str, side: str) -> None:
     pose = kinematics.forward(poses[:, :D])
     outputs, torques = (np.array([one[key] for one in found]) for key in ("outputs", "torques"))
     joints = np.array([one["joints"] for one in found[::20]])
-    np.testing.assert_allclose(outputs, pose.joints * mirror, atol=1e-6)
-    np.testing.assert_allclose(
-        joints[:, :K], pose.joints[::20] * mirror * MM + (0, 0, 700), atol=1e-4
-    )
+    assert_allclose(outputs, pose.joints * mirror, atol=1e-6)
+    expected = pose.joints[::20] * mirror * MM + (0, 0, 700)
+    assert_allclose(joints[:, :K], expected, atol=1e-4)
     expected = kinematics.backward(pose, forces * mirror)
     turns = np.isin(np.arange(D), whole.driven[whole.turns])
-    np.testing.assert_allclose(
-        torques[:, :D], expected * np.where(turns, MM, 1), rtol=1e-6, atol=1e-6
-    )
+    assert_allclose(torques[:, :D], expected * np.where(turns, MM, 1), rtol=1e-6, atol=1e-6)
     assert np.abs(expected).max() > 1 and (torques[:, D:] == 0).all()
     beyond = np.maximum(poses[:, :D] - skeleton.upper, 0) + np.maximum(
         skeleton.lower - poses[:, :D], 0
     )
     beyond[:, skeleton.fixed] = 0
-    np.testing.assert_allclose([one["loss"]["L1"] for one in found], beyond.sum(axis=1), rtol=1e-9)
-    np.testing.assert_allclose(
-        [one["loss"]["L2"] for one in found], (beyond**2).sum(axis=1), rtol=1e-9
-    )
+    assert_allclose([one["loss"]["L1"] for one in found], beyond.sum(axis=1), rtol=1e-9)
+    assert_allclose([one["loss"]["L2"] for one in found], (beyond**2).sum(axis=1), rtol=1e-9)
 
 
 RENDERED = """([skeleton, bodies]) => bodies.map(([values, camera, uvd, cube]) => {
@@ -121,7 +117,7 @@ def test_the_depth_of_any_body(tab: Any, seed: int) -> None:
     expected = render_crop(in_front(capsules, CLEAR_MM), np.tile(uvd, (4, 1)), 2 * MM, NYU)
     bodies = [[{"inputs": one}, vars(NYU), uvd.tolist(), 2 * MM] for one in inputs.tolist()]
     for n, (found, depth) in enumerate(rendered(tab, skeleton, bodies)):
-        np.testing.assert_allclose(found, rows_of(capsules, n), atol=1e-6)
+        assert_allclose(found, rows_of(capsules, n), atol=1e-6)
         check_depth(depth, expected[n])
 
 
@@ -131,12 +127,11 @@ def test_the_depth_of_any_body(tab: Any, seed: int) -> None:
     ids=["nyu", "kinect2", "icvl", "at the corner"],
 )
 def test_points_are_where_the_camera_saw_them(
-    tab: Any, camera: Camera, place: tuple[float, float]
+    tab: Any, camera: Camera, place: tuple[float, float], rng: np.random.Generator
 ) -> None:
     """Every pixel of the frame within the cube yields one point, as unprojected by the
     camera; no others do.
     """
-    rng = np.random.default_rng(0)
     uvd = np.array([camera.u0 + place[0], camera.v0 + place[1], 800.0])
     frame = rng.uniform(500, 1100, (camera.height, camera.width)).astype(np.float32)
     frame[rng.random(frame.shape) < 0.3] = 0
@@ -144,8 +139,8 @@ def test_points_are_where_the_camera_saw_them(
     found = np.reshape(ask(tab, "(given) => hand.cropPoints(...given)", given), (-1, 3))
     pixels = camera.project(found + camera.unproject(uvd))
     columns, rows = (np.rint(pixels[:, i]).astype(int) for i in (0, 1))
-    np.testing.assert_allclose(pixels[:, :2], np.stack([columns, rows], axis=1), atol=1e-6)
-    np.testing.assert_allclose(pixels[:, 2], frame[rows, columns], atol=1e-3)
+    assert_allclose(pixels[:, :2], np.stack([columns, rows], axis=1), atol=1e-6)
+    assert_allclose(pixels[:, 2], frame[rows, columns], atol=1e-3)
     assert len(np.unique(pixels[:, :2].round(), axis=0)) == len(found) > 1000
     assert (np.abs(found[:, 2]) < 150).all()
     assert pixels[:, :2].min() > -1e-6

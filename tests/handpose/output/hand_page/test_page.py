@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from docs.making import pages
 from handpose.body.render import normalise_depth, render_crop
@@ -108,12 +109,12 @@ def test_sliders_and_numbers_move_the_hand(visit: Visit, bare: Path) -> None:
     text the inputs.
     """
     tab = visit(bare)
-    np.testing.assert_allclose(joints_in(tab)[:, 3:], joints_of({}), atol=6e-5)
+    assert_allclose(joints_in(tab)[:, 3:], joints_of({}), atol=6e-5)
     slider(tab, "index_pip_rot_x").fill("-45")
     enter(row(tab, "palm_x").locator("input[type=number]"), "30")
     expected = joints_of({"index_pip_rot_x": -np.pi / 4, "palm_x": 30 / 150})
-    np.testing.assert_allclose(joints_in(tab)[:, 3:], expected, atol=6e-5)
-    np.testing.assert_allclose(joints_in(tab)[:, :3], expected * 150 + (0, 0, 700), atol=0.06)
+    assert_allclose(joints_in(tab)[:, 3:], expected, atol=6e-5)
+    assert_allclose(joints_in(tab)[:, :3], expected * 150 + (0, 0, 700), atol=0.06)
     assert inputs_in(tab) == pytest.approx({"index_pip_rot_x": -np.pi / 4, "palm_x": 0.2}, abs=1e-8)
     slider(tab, "ring_pip_rot_x").press("ArrowLeft")
     assert inputs_in(tab)["ring_pip_rot_x"] < 0
@@ -138,23 +139,19 @@ def test_beyond_a_limit(visit: Visit, bare: Path) -> None:
     assert tab.locator("#limit-loss").inner_text() == "limit loss 0.0000 (L1), 0.0000 (L2)"
 
 
-def test_a_pose_is_pasted(visit: Visit, bare: Path) -> None:
+def test_a_pose_is_pasted(visit: Visit, bare: Path, rng: np.random.Generator) -> None:
     """A list from Python, or the angles of a hand in JSON."""
     tab = visit(bare)
-    inputs = np.round(np.random.default_rng(0).normal(0, 0.5, 47), 4)
+    inputs = np.round(rng.normal(0, 0.5, 47), 4)
     tab.locator("#pose").fill(f"inputs = np.array({inputs.tolist()})")
-    np.testing.assert_allclose(
-        joints_in(tab)[:, 3:], Kinematics(HAND).joints(inputs[None])[0], atol=6e-5
-    )
+    assert_allclose(joints_in(tab)[:, 3:], Kinematics(HAND).joints(inputs[None])[0], atol=6e-5)
     angles = {
         name: value for name, value in zip(HAND.dof_names, HAND.theta(inputs)) if "rot" in name
     }
     tab.locator("#pose").fill(f"[{', '.join('0' * 47)}]")
     tab.locator("#pose").fill(json.dumps({"hands": [{"angles_rad": angles, "crop": {}}]}, indent=2))
     inputs[:3] = 0
-    np.testing.assert_allclose(
-        joints_in(tab)[:, 3:], Kinematics(HAND).joints(inputs[None])[0], atol=6e-5
-    )
+    assert_allclose(joints_in(tab)[:, 3:], Kinematics(HAND).joints(inputs[None])[0], atol=6e-5)
     assert tab.locator("#pose-error").inner_text() == ""
 
 
@@ -206,7 +203,7 @@ def test_the_mouse_and_the_keyboard_rotate_the_picture(visit: Visit, bare: Path)
     assert tab.evaluate(state) != first and tab.evaluate("hand.view.camera.zoom") < 1
     tab.locator("#view").press("0")
     assert tab.evaluate(state) == first
-    np.testing.assert_array_equal(joints_in(tab), table)
+    assert_array_equal(joints_in(tab), table)
 
 
 def test_the_surface_is_drawn_where_it_is(visit: Visit, bare: Path) -> None:
@@ -238,7 +235,7 @@ def test_an_address_sets_body_pose_and_force(visit: Visit, packaged: Path) -> No
         packaged,
         fragment="body=arm&shoulder=53.13&elbow=36.87&force=wrist,1,2,0&nose=1&force=wrist,2",
     )
-    np.testing.assert_allclose(joints_in(tab)[:, 3:], [[3, 4, 0], [3, 6, 0]], atol=1e-4)
+    assert_allclose(joints_in(tab)[:, 3:], [[3, 4, 0], [3, 6, 0]], atol=1e-4)
     assert tab.locator(".torque").all_inner_texts() == ["0.0 N mm", "-300 N mm"]
     assert tab.locator("#bodies").input_value() == "arm"
 
@@ -256,7 +253,7 @@ def test_a_force_is_dragged_at_a_fingertip(visit: Visit, bare: Path) -> None:
     depth = tab.evaluate(f"hand.view.camera.project(hand.body.joints[{j}])[2]")
     focal, radius = tab.evaluate("[hand.view.camera.focal, hand.view.camera.radius]")
     force = np.array([40, -25, 0]) * depth / focal / (radius / 32)
-    np.testing.assert_allclose(tab.evaluate(f"hand.body.forces[{j}]"), force, atol=0.05)
+    assert_allclose(tab.evaluate(f"hand.body.forces[{j}]"), force, atol=0.05)
     assert [float(tab.locator(f"#force-{axis}").input_value()) for axis in "xyz"] == pytest.approx(
         force, abs=0.05
     )
@@ -325,7 +322,7 @@ def test_predicted_hands(visit: Visit, predicted: tuple[Path, np.ndarray]) -> No
     tab.locator("#hands").select_option("left.png")
     assert tab.locator("#description").inner_text() == "left hand, 90% sure"
     assert tab.get_by_label("left hand").is_checked()
-    np.testing.assert_allclose(joints_in(tab)[:, :3], joints, atol=0.06)
+    assert_allclose(joints_in(tab)[:, :3], joints, atol=0.06)
     tab.evaluate(
         "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
     )
@@ -341,9 +338,9 @@ def test_predicted_hands(visit: Visit, predicted: tuple[Path, np.ndarray]) -> No
     assert blue[0] > blue[1] + 0.01
     tab.get_by_label("left hand").uncheck()
     mirrored = (joints[:, 0] - KINECT2.unproject(UVD)[0]) / (CUBE / 2)
-    np.testing.assert_allclose(joints_in(tab)[:, 3], -mirrored, atol=1e-3)
+    assert_allclose(joints_in(tab)[:, 3], -mirrored, atol=1e-3)
     tab.get_by_role("button", name="Start again").click()
-    np.testing.assert_allclose(joints_in(tab)[:, :3], joints, atol=0.06)
+    assert_allclose(joints_in(tab)[:, :3], joints, atol=0.06)
 
 
 # ----------------------------------------------------------------------------------- names, screens

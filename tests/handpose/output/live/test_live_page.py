@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from handpose.body.gestures import GestureReader
 from handpose.output.drawing.hands import FINGER_COLOURS
@@ -62,14 +63,14 @@ def test_both_hands_of_a_frame(shown: Shown) -> None:
     shown.state("connected; no frame yet")
     shown.show(BOTH)
     joints = np.array(shown.tab.evaluate("live.scene.joints"))
-    np.testing.assert_allclose(joints, np.concatenate([RIGHT.xyz, LEFT.xyz]), atol=0.01)
+    assert_allclose(joints, np.concatenate([RIGHT.xyz, LEFT.xyz]), atol=0.01)
     ends = np.array(shown.tab.evaluate("live.scene.capsules.map(({ a, rb }) => [...a, rb])"))
     surfaces = [hand.pose.capsules for hand in (RIGHT, LEFT)]
     expected = [np.c_[surface.a[0], surface.radius_b[0]] for surface in surfaces]
-    np.testing.assert_allclose(ends, np.concatenate(expected), rtol=1e-5)
+    assert_allclose(ends, np.concatenate(expected), rtol=1e-5)
     points = np.array(shown.tab.evaluate("live.scene.points")).reshape(-1, 3)
     u, v, d = CAMERA.project(points).T
-    np.testing.assert_allclose(d, DEPTH.astype(int)[np.rint(v).astype(int), np.rint(u).astype(int)])
+    assert_allclose(d, DEPTH.astype(int)[np.rint(v).astype(int), np.rint(u).astype(int)])
     assert len(points) > 1000
     contrast = Contrast()
     contrast.see(0.0, DEPTH, np.concatenate([RIGHT.xyz, LEFT.xyz])[:, 2])
@@ -93,7 +94,7 @@ def test_the_depth_image(shown: Shown) -> None:
         for joint in ("thumb_tip", "little_tip"):
             u, v, _ = CAMERA.project(hand.xyz[HEADER.skeleton.joint_names.index(joint)])
             colour = image[int((v + 0.5 - view.top) * zoom), int((u + 0.5 - view.left) * zoom), :3]
-            np.testing.assert_allclose(colour, FINGER_COLOURS[joint.split("_")[0]][::-1], atol=3)
+            assert_allclose(colour, FINGER_COLOURS[joint.split("_")[0]][::-1], atol=3)
     wall = int(image[-3, -3, 0])
     u, v, _ = CAMERA.project(RIGHT.xyz.mean(axis=0))
     assert image[int((v + 4 - view.top) * zoom), int((u - view.left) * zoom), 0] > wall + 50

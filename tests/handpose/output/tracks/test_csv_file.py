@@ -32,9 +32,9 @@ def written(path: Path, header: TrackHeader, frames: list[TrackedFrame]) -> list
 @pytest.mark.parametrize(
     "header", [HAND, header_of(any_skeleton(2))], ids=["the hand", "another body"]
 )
-def test_a_row_per_frame_and_hand(tmp_path: Path, header: TrackHeader) -> None:
+def test_a_row_per_frame_and_hand(here: Path, header: TrackHeader) -> None:
     frames = any_track(header, 3, 6)
-    rows = iter(written(tmp_path / "a.csv", header, frames))
+    rows = iter(written(Path("a.csv"), header, frames))
     sk = header.skeleton
     for frame in frames:
         for hand in frame.hands:
@@ -62,22 +62,22 @@ def test_a_row_per_frame_and_hand(tmp_path: Path, header: TrackHeader) -> None:
     assert next(rows, None) is None
 
 
-def test_unknown_values_are_empty(tmp_path: Path) -> None:
+def test_unknown_values_are_empty(here: Path, rng: np.random.Generator) -> None:
     """pandas reads them as NaN. A reason may contain commas and quotes."""
-    hand = replace(any_hand(HAND, np.random.default_rng(0)), confidence=np.nan, error_mm=np.nan)
+    hand = replace(any_hand(HAND, rng), confidence=np.nan, error_mm=np.nan)
     hand.finger_error_mm[1] = np.nan
     reason = 'it is "dark", 3 mm'
     before = TrackedFrame(0, 0, (replace(hand, id=2),))
     others = lost(1, "left", reason=reason), present(2, 0.5, 0.25, reason=reason)
     frame = TrackedFrame(1, 1, (hand, *others))
-    _, seen, gone, there = written(tmp_path / "a.csv", HAND, [before, frame])
+    _, seen, gone, there = written(Path("a.csv"), HAND, [before, frame])
     assert seen["confidence"] == seen["error_mm"] == seen["index_error_mm"] == ""
     assert gone["lost"] == reason
     assert list(there.values())[2:8] == ["2", "unknown", reason, "0.500", "0.2500", ""]
 
 
-def test_a_hand_has_no_row_before_its_first_joints(tmp_path: Path) -> None:
-    hand = replace(any_hand(HAND, np.random.default_rng(0)), id=1)
+def test_a_hand_has_no_row_before_its_first_joints(here: Path, rng: np.random.Generator) -> None:
+    hand = replace(any_hand(HAND, rng), id=1)
     other, same = present(0, 0.9, 0.1, reason="a cup"), present(1, 0.8, 0.1, reason="uncertain")
     frames = [
         TrackedFrame(0, 0.0, (other, same)),
@@ -85,24 +85,24 @@ def test_a_hand_has_no_row_before_its_first_joints(tmp_path: Path) -> None:
         TrackedFrame(2, 2.0, (other, same)),
         TrackedFrame(3, 3.0, (other,)),
     ]
-    rows = written(tmp_path / "a.csv", HAND, frames)
+    rows = written(Path("a.csv"), HAND, frames)
     assert [row["id"] for row in rows] == ["", "1", "1", ""]
     assert [row["lost"] for row in rows] == ["a cup", "", "uncertain", "a cup"]
 
 
-def test_a_frame_without_a_hand_has_a_row_with_the_reason(tmp_path: Path) -> None:
+def test_a_frame_without_a_hand_has_a_row_with_the_reason(here: Path) -> None:
     """It is that of the most present hand."""
     places = present(0, 0.4, 0.1, reason="a cup"), present(1, 0.6, 0.1, reason="no pose")
     frames = [TrackedFrame(0, 0.0), TrackedFrame(1, 1.0, places)]
-    none, best = (list(row.values()) for row in written(tmp_path / "a.csv", HAND, frames))
+    none, best = (list(row.values()) for row in written(Path("a.csv"), HAND, frames))
     assert none[2:8] == ["", "", "no hand is seen", "", "", ""]
     assert best[2:8] == ["", "", "no pose", "0.600", "0.1000", ""]
 
 
-def test_the_columns(tmp_path: Path) -> None:
-    written(tmp_path / "a.csv", HAND, [])
+def test_the_columns(here: Path) -> None:
+    written(Path("a.csv"), HAND, [])
     assert (
-        (tmp_path / "a.csv")
+        Path("a.csv")
         .read_text()
         .startswith(
             "number,time_s,id,hand,lost,presence,confidence,error_mm,"

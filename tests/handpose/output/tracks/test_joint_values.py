@@ -33,18 +33,18 @@ def written(path: Path, joints: FormatName | None) -> Path:
 
 @pytest.mark.parametrize("ending", ["json", "jsonl"])
 @pytest.mark.parametrize("name", FORMATS)
-def test_json(tmp_path: Path, name: FormatName, ending: str) -> None:
+def test_json(here: Path, name: FormatName, ending: str) -> None:
     """Every hand has the format in addition to the joints, the header describes it, and the track
     is read as before.
     """
-    path = written(tmp_path / f"a.{ending}", name)
+    path = written(Path(f"a.{ending}"), name)
     found = (
         json.loads(path.read_text())
         if ending == "json"
         else json.loads(path.read_text().splitlines()[0])
     )
     assert found["joint_format"]["joints"] == list(FORMATS[name].joints)
-    plain = written(tmp_path / f"plain.{ending}", None)
+    plain = written(Path(f"plain.{ending}"), None)
     assert repr(read_track(path).frames) == repr(read_track(plain).frames)
     assert "joint_format" not in plain.read_text() and "anatomical_deg" not in plain.read_text()
     first = (
@@ -66,9 +66,9 @@ def test_json(tmp_path: Path, name: FormatName, ending: str) -> None:
 
 
 @pytest.mark.parametrize("name", FORMATS)
-def test_csv(tmp_path: Path, name: FormatName) -> None:
+def test_csv(here: Path, name: FormatName) -> None:
     """The format's columns replace the joints and angles; a lost hand has an empty row."""
-    rows = list(csv.DictReader(io.StringIO(written(tmp_path / "a.csv", name).read_text())))
+    rows = list(csv.DictReader(io.StringIO(written(Path("a.csv"), name).read_text())))
     assert len(rows) == sum(len(frame.hands) + len(frame.lost) for frame in FRAMES)
     hand, row = FRAMES[0].hands[1], rows[1]
     assert not any(column.endswith("_rad") for column in row) and None not in row
@@ -77,12 +77,10 @@ def test_csv(tmp_path: Path, name: FormatName) -> None:
     joint = list(FORMATS[name].joints)[3]
     if name == "mediapipe":
         assert wanted.landmarks is not None
-        assert [float(row[f"{joint}_{axis}"]) for axis in "xyz"] == pytest.approx(
-            wanted.landmarks[3], abs=1e-5
-        )
-        world = [
-            float(row[f"{joint}_world_{axis}_m"]) + float(row[f"center_{axis}_m"]) for axis in "xyz"
-        ]
+        place = [float(row[f"{joint}_{axis}"]) for axis in "xyz"]
+        assert place == pytest.approx(wanted.landmarks[3], abs=1e-5)
+        columns = [(f"{joint}_world_{axis}_m", f"center_{axis}_m") for axis in "xyz"]
+        world = [float(row[offset]) + float(row[center]) for offset, center in columns]
         assert world == pytest.approx(wanted.positions[3], abs=2e-5)
     else:
         found = [float(row[f"{joint}_{axis}_{unit}"]) for axis in "xyz"]
@@ -91,42 +89,39 @@ def test_csv(tmp_path: Path, name: FormatName) -> None:
     assert float(row["ring_pip_flexion_deg"]) == pytest.approx(angle, abs=0.006)
 
 
-def test_gestures(tmp_path: Path) -> None:
+def test_gestures(here: Path) -> None:
     """Each hand's gesture is written to JSON and, in the last columns, to CSV,
     with equal values.
     """
     reader = GestureReader(HEADER.skeleton)
     frames = [frame.with_gestures(reader) for frame in FRAMES]
     for name in ("a.json", "a.csv"):
-        with open_writer(tmp_path / name, HEADER, gestures=True) as writer:
+        with open_writer(name, HEADER, gestures=True) as writer:
             for frame in frames:
                 writer.write(frame)
     rows = [
-        row
-        for row in csv.DictReader(io.StringIO((tmp_path / "a.csv").read_text()))
-        if not row["lost"]
+        row for row in csv.DictReader(io.StringIO(Path("a.csv").read_text())) if not row["lost"]
     ]
     found = [
         hand["gesture"]
-        for frame in json.loads((tmp_path / "a.json").read_text())["frames"]
+        for frame in json.loads(Path("a.json").read_text())["frames"]
         for hand in frame["hands"]
     ]
-    assert [(one["name"] or "", one["confidence"]) for one in found] == [
-        (row["gesture"], float(row["gesture_confidence"])) for row in rows
-    ]
+    gestures = [(row["gesture"], float(row["gesture_confidence"])) for row in rows]
+    assert [(one["name"] or "", one["confidence"]) for one in found] == gestures
     reader = GestureReader(HEADER.skeleton)
     hand = FRAMES[0].hands[0]
     wanted = reader.read(hand.id, hand.hand, hand.xyz, FRAMES[0].time)
     assert found[0]["confidence"] == pytest.approx(wanted.confidence, abs=1e-3)
 
 
-def test_another_body_has_no_format(tmp_path: Path) -> None:
+def test_another_body_has_no_format(here: Path) -> None:
     header = header_of(any_skeleton(2))
     with (
         pytest.raises(
             DataError, match=r"no joint 'palm'; only hands have joints and angles of other formats$"
         ),
-        open_writer(tmp_path / "a.csv", header, joints="mano") as writer,
+        open_writer("a.csv", header, joints="mano") as writer,
     ):
         writer.write(any_track(header, 3, 1)[0])
-    assert not (tmp_path / "a.csv").exists()
+    assert not Path("a.csv").exists()

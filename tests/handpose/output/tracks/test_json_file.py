@@ -22,7 +22,7 @@ from handpose.tracking.track import TrackedFrame, TrackHeader, joints_of
 from layers.hand.skeleton import load
 from netlib.errors import DataError, PrototxtError
 from tests.support import json_schema
-from tests.support.bad_input import bad_inputs
+from tests.support.bad_input import bad_inputs, in_table
 from tests.support.made_tracks import any_hand, any_skeleton, any_track, header_of
 from tests.support.tracked_hands import facts, lost, present, with_pose
 
@@ -93,23 +93,21 @@ def test_any_written_track_is_restored_by_reading(
 
 
 @both
-def test_the_packaged_hand(tmp_path: Path, layout: str) -> None:
+def test_the_packaged_hand(here: Path, layout: str) -> None:
     """The packaged hand is restored with its surface; bones are written only when they change."""
     frames = any_track(HAND, 3, 8)
-    track = written(tmp_path / f"a.{layout}", HAND, frames)
+    track = written(f"a.{layout}", HAND, frames)
     check_same(track, HAND, frames)
     assert not track.cut
     # two hands whose bones change once
-    assert (tmp_path / f"a.{layout}").read_text().count("bones_mm") == 4
+    assert Path(f"a.{layout}").read_text().count("bones_mm") == 4
 
 
-def test_keys_and_units(tmp_path: Path) -> None:
+def test_keys_and_units(here: Path, rng: np.random.Generator) -> None:
     """Keys and units are as documented; unknown values are null."""
-    hand = replace(
-        any_hand(HAND, np.random.default_rng(0)), confidence=np.nan, error_mm=float("nan")
-    )
-    written(tmp_path / "a.json", HAND, [TrackedFrame(7, 0.25, (hand,))])
-    found = json.loads((tmp_path / "a.json").read_text())
+    hand = replace(any_hand(HAND, rng), confidence=np.nan, error_mm=float("nan"))
+    written("a.json", HAND, [TrackedFrame(7, 0.25, (hand,))])
+    found = json.loads(Path("a.json").read_text())
     body, (frame,) = found["skeleton"], found["frames"]
     assert not json_schema.faults(found)
     assert found["camera"]["fx"] == 588.03
@@ -130,17 +128,15 @@ def test_keys_and_units(tmp_path: Path) -> None:
     assert np.allclose(got["positions_mm"], hand.xyz, atol=0.0051)
 
 
-def test_values_that_a_hand_may_lack(tmp_path: Path) -> None:
+def test_values_that_a_hand_may_lack(here: Path, rng: np.random.Generator) -> None:
     """Joints before smoothing are of smoothed hands only; errors of fingers may be null, or absent
     in older tracks.
     """
-    hand = any_hand(HAND, np.random.default_rng(0))
+    hand = any_hand(HAND, rng)
     full = with_pose(hand, raw_xyz=hand.xyz + 7.125)
     full = replace(full, finger_error_mm=np.array([7, np.nan, 8, 9, 10]))
-    written(
-        tmp_path / "a.json", HAND, [TrackedFrame(7, 0.25, (full,)), TrackedFrame(8, 0.5, (hand,))]
-    )
-    found = json.loads((tmp_path / "a.json").read_text())
+    written("a.json", HAND, [TrackedFrame(7, 0.25, (full,)), TrackedFrame(8, 0.5, (hand,))])
+    found = json.loads(Path("a.json").read_text())
     assert not json_schema.faults(found)
     (one,), (other,) = (frame["hands"] for frame in found["frames"])
     assert one.pop("finger_error_mm") == {
@@ -151,9 +147,9 @@ def test_values_that_a_hand_may_lack(tmp_path: Path) -> None:
         "little": 10,
     }
     assert "raw_positions_mm" not in other
-    (tmp_path / "older.json").write_text(json.dumps(found))
+    Path("older.json").write_text(json.dumps(found))
     for name, errors in (("a", [7, np.nan, 8, 9, 10]), ("older", [np.nan] * 5)):
-        first, second = (frame.hands[0] for frame in read_track(tmp_path / f"{name}.json").frames)
+        first, second = (frame.hands[0] for frame in read_track(f"{name}.json").frames)
         np.testing.assert_array_equal(first.finger_error_mm, errors)
         assert np.allclose(first.pose.raw_xyz, full.pose.raw_xyz, atol=0.0051)
         assert second.pose.raw_xyz is None
@@ -184,42 +180,42 @@ def test_a_track_that_was_read_is_written_as_before(
     assert found.header.camera.min_range_mm == pytest.approx(camera.min_range_mm, abs=1e-6)
 
 
-def test_a_track_without_the_minimum_range(tmp_path: Path) -> None:
+def test_a_track_without_the_minimum_range(here: Path) -> None:
     """Tracks of earlier programs have the default."""
-    written(tmp_path / "a.json", HAND, [])
-    found = json.loads((tmp_path / "a.json").read_text())
+    written("a.json", HAND, [])
+    found = json.loads(Path("a.json").read_text())
     del found["camera"]["min_range_mm"]
-    (tmp_path / "a.json").write_text(json.dumps(found))
-    assert read_track(tmp_path / "a.json").header.camera == HAND.camera
+    Path("a.json").write_text(json.dumps(found))
+    assert read_track("a.json").header.camera == HAND.camera
 
 
 @pytest.mark.parametrize("smoothed", [True, False])
-def test_joints_before_smoothing_of_a_hand_without_joints(tmp_path: Path, smoothed: bool) -> None:
+def test_joints_before_smoothing_of_a_hand_without_joints(here: Path, smoothed: bool) -> None:
     """Null in smoothed tracks, as the joints themselves; not in others."""
     frame = TrackedFrame(0, 0.0, (present(8, 0.5, 0.125),))
-    written(tmp_path / "a.json", replace(HAND, smoothed=smoothed), [frame])
-    found = json.loads((tmp_path / "a.json").read_text())
+    written("a.json", replace(HAND, smoothed=smoothed), [frame])
+    found = json.loads(Path("a.json").read_text())
     assert not json_schema.faults(found)
     (hand,) = found["frames"][0]["hands"]
     assert hand["positions_mm"] is None
     assert hand.get("raw_positions_mm", "missing") == (None if smoothed else "missing")
 
 
-def test_an_interruption_leaves_a_whole_document(tmp_path: Path) -> None:
+def test_an_interruption_leaves_a_whole_document(here: Path) -> None:
     """After an interruption the document is complete and has a note."""
     frames = any_track(HAND, 1, 3)
-    with pytest.raises(KeyboardInterrupt), open_writer(tmp_path / "a.json", HAND) as writer:
+    with pytest.raises(KeyboardInterrupt), open_writer("a.json", HAND) as writer:
         for frame in frames:
             writer.write(frame)
         raise KeyboardInterrupt
-    track = read_track(tmp_path / "a.json")
+    track = read_track("a.json")
     check_same(track, HAND, frames)
     assert track.cut == "the tracker was stopped"
 
 
 @both
-def test_no_frame_at_all(tmp_path: Path, layout: str) -> None:
-    assert written(tmp_path / f"a.{layout}", HAND, []).frames == []
+def test_no_frame_at_all(here: Path, layout: str) -> None:
+    assert written(f"a.{layout}", HAND, []).frames == []
 
 
 def test_unknown_numbers_are_null() -> None:
@@ -229,110 +225,46 @@ def test_unknown_numbers_are_null() -> None:
     assert rounded([[0.126, nan], [-0.001, infinity]], 2) == [[0.13, None], [0.0, None]]
 
 
-def test_lines_that_are_cut(tmp_path: Path) -> None:
+def test_lines_that_are_cut(here: Path) -> None:
     """Complete lines are read and a truncated one is reported; a missing final line end
     does not matter.
     """
     frames = any_track(HAND, 1, 3)
-    written(tmp_path / "a.jsonl", HAND, frames)
-    text = (tmp_path / "a.jsonl").read_text()
-    (tmp_path / "a.jsonl").write_text(text[:-9])
-    track = read_track(tmp_path / "a.jsonl")
+    written("a.jsonl", HAND, frames)
+    text = Path("a.jsonl").read_text()
+    Path("a.jsonl").write_text(text[:-9])
+    track = read_track("a.jsonl")
     check_same(Track(track.header, track.frames), HAND, frames[:2])
-    assert track.cut.startswith(f"{tmp_path / 'a.jsonl'}:4: the line is cut after ")
-    (tmp_path / "a.jsonl").write_text(text[:-1])
-    check_same(read_track(tmp_path / "a.jsonl"), HAND, frames)
+    assert track.cut.startswith("a.jsonl:4: the line is cut after ")
+    Path("a.jsonl").write_text(text[:-1])
+    check_same(read_track("a.jsonl"), HAND, frames)
 
 
-def test_a_document_that_another_program_laid_out(tmp_path: Path) -> None:
+def test_a_document_that_another_program_laid_out(here: Path) -> None:
     frames = any_track(HAND, 1, 2)
-    written(tmp_path / "a.json", HAND, frames)
-    values = json.loads((tmp_path / "a.json").read_text())
+    written("a.json", HAND, frames)
+    values = json.loads(Path("a.json").read_text())
     for indent in (None, 2):
-        (tmp_path / "b.json").write_text(json.dumps(values, indent=indent))
-        check_same(read_track(tmp_path / "b.json"), HAND, frames)
+        Path("b.json").write_text(json.dumps(values, indent=indent))
+        check_same(read_track("b.json"), HAND, frames)
 
 
 @bad_inputs(
     DataError,
     {
-        f"{old} -> {new[:20]}": ((old, new), *error, f"...a.json: {line}")
-        for old, new, *error, line in (
-            (
-                '"handpose"',
-                '"something"',
-                "not a track; expected a file that track --json has written",
-            ),
-            ('"version":2', '"version":3', "format version 3; this program reads 2"),
-            (
-                '"version":2',
-                '"version":true',
-                "'version' is True, expected a whole number of at least 0",
-            ),
-            ('"source":"wave.bag"', '"source":7', "'source' is 7, expected a text"),
-            ('"smoothed":true', '"smoothed":1', "'smoothed' is 1, expected true or false"),
-            ('"camera":{', '"camera":[1],"c":{', "'camera': found [1], expected an object"),
-            ('"fx":588.03', '"fx":-3', "'camera': 'fx' is -3, expected a number above 0"),
-            ('"u0":320.0', '"u0":1e13', "'camera': 'u0' is 10000000000000.0, expected a number"),
-            (
-                '"width":640',
-                '"width":640.5',
-                "'camera': 'width' is 640.5, expected a whole number of at least 0",
-            ),
-            ('"frames":[', '"frames":7,"f":[', "'frames' is 7, expected a list"),
-            ('"time_s":0.0', '"time_s":NaN', "'frames' 0: 'time_s' is nan, expected a number"),
-            ('"time_s":0.0', '"time_s":"0"', "'frames' 0: 'time_s' is '0', expected a number"),
-            (
-                '"number":0',
-                '"number":-1',
-                "'frames' 0: 'number' is -1, expected a whole number of at least 0",
-            ),
-            ('"hands"', '"fingers"', "'frames' 0: there is no 'hands'"),
-            (
-                '"hand":"right"',
-                '"hand":"both"',
-                "'frames' 0: 'hands' 0: 'hand' is 'both', expected 'right' or 'left'",
-            ),
-            (
-                '"hand":"right"',
-                '"hand":null,"assumed_hand":"right","assumed_confidence":1',
-                "'frames' 0: 'hands' 0: 'assumed_confidence' is 1, expected a number of at least 0, at most 0.999999",
-            ),
-            (
-                '"positions_mm":[',
-                '"positions_mm":[[1,2,3],',
-                "'frames' 0: 'hands' 0: 'positions_mm' is [[1, 2, 3], ..., expected 31 x 3 numbers",
-            ),
-            (
-                '"bones_mm"',
-                '"bones"',
-                "'frames' 0: 'hands' 0: hand 0 has no 'bones_mm', neither here nor before",
-            ),
-            (
-                'dof { name: \\"palm_x',
-                'dog { name: \\"palm_x',
-                PrototxtError,
-                "'skeleton' 'prototxt':3:1: error: unknown field 'dog' (did you mean 'dof'?)",
-            ),
-            (
-                '"camera":{',
-                '"camera":null,"c":{',
-                "predicted from crops without a camera, so positions are relative to crops",
-            ),
-            (
-                '"complete":true}',
-                '"complete":true',
-                "not whole JSON: Expecting ',' delimiter: line ...",
-            ),
-            ('"number":0', '"number":' + "1" * 5000, "not whole JSON: ..."),
-            ('"number":0', '"number":0,"number":1', "has 'number' twice"),
-            ("{", "[" * 100_000, "JSON of too many levels"),
-        )
+        **in_table(Path(__file__).with_name("track_mistakes.txt"), "...a.json: "),
+        "dog": (
+            ('dof { name: \\"palm_x', 'dog { name: \\"palm_x'),
+            PrototxtError,
+            "...a.json: 'skeleton' 'prototxt':3:1: error: unknown field 'dog' (did you mean 'dof'?)",
+        ),
+        "digits": (('"number":0', '"number":' + "1" * 5000), "...a.json: not whole JSON: ..."),
+        "levels": (("{", "[" * 100_000), "...a.json: JSON of too many levels"),
     },
 )
-def test_invalid_tracks_are_rejected(tmp_path: Path, given: tuple[str, str], rejected: Any) -> None:
+def test_invalid_tracks_are_rejected(here: Path, given: tuple[str, str], rejected: Any) -> None:
     """The error names the place and what was expected, on one line."""
-    path = tmp_path / "a.json"
+    path = Path("a.json")
     written(path, HAND, any_track(HAND, 1, 2))
     text = path.read_text()
     assert given[0] in text
@@ -342,20 +274,18 @@ def test_invalid_tracks_are_rejected(tmp_path: Path, given: tuple[str, str], rej
 
 
 @both
-def test_an_undecided_side(tmp_path: Path, layout: str) -> None:
+def test_an_undecided_side(here: Path, layout: str, rng: np.random.Generator) -> None:
     """The side is null until it is decided, and the assumed one, of which the angles are, returns
     from the file.
     """
-    hand = replace(any_hand(HAND, np.random.default_rng(0), hand="left"), side_confidence=0.75)
+    hand = replace(any_hand(HAND, rng, hand="left"), side_confidence=0.75)
     frame = TrackedFrame(0, 0.0, (hand, lost(4, None), present(5, 0.4, 0.1)))
-    track = written(tmp_path / f"a.{layout}", HAND, [frame])
+    track = written(f"a.{layout}", HAND, [frame])
     (found,) = track.frames
     (one,) = found.hands
     assert (one.hand, one.pose.side, one.known_side) == ("left", "left", None)
     assert one.side_confidence == 0.75
     assert facts(found.lost) == facts(frame.lost) and facts(found.present) == facts(frame.present)
     if layout == "json":
-        assert not json_schema.faults(json.loads((tmp_path / "a.json").read_text()))
-    assert '"hand": null' in (tmp_path / f"a.{layout}").read_text().replace(
-        '"hand":null', '"hand": null'
-    )
+        assert not json_schema.faults(json.loads(Path("a.json").read_text()))
+    assert '"hand": null' in Path(f"a.{layout}").read_text().replace('"hand":null', '"hand": null')

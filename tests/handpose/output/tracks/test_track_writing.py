@@ -102,9 +102,9 @@ def test_a_partly_written_frame_is_removed(
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_shown_file_grows_from_its_first_frame_on(tmp_path: Path) -> None:
+def test_a_shown_file_grows_from_its_first_frame_on(here: Path) -> None:
     """It replaces an old file, or a link but not its target, with its first frame."""
-    path, target = tmp_path / "a.txt", tmp_path / "target.txt"
+    path, target = Path("a.txt"), Path("target.txt")
     target.write_text("old")
     path.symlink_to(target)
     with pieces(path, shown=True) as file:
@@ -114,12 +114,12 @@ def test_a_shown_file_grows_from_its_first_frame_on(tmp_path: Path) -> None:
         file.write(b"b")
         assert path.read_bytes() == b"<ab"
     assert path.read_bytes() == b"<ab" and target.read_text() == "old"
-    assert len(list(tmp_path.iterdir())) == 2
+    assert len(list(here.iterdir())) == 2
 
 
 @pytest.mark.parametrize("name", ["folder", "none/a.txt"])
-def test_a_path_that_cannot_be_written_is_rejected_at_once(tmp_path: Path, name: str) -> None:
-    (tmp_path / "folder").mkdir()
-    with pytest.raises(OSError) as caught, pieces(tmp_path / name):
+def test_a_path_that_cannot_be_written_is_rejected_at_once(here: Path, name: str) -> None:
+    Path("folder").mkdir()
+    with pytest.raises(OSError) as caught, pieces(Path(name)):
         pytest.fail("began all the same")
-    assert caught.value.filename == str(tmp_path / name)
+    assert caught.value.filename == str(Path(name))

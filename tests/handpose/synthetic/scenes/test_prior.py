@@ -14,8 +14,7 @@ from netlib.errors import PrototxtError
 TEXT = SCENE_PRIOR.read_text()
 
 
-def test_ranges_are_uniform_or_uniform_in_the_logarithm() -> None:
-    rng = np.random.default_rng(0)
+def test_ranges_are_uniform_or_uniform_in_the_logarithm(rng: np.random.Generator) -> None:
     numbers = Range(2.0, 8.0).draw(rng, 4000)
     assert numbers.min() >= 2
     assert numbers.max() <= 8

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.testing import assert_allclose
 
 from handpose.synthetic.scenes import prior as scene_prior
 from handpose.synthetic.scenes.people import People
@@ -38,7 +39,7 @@ def test_a_table_is_below_a_hand_that_rests_on_it() -> None:
     normal = table.axes[..., 1]
     height = ((people.palms[:, 0] - table.top) * normal).sum(axis=1)
     assert (height > 9).all() and (height < 25).all()
-    np.testing.assert_allclose(normal, -people.hands[0].palmar)
+    assert_allclose(normal, -people.hands[0].palmar)
 
 
 def test_things_stand_on_the_table() -> None:
@@ -55,7 +56,7 @@ def test_things_stand_on_the_table() -> None:
     foot = solids.center - solids.axes[..., 1] * solids.half[..., 1:2]
     up = table.axes[:, None, :, 1]
     height = ((foot - table.top[:, None]) * up).sum(axis=-1)
-    np.testing.assert_allclose(height[on], 0, atol=1e-9)
+    assert_allclose(height[on], 0, atol=1e-9)
 
 
 def test_the_parts_of_a_thing_keep_their_places() -> None:
@@ -68,9 +69,9 @@ def test_the_parts_of_a_thing_keep_their_places() -> None:
     solids = things_of(two, table, people, most=1)
     apart = solids.center[:, 1] - solids.center[:, 0]
     along = np.einsum("nij,ni->nj", solids.axes[:, 0], apart)
-    np.testing.assert_allclose(along - (100, -10, 0), 0, atol=1e-9)
-    np.testing.assert_allclose(solids.axes[:, 1, :, 0], solids.axes[:, 0, :, 1], atol=1e-12)
-    np.testing.assert_allclose(solids.axes[:, 0, :, 1], people.person.up)
+    assert_allclose(along - (100, -10, 0), 0, atol=1e-9)
+    assert_allclose(solids.axes[:, 1, :, 0], solids.axes[:, 0, :, 1], atol=1e-12)
+    assert_allclose(solids.axes[:, 0, :, 1], people.person.up)
 
 
 def test_the_shares_choose_what_stands_there() -> None:

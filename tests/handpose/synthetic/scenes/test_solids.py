@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from handpose.synthetic.scenes import solids
 from handpose.synthetic.scenes.directions import any_rotation
@@ -42,7 +43,7 @@ def test_solids_agree_with_steps_along_the_rays(kind: int) -> None:
     }[kind]
     hit = (size <= 1).sum(axis=-1) > 8
     missed = size.min(axis=-1) > 1.01
-    np.testing.assert_allclose(entry[hit], steps[(size <= 1).argmax(axis=-1)][hit], atol=0.5)
+    assert_allclose(entry[hit], steps[(size <= 1).argmax(axis=-1)][hit], atol=0.5)
     assert np.isinf(entry[missed]).all() and hit.sum() > 10
 
 
@@ -74,11 +75,11 @@ def test_the_nearest_layer_wins() -> None:
     front = np.full((1, 2, 2), np.inf)
     front[0, 0, 0] = 400.0
     both = nearest([back, Layer(front.astype(np.float32), np.full((1, 2, 2), 5, np.int16))])
-    np.testing.assert_array_equal(both.depth[0], [[400, 900], [900, 900]])
-    np.testing.assert_array_equal(both.number[0], [[5, 3], [3, 3]])
+    assert_array_equal(both.depth[0], [[400, 900], [900, 900]])
+    assert_array_equal(both.number[0], [[5, 3], [3, 3]])
 
 
 def test_planes_lie_at_their_offset() -> None:
     depth = plane_depth(np.array([[0.0, 0.6, 0.8]]), np.array([400.0]), (X[None], X[None]))
     along_the_normal = 0.8 - 0.6 * X[:, None]
-    np.testing.assert_allclose(depth[0] * along_the_normal, 400, rtol=1e-5)
+    assert_allclose(depth[0] * along_the_normal, 400, rtol=1e-5)
