@@ -35,33 +35,33 @@ class Size(NamedTuple):
 
 
 ROOMS = {
-    "docs": Size(12_984, 1_002, 18, 8_579),
-    "exercises": Size(8_860, 723, 31, 32_822),
-    "experiments": Size(14_899, 1_236, 30, 9_333),
-    "export": Size(8_327, 665, 5, 3_957),
-    "fast": Size(29_394, 2_546, 9, 2_395),
-    "handpose": Size(95_984, 8_234, 122, 33_586),
-    "handpose/synthetic": Size(15_961, 1_335, 24, 2_066),
-    "layers": Size(36_945, 3_155, 31, 18_334),
-    "netlib": Size(43_693, 4_326, 55, 65_752),
+    "docs": Size(12_974, 1_021, 18, 8_543),
+    "exercises": Size(8_991, 811, 6, 32_352),
+    "experiments": Size(14_862, 1_267, 25, 9_280),
+    "export": Size(8_325, 676, 5, 3_949),
+    "fast": Size(29_357, 2_548, 10, 2_395),
+    "handpose": Size(95_998, 8_587, 115, 33_302),
+    "handpose/synthetic": Size(15_918, 1_399, 23, 1_988),
+    "layers": Size(36_921, 3_162, 30, 18_292),
+    "netlib": Size(43_464, 4_326, 54, 65_655),
     "setup.py": Size(180, 10, 1, 284),
-    "tests": Size(261_527, 18_028, 524, 340_786),
-    "tools": Size(30_797, 2_789, 54, 31_668),
+    "tests": Size(249_579, 18_104, 423, 306_162),
+    "tools": Size(30_765, 2_813, 54, 31_621),
 }
 LINES = {  # of files that are not Python, by their patterns
-    "prototxt/*.prototxt models/*.prototxt": 4_082,
+    "prototxt/*.prototxt models/*.prototxt": 4_063,
     "*.json": 400,
     "*.js *.css *.html": 2_832,
 }
 WORDS = {  # of documents, by their pattern
-    ":(glob)docs/*.md": 25_988,
+    ":(glob)docs/*.md": 26_005,
     "README.md": 898,
-    "*.md": 64_990,
+    "*.md": 65_025,
 }
 OTHERS = LINES | WORDS
 LIMITS = {  # that no recorded total may exceed: syntax nodes of rooms, lines, words
     "docs": 13_050,  # these two grew by 2% when each step of their examples got a name
-    "exercises": 8_870,
+    "exercises": 9_000,
     "experiments": 13_100,
     "export": 8_400,
     "fast": 29_400,
