@@ -90,7 +90,7 @@ def write_frames() -> None:
 
 
 def write_picture(name: str) -> None:
-    """Write docs/images/NAME.png, the picture of a page."""
+    """Write the picture of a page to docs/images."""
     from playwright.sync_api import sync_playwright
 
     chromium = shutil.which("chromium")

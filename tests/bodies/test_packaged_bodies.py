@@ -36,7 +36,7 @@ def held(name: str, pose: str, **degrees: float) -> dict[str, np.ndarray]:
     for dof, angle in degrees.items():
         d = skeleton.dof_names.index(dof)
         inputs[0, d] = np.deg2rad(angle) - skeleton.initial[d]
-    joints = sampler.kinematics.joints(inputs)[0] * sampler.cube_mm / 2
+    joints = kinematics_of(sampler.skeleton).joints(inputs)[0] * sampler.cube_mm / 2
     return dict(zip(skeleton.joint_names, joints, strict=True))
 
 

@@ -19,6 +19,7 @@ from handpose.fit.settings import CropSettings, Fit
 from handpose.frames.cameras import KINECT2, NYU, Camera
 from handpose.frames.crops import clear_crop, crop_pixels
 from handpose.synthetic.pose_prior import BodySampler
+from layers.hand.bodies import kinematics_of
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import SkeletonParameter
 from netlib.errors import DataError, NetlibError
@@ -233,7 +234,7 @@ def moved(inputs, sampler, by):
     result = inputs.copy()
     for axis, distance in zip("xyz", by):
         result[:, sampler.skeleton.dof_names.index(f"palm_{axis}")] += distance / (CUBE_MM / 2)
-    return sampler.kinematics.joints(result)
+    return kinematics_of(sampler.skeleton).joints(result)
 
 
 def test_recentering_removes_the_error_of_the_center(hands):
@@ -247,8 +248,9 @@ def test_recentering_removes_the_error_of_the_center(hands):
 def test_the_rotation_of_the_palm_is_computed_from_joints(hands, rng):
     """With noise it is a rotation close to the true one."""
     inputs, _, sampler = hands
-    pose = sampler.kinematics.forward(inputs)
-    truth = sampler.kinematics.rotation_of(pose, sampler.skeleton.joint_names.index("palm"))
+    kinematics = kinematics_of(sampler.skeleton)
+    pose = kinematics.forward(inputs)
+    truth = kinematics.rotation_of(pose, sampler.skeleton.joint_names.index("palm"))
     for joints, frame in zip(pose.joints, truth):
         assert_allclose(palm_frame(joints, sampler.skeleton), frame, atol=1e-12)
         near = palm_frame(joints + rng.normal(0, 0.01, joints.shape), sampler.skeleton)
