@@ -18,6 +18,7 @@ from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.recipes import recipe_of
 from handpose.synthetic.surface_prior import DEFAULT_SURFACE
 from layers.hand import skeleton as skeletons
+from layers.hand.bodies import kinematics_of
 from tests.support.running import run_tool
 
 BODY = Path(__file__).resolve().parents[2] / "prototxt" / "body"
