@@ -45,7 +45,7 @@ ROOMS = {
     "layers": Size(36_921, 3_162, 30, 18_292),
     "netlib": Size(43_464, 4_326, 54, 65_655),
     "setup.py": Size(180, 10, 1, 284),
-    "tests": Size(249_579, 18_104, 423, 306_162),
+    "tests": Size(249_591, 18_105, 423, 306_162),
     "tools": Size(30_765, 2_813, 54, 31_621),
 }
 LINES = {  # of files that are not Python, by their patterns
@@ -54,9 +54,9 @@ LINES = {  # of files that are not Python, by their patterns
     "*.js *.css *.html": 2_832,
 }
 WORDS = {  # of documents, by their pattern
-    ":(glob)docs/*.md": 26_005,
+    ":(glob)docs/*.md": 26_001,
     "README.md": 898,
-    "*.md": 65_025,
+    "*.md": 64_996,
 }
 OTHERS = LINES | WORDS
 LIMITS = {  # that no recorded total may exceed: syntax nodes of rooms, lines, words
