@@ -117,6 +117,17 @@ def test_the_rest_of_a_file_in_another(data, here, net_of, monkeypatch, chunks):
         net.forward()
 
 
+def test_a_list_beside_the_prototxt_names_files_beside_itself(here, monkeypatch):
+    (here / "elsewhere").mkdir()
+    write_hdf5("rows.h5", x=np.zeros((3, 2)), t=np.arange(3.0))
+    Path("list.txt").write_text("rows.h5\n")
+    Path("net.prototxt").write_text(layer("list.txt", 3))
+    monkeypatch.chdir(here / "elsewhere")
+    net = netlib.Net(str(here / "net.prototxt"), netlib.TRAIN)
+    net.forward()
+    assert net.blobs["t"].data.tolist() == [0, 1, 2]
+
+
 def test_a_row_by_its_number(data):
     made = data([3, 4], 2).layer_dict["d"]
     assert [float(made.row(i)[1]) for i in (0, 2, 3, 6)] == [0, 2, 3, 6]
