@@ -104,7 +104,8 @@ class Step:
     sources: Sequence[Blob] = ()
 
     def __init__(self, at: Connection) -> None:
-        self.at, self.connections = at, [at]
+        self.at = at
+        self.connections = [at]
         self.lost: Missing | None = None
 
     def prepare(self) -> None:

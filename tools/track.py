@@ -151,7 +151,8 @@ def _track_recording(
     """Track the frames, write the outputs, and print a summary and warnings; returns the exit
     status. Raises NetlibError.
     """
-    recording, status = inspection.recording, DONE
+    recording = inspection.recording
+    status = DONE
     summary = Summary(tracker.predictor.skeleton)
     begin = time.perf_counter()
     outputs = Outputs(args, tracker.header(recording.name), recording.rate)

@@ -160,12 +160,11 @@ def _import(name: str, wanted: str) -> ModuleType:
         own_modules.take_caffe()
         own_modules.yield_names()
     top = name.partition(".")[0]
-    if top not in own_modules.NAMES:
-        return _users_module(name, wanted) or importlib.import_module(name)
-    imported = sys.modules.get(name)  # by the user's script
-    if imported and hasattr(imported, wanted) and not own_modules.is_ours(sys.modules[top]):
-        return imported
-    with own_modules.in_place():
+    is_shared = top in own_modules.NAMES
+    is_imported = hasattr(sys.modules.get(name), wanted)
+    if is_shared and is_imported and not own_modules.is_ours(sys.modules[top]):
+        return sys.modules[name]  # imported by the user's script
+    with own_modules.in_place() if is_shared else contextlib.nullcontext():
         return _users_module(name, wanted) or importlib.import_module(name)
 
 

@@ -9,6 +9,7 @@ write. Another type is taken for a known one only if one letter differs: ``HSwis
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable
 
 MIN_SIMILARITY = 0.9  # of a misspelt name and the known one, as difflib computes it
@@ -195,7 +196,7 @@ ENDINGS = {
 
 def _letters(name: str) -> str:
     """The name of a type as far as it identifies the type: ``hard-swish`` is ``HardSwish``."""
-    return name.casefold().replace("_", "").replace("-", "").replace(" ", "")
+    return re.sub("[-_ ]", "", name.casefold())
 
 
 def _advice_by_letters() -> dict[str, str]:

@@ -35,7 +35,8 @@ def load_parameter(model: str | Path | NetParameter | Message) -> NetParameter:
 def distinct(names: Sequence[str]) -> list[str]:
     """Make names unique by numbering repeated ones: ``relu``, ``relu (2)``."""
     counts: dict[str, int] = {}
-    taken, result = set(names), []
+    taken = set(names)
+    result = []
     for name in names:
         unique = name
         # the file itself may have a layer named ``relu (2)``
@@ -87,7 +88,8 @@ def input_layer(param: NetParameter) -> LayerParameter:
     an Input layer.
     """
     place = schema.position_of(param, "input")
-    count, dims = len(param.input), param.input_dim
+    count = len(param.input)
+    dims = param.input_dim
     shapes = param.input_shape
     if not shapes:
         if len(dims) % OLD_AXES:

@@ -90,7 +90,8 @@ class Snapshots:
         If it is a directory, the solver's name is appended. A directory created after the first use
         has no effect.
         """
-        given, source = self._solver.param.snapshot_prefix, Path(self._solver.source)
+        given = self._solver.param.snapshot_prefix
+        source = Path(self._solver.source)
         if not given:
             return source.with_suffix("")
         if given not in self._prefixes:
@@ -106,10 +107,8 @@ class Snapshots:
 
     def is_current(self) -> bool:
         """Whether the last solver state written or read is that of this iteration."""
-        if self.last is None:
-            return False
         _, state_path = self.paths(self._solver.iter)
-        return self.last.absolute() == state_path.absolute()
+        return self.last is not None and self.last.absolute() == state_path.absolute()
 
     @property
     def are_written(self) -> bool:
@@ -246,7 +245,7 @@ def _log_restored(solver: Training, state: SolverState) -> None:
     if "checksum" not in state.extra:
         log.info("Written by an earlier version, without a checksum: damage cannot be detected")
     changes = list(_changes(solver, state))
-    exactly = "; the resume is exact" if not changes else ""
+    exactly = "" if changes else "; the resume is exact"
     log.info("Restored: data positions, random numbers, averaged loss%s", exactly)
     for change in changes:
         log.info("Changed: %s", change)
@@ -308,7 +307,8 @@ def _restore_layers(solver: Training, path: str | Path, states: list[dict[str, A
 
 def _check_type(solver: Training, path: str | Path, state: SolverState) -> None:
     """Check that the state is of a solver of the same type. Raises WeightsError."""
-    written, expected = state.extra.get("solver", {}).get("type"), solver.param.type
+    written = state.extra.get("solver", {}).get("type")
+    expected = solver.param.type
     if written not in (None, expected):
         raise WeightsError(
             f"{path}: this state is of the solver type {written}, whose history has another meaning for "

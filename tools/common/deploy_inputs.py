@@ -36,7 +36,8 @@ class DeployInput:
     """
 
     def __init__(self, reader: LayerParameter, index: int) -> None:
-        self._reader, self._index = reader, index
+        self._reader = reader
+        self._index = index
         self.name = reader.top[index]
         self._transform = reader.blocks.get("transform_param", prototxt.parse(""))
         # in older nets the reader's own block has the options of the transformation
@@ -57,7 +58,8 @@ class DeployInput:
         """What the training did to images before the net read them, and the options of the command
         that repeats it.
         """
-        reader, transform = self._reader, self._transform.fields
+        reader = self._reader
+        transform = self._transform.fields
         lines = [
             f"Input {self.name!r} is in the place of layer {reader.name!r} of type {reader.type}."
         ]
@@ -90,7 +92,8 @@ class DeployInput:
         """
         if shape := self._shape_of_data():
             return shape
-        size, mean = self._size(), self._mean_shape()
+        size = self._size()
+        mean = self._mean_shape()
         if self._index > 0 or not (size or mean):
             raise NetlibError(
                 f"{schema.position_of(self._reader)}: the shape of {self.name!r} is not in the prototxt, and its data "

@@ -67,7 +67,8 @@ class LogFile(logging.FileHandler):
 
     def __init__(self, path: str | Path, append: bool) -> None:
         super().__init__(path, encoding="utf-8", delay=True)
-        self._path, self._append = path, append
+        self._path = path
+        self._append = append
         self._size: int | None = None  # of all whole lines; None for a terminal or device
         self._early: list[logging.LogRecord] = []
 
