@@ -35,7 +35,8 @@ from netlib.system.memory import OutOfMemoryError
 
 T = TypeVar("T")
 NAMES = ("fast", "plain")
-# a normal float32: adding to it, or multiplying it, gives in effect what 0 gives
+# The mark of values that a backward has to write. It is a normal float32 so small that a backward
+# that adds to it computes what it would from 0.
 UNWRITTEN = 1.2345678e-38
 
 
@@ -65,7 +66,7 @@ VERSION = operator.attrgetter("version")
 
 
 def versions_of(blobs: Iterable[Blob]) -> tuple[int, ...]:
-    """The versions of blobs, which are others after a reshape."""
+    """The versions of blobs; a reshape changes them."""
     return tuple(map(VERSION, blobs))
 
 
@@ -103,7 +104,8 @@ class Step:
     sources: Sequence[Blob] = ()
 
     def __init__(self, at: Connection) -> None:
-        self.at, self.connections = at, [at]
+        self.at = at
+        self.connections = [at]
         self.lost: Missing | None = None
 
     def prepare(self) -> None:
@@ -119,9 +121,9 @@ class Step:
     def backward(self, at_once: bool = False) -> None:
         """Compute the diffs, if needed.
 
-        The first time, report what a Python layer leaves unwritten.
+        The first backward of a Python layer reports what it leaves unwritten.
 
-        at_once  nothing can have been written since forward
+        at_once  backward follows forward directly, so that callers cannot have written blobs
         """
         at = self.at
         if not at.needs_backward:
@@ -138,19 +140,19 @@ class Step:
         return [[self.at]]
 
     def has_state(self) -> bool:
-        """Whether what runs backwards has what forward keeps for it, if its layers have run."""
+        """Whether backward still has what forward keeps for it, if the layers have run."""
         return True
 
     def begin(self) -> None:
-        """Prepare, when a forward pass begins, for one that fails before this step."""
+        """Called when a forward pass begins, which may fail before it reaches this step."""
 
     def finish(self) -> None:
-        """Prepare, at the end of a pass, for callers that write sources without an access to the
-        blob.
+        """Called at the end of a pass. From then on, callers may write sources in arrays that
+        they have kept, without an access to the blob.
         """
 
     def keep(self, source: Blob) -> None:
-        """Prepare for a caller that may write this source from now on."""
+        """Called before a caller may write this source: keep what the step still needs of it."""
 
     def store(self) -> Missing:
         """Store the unstored blobs with their values in the last pass, and let the layers keep what
@@ -174,18 +176,17 @@ def _all_written(at: Connection) -> Iterator[None]:
     yield
     for name, blob in bottoms:
         unwritten = blob.diff == np.asarray(UNWRITTEN, blob.dtype)
-        if unwritten.any():
-            blob.diff[unwritten] = 0
-            part = (
-                "the diff"
-                if unwritten.all()
-                else f"{unwritten.sum()} of {blob.count} values of the diff"
-            )
-            warn(
-                at.layer,
-                f"backward of {type(at.layer).__name__} does not write {part} of bottom {name!r}; "
-                "what is not written is 0, as in Caffe: write every element, or set propagate_down: false",
-            )
+        if not unwritten.any():
+            continue
+        blob.diff[unwritten] = 0
+        part = "the diff"
+        if not unwritten.all():
+            part = f"{unwritten.sum()} of {blob.count} values of the diff"
+        warn(
+            at.layer,
+            f"backward of {type(at.layer).__name__} does not write {part} of bottom {name!r}; "
+            "what is not written is 0, as in Caffe: write every element, or set propagate_down: false",
+        )
 
 
 class Engine:
@@ -246,7 +247,9 @@ class Engine:
 
 def available_cpus() -> int:
     """Number of processors that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 @functools.cache
@@ -261,9 +264,8 @@ def get(name: str | None = None, default: str | None = None) -> Engine:
 
     Raises NetlibError.
     """
-    return _engine(
-        name or os.environ.get("NETLIB_ENGINE") or default or ("fast" if has_fast() else "plain")
-    )
+    name = name or os.environ.get("NETLIB_ENGINE") or default
+    return _engine(name or ("fast" if has_fast() else "plain"))
 
 
 def for_each(items: Iterable[T], job: Callable[[T], None]) -> None:
@@ -301,10 +303,9 @@ def check_memory(steps: Sequence[Step]) -> None:
     unstored = {blob for step in steps for blob in step.unstored}
     writers = {top: at.layer for at in connections for top in at.top if top not in unstored}
     params = {blob for at in connections for blob in at.layer.blobs}
+    needed = sum(blob.bytes for blob in [*params, *writers] if blob.owns_memory)
     try:
-        memory.check(
-            sum(blob.bytes for blob in [*params, *writers] if blob.owns_memory),
-            "for all blobs of the net",
-        )
+        memory.check(needed, "for all blobs of the net")
     except OutOfMemoryError as error:
-        raise lacking(writers[max(writers, key=lambda top: top.bytes)], "forward", error) from error
+        largest = max(writers, key=lambda top: top.bytes)
+        raise lacking(writers[largest], "forward", error) from error

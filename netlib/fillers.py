@@ -91,7 +91,8 @@ def _fault(shape: tuple[int, ...], filler: Filler) -> str:
 
 def _fan(shape: tuple[int, ...], filler: Filler) -> float:
     count = float(np.prod(shape))
-    fan_in, fan_out = count / shape[0], count / (shape[1] if len(shape) > 1 else 1)
+    fan_in = count / shape[0]
+    fan_out = count / (shape[1] if len(shape) > 1 else 1)
     return {"FAN_IN": fan_in, "FAN_OUT": fan_out, "AVERAGE": (fan_in + fan_out) / 2}[
         filler.variance_norm
     ]

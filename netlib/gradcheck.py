@@ -141,7 +141,8 @@ def gradients(
 
     def run(values: Sequence[Array]) -> tuple[Blobs, Blobs]:
         layer.restore(start)
-        bottom, top = _blobs(values), _empty(tops)
+        bottom = _blobs(values)
+        top = _empty(tops)
         if in_place:
             top[0] = bottom[0]
         layer.reshape(bottom, top)
@@ -226,7 +227,8 @@ def _doubt(
             "bottoms, float64 here"
         )
     (left, right), (near_left, near_right) = sides(STEP), sides(STEP / 10)
-    apart, near_apart = abs(right - left), abs(near_right - near_left)
+    apart = abs(right - left)
+    near_apart = abs(near_right - near_left)
     is_smooth = apart / 20 < near_apart < apart / 5
     if apart > KINK * max(abs(left), abs(right)) and not is_smooth:
         return (
@@ -241,7 +243,8 @@ def _compare(what: str, gradient: Gradient, tolerance: float) -> float:
 
     Raises GradientError if it is too large.
     """
-    analytic, numeric = gradient.analytic, gradient.differences()
+    analytic = gradient.analytic
+    numeric = gradient.differences()
     if analytic.size == 0:
         return 0.0
     error = np.array(np.abs(analytic - numeric))

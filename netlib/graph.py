@@ -153,7 +153,8 @@ class Graph:
         return tops
 
     def _top(self, layer: Layer, index: int) -> Blob:
-        name, bottom = layer.spec.top[index], layer.spec.bottom
+        name = layer.spec.top[index]
+        bottom = layer.spec.bottom
         if name in self.blobs and name not in bottom[index : index + 1]:
             raise layer.fail(
                 f"top blob {name!r} is already written by layer {self._writers[name]!r}; give it another name, or that "
@@ -184,12 +185,14 @@ class Graph:
         Each blob has one reader at this point (``insert_splits``); layers in place
         count as a chain.
         """
-        under_loss, skipped = {blob for blob, _, _ in self.losses}, set()
+        under_loss = {blob for blob, _, _ in self.losses}
+        skipped = set()
         for at in reversed(self.connections):
             contributes = any(t in under_loss for t in at.top)
             wanted = any(t not in skipped for t in at.top)
             if not (contributes and wanted):
-                at.needs_backward, at.propagate_down = False, [False] * len(at.bottom)
+                at.needs_backward = False
+                at.propagate_down = [False] * len(at.bottom)
             for blob, down in zip(at.bottom, at.propagate_down):
                 if contributes:
                     under_loss.add(blob)

@@ -107,7 +107,8 @@ class Layer:
         """
         if phase is None or rng is None:
             return
-        self.spec, self.source = spec, schema.position_of(spec).source
+        self.spec = spec
+        self.source = schema.position_of(spec).source
         self.name, self.type, self.phase = spec.name, spec.type, PHASES[phase]
         self.rng = rng
         self.dtype: np.dtype[Any] = np.dtype(dtype)

@@ -27,7 +27,8 @@ class LayerErrors(AbstractContextManager[None]):
     """
 
     def __init__(self, layer: Layer, bottom: Blobs) -> None:
-        self.layer, self.bottom = layer, bottom
+        self.layer = layer
+        self.bottom = bottom
 
     def __exit__(
         self,

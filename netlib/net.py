@@ -83,7 +83,7 @@ class Net(Graph):
         python_layers: bool = True,
         layer_hook: LayerHook | None = None,
     ) -> None:
-        for value in args:
+        for value in args:  # as in pycaffe, [weights,] phase
             if isinstance(value, (int, np.integer)):
                 phase = int(value)
             else:
@@ -136,12 +136,12 @@ class Net(Graph):
         For the whole net these are its outputs. ``inputs`` are arrays for the input blobs; a new
         shape reshapes the net. ``blobs`` names more blobs to return.
         """
-        part = self._part(start, end)
+        layers = self._layer_range(start, end)
         with self.one_thread:  # inputs are shared: a second thread would overwrite them
             self._set_inputs(
-                {name: _numbers(array, f"input {name!r}") for name, array in inputs.items()}
+                {name: _as_numbers(array, f"input {name!r}") for name, array in inputs.items()}
             )
-            self._forward_steps(*part)
+            self._forward_steps(*layers)
         names = self.outputs if end is None else self.layer_dict[end].spec.top
         return {name: self._blob(name).data for name in [*names, *(blobs or [])]}
 
@@ -163,10 +163,11 @@ class Net(Graph):
         loss_weight x top.
         """
         tops = {blob for at in self.connections[layers] for blob in at.top}
-        losses = [(blob, weight) for blob, weight, _ in self.losses if blob in tops]
-        return float(
-            sum(weight * float(blob.data.sum(dtype=np.float64)) for blob, weight in losses)
-        )
+        loss = 0.0
+        for blob, weight, _ in self.losses:
+            if blob in tops:
+                loss += weight * float(blob.data.sum(dtype=np.float64))
+        return loss
 
     def backward(
         self,
@@ -181,18 +182,11 @@ class Net(Graph):
         For the whole net these are its inputs. ``tops`` are arrays for the diffs of output blobs;
         ``diffs`` names more blobs whose diffs to return.
         """
-        part = self._part(end, start)
+        layers = self._layer_range(end, start)
         with self.one_thread:
             self._pass.seed_losses()
-            for name, array in tops.items():
-                diff, given = self._blob(name).diff, _numbers(array, f"output {name!r}")
-                try:
-                    diff[...] = given
-                except ValueError:
-                    raise LayerError(
-                        f"output {name!r} has shape {diff.shape}, got an array of shape {given.shape}"
-                    ) from None
-            self._backward_steps(*part)
+            self._set_diffs(tops)
+            self._backward_steps(*layers)
         names = self.inputs if end is None else self.layer_dict[end].spec.bottom
         return {name: self._blob(name).diff for name in [*names, *(diffs or [])]}
 
@@ -219,12 +213,13 @@ class Net(Graph):
             for step in reversed(self.steps[first:last]):
                 self._pass.backward(step)
 
-    def _part(self, first: str | None, last: str | None) -> tuple[int, int | None]:
-        """Range of layer indices from ``first`` to ``last``."""
-        begin = 0 if first is None else self._number_of(first)
-        return begin, None if last is None else self._number_of(last) + 1
+    def _layer_range(self, first: str | None, last: str | None) -> tuple[int, int | None]:
+        """Begin and end of the indices of the layers ``first`` to ``last``, inclusive."""
+        begin = 0 if first is None else self._layer_index(first)
+        end = None if last is None else self._layer_index(last) + 1
+        return begin, end
 
-    def _number_of(self, layer: str) -> int:
+    def _layer_index(self, layer: str) -> int:
         names = list(self.layer_dict)
         if layer not in names:
             raise NetlibError(
@@ -253,6 +248,18 @@ class Net(Graph):
         for name, array in arrays.items():
             self.engine.copy(array, self.blobs[name].data)
 
+    def _set_diffs(self, arrays: Mapping[str, Any]) -> None:
+        """Write the diffs of output blobs; as in NumPy, arrays are broadcast."""
+        for name, array in arrays.items():
+            diff = self._blob(name).diff
+            given = _as_numbers(array, f"output {name!r}")
+            try:
+                diff[...] = given
+            except ValueError:
+                raise LayerError(
+                    f"output {name!r} has shape {diff.shape}, got an array of shape {given.shape}"
+                ) from None
+
     def _blob(self, name: str | None) -> Blob:
         if name not in self.blobs:
             raise NetlibError(
@@ -273,10 +280,11 @@ class Net(Graph):
         return self._pass.steps
 
     def store_all(self, wanted: bool = True) -> None:
-        """Store every blob from now on, as after the first access to an unstored one; or only
-        the needed ones from the next full pass on.
+        """Store every blob from now on, as after the first access to an unstored one; or, if not
+        ``wanted``, only the needed ones from the next full pass on.
 
-        Results differ in rounding. A solver state has which it was, so that a resume is exact.
+        The two differ in rounding. A solver state records which one was used, so that a resume is
+        exact.
         """
         with self.one_thread:
             self._pass.store_all(wanted)
@@ -296,7 +304,7 @@ class Net(Graph):
 
     def first_not_finite(self) -> str | None:
         """Describe where in the net NaN or infinity first appears; None if all
-        values are finite.
+        values are finite. A layer's parameters come before its tops.
         """
         for at in self.connections:
             for i, param in enumerate(at.layer.blobs):
@@ -351,7 +359,7 @@ class Net(Graph):
                 self.layer_dict[name].restore(state)
 
 
-def _numbers(array: Any, what: str) -> NDArray[Any]:
+def _as_numbers(array: Any, what: str) -> NDArray[Any]:
     """Convert to an array of numbers.
 
     Raises LayerError for other types, ragged lists and masked arrays.
@@ -361,9 +369,9 @@ def _numbers(array: Any, what: str) -> NDArray[Any]:
             f"{what} got a masked array; expected a plain one, for example array.filled(VALUE)"
         )
     try:
-        found = np.asarray(array)
+        numbers = np.asarray(array)
     except ValueError:
         raise LayerError(f"{what} got rows of different lengths; expected one array") from None
-    if found.dtype.kind not in "fiub":
-        raise LayerError(f"{what} got an array of {found.dtype}; expected numbers")
-    return found
+    if numbers.dtype.kind not in "fiub":
+        raise LayerError(f"{what} got an array of {numbers.dtype}; expected numbers")
+    return numbers

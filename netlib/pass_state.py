@@ -40,9 +40,11 @@ class PassState:
         self.steps: Sequence[Step] = []
         self.one_thread = OneThread(graph.name)
         self.is_reshaped = False
-        self._name, self._engine = graph.name, graph.engine
+        self._name = graph.name
+        self._engine = graph.engine
         self._connections = graph.connections
-        self._blobs, self._losses = graph.blobs, graph.losses
+        self._blobs = graph.blobs
+        self._losses = graph.losses
         named = [graph.blobs[name] for name in [*graph.inputs, *graph.outputs]]
         self._outside = named + [blob for blob, _, _ in graph.losses]
         self._in_place = {blob for at in graph.connections for blob in at.top if blob in at.bottom}
@@ -74,7 +76,8 @@ class PassState:
         """Context manager of a pass: in one thread; an unstored blob cannot be read meanwhile."""
         # the solver reports values that are not finite
         with self.one_thread, np.errstate(all="ignore"):
-            self._is_running, self._writing = True, []
+            self._is_running = True
+            self._writing = []
             try:
                 yield
             except BaseException:
@@ -129,7 +132,8 @@ class PassState:
         """Prepare the steps for a backward pass of this range of layers; those that have not run
         forwards do.
         """
-        self._is_at_once, self._follows = self._follows, False
+        self._is_at_once = self._follows
+        self._follows = False
         self._begin(first, last)
         if not all(map(self._is_ready, self.steps[first:last])):
             self._run_missing(first, last)
@@ -191,7 +195,8 @@ class PassState:
         is kept. If a layer in place overwrites it, it is written before each pass.
         """
         for i, (blob, weight, _) in enumerate(self._losses):
-            diff, seeded = blob.diff, self._seeded.get(i)
+            diff = blob.diff
+            seeded = self._seeded.get(i)
             if seeded is None or not np.may_share_memory(seeded, diff) or blob in self._in_place:
                 diff[...] = weight
                 self._seeded[i] = diff
@@ -210,7 +215,8 @@ class PassState:
     def _make_steps(self) -> None:
         """Make the steps for the current shapes, unless there is one for each layer already."""
         if not self._by_layer:
-            old, new = self.steps, self._engine.steps(self._connections, self._outside, self.steps)
+            old = self.steps
+            new = self._engine.steps(self._connections, self._outside, self.steps)
             for step in old:
                 if step not in new:  # values of the last pass that keep their shape are not lost
                     self._note(step.store())
@@ -248,7 +254,8 @@ class PassState:
         for step in steps:
             for blob in step.sources:
                 sources.setdefault(blob, []).append(step)
-        before, self._watched = self._watched, unstored | sources.keys() | self._unknown.keys()
+        before = self._watched
+        self._watched = unstored | sources.keys() | self._unknown.keys()
         for blob in self._watched:
             is_source = blob not in unstored and blob not in self._unknown
             blob.on_access = partial(_look, state, is_source)

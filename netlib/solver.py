@@ -292,7 +292,8 @@ class Solver(Training):
 
     def _display(self) -> None:
         (before, since), self._lap = self._lap, (self.iter, time.perf_counter())
-        done, seconds = self.iter - before, self._lap[1] - since
+        done = self.iter - before
+        seconds = self._lap[1] - since
         speed = done / seconds if seconds and done else 0.0
         log.info(
             "Iteration %d (%.6g iter/s, %.6gs/%d iters), loss = %.6g",
@@ -336,7 +337,8 @@ class Solver(Training):
         Returns {} if stopped, and for a test_iter of 0, with which scripts keep a test net for
         their own use.
         """
-        net, batches = self.test_nets[number], self.param.test_iter[number]
+        net = self.test_nets[number]
+        batches = self.param.test_iter[number]
         begun = time.perf_counter()
         log.info("Iteration %d, Testing net (#%d)", self.iter, number)
         found = report.means_of(

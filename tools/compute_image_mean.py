@@ -83,7 +83,8 @@ def run(args: argparse.Namespace) -> int:
         items, _ = read_list(Path(args.input))
         paths = [find(args.root_folder + name, args.input) for name, _ in items]
         inputs = [args.input, *paths]
-        count, images = len(paths), from_files(paths, args)
+        count = len(paths)
+        images = from_files(paths, args)
     if args.output:
         outputs.refuse_inputs(args.output, inputs)
     total = None

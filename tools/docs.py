@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import re
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
@@ -43,39 +44,46 @@ def main(argv: list[str] | None = None) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Print what the arguments select. Raises NetlibError."""
-    folder = own("docs")
-    pages = {
-        path.stem if path.suffix == ".md" else path.name: path.read_text(encoding="utf-8")
-        for ending in ("*.md", "*.schema.json")
-        for path in sorted(folder.glob(ending))
-    }
+    pages = _pages()
     if not args.page:
-        width = max(map(len, pages))
-        for name, text in pages.items():
-            title = re.search(r'^# (.+)|^\s*"title": "(.+)"', text, re.MULTILINE)
-            say(f"{name:{width}}  {title[1] or title[2] if title else ''}")
+        _list(pages)
         return DONE
     word = args.page.removeprefix("docs/").removesuffix(".md")
     if word in pages:
         print(pages[word], end="")
         return DONE
-    found = [
+    lines = [
         f"{name}: {line.strip()}"
         for name, text in pages.items()
         for line in text.splitlines()
         if word.lower() in line.lower()
     ]
-    if not found:
+    if not lines:
         raise NetlibError(
             f"{word}: no such page{did_you_mean(word, pages)}, and no page contains it; "
             f"'{command('docs')}' lists the pages"
         )
-    say(
-        f"no page is called {word!r}{did_you_mean(word, pages)}; these lines contain it:",
-        *found,
-        sep="\n",
-    )
+    say(f"no page is called {word!r}{did_you_mean(word, pages)}; these lines contain it:")
+    say(*lines, sep="\n")
     return DONE
+
+
+def _pages() -> dict[str, str]:
+    """The text of each page by its name."""
+    pages = {}
+    for pattern in ("*.md", "*.schema.json"):
+        for path in sorted(own("docs").glob(pattern)):
+            name = path.name.removesuffix(".md")
+            pages[name] = path.read_text(encoding="utf-8")
+    return pages
+
+
+def _list(pages: Mapping[str, str]) -> None:
+    """Print the name and the title of each page."""
+    width = max(map(len, pages))
+    for name, text in pages.items():
+        title = re.search(r'^# (.+)|^\s*"title": "(.+)"', text, re.MULTILINE)
+        say(f"{name:{width}}  {title[1] or title[2] if title else ''}")
 
 
 if __name__ == "__main__":

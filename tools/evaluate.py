@@ -111,7 +111,8 @@ def run(args: argparse.Namespace) -> int:
     count, camera, is_y_down = len(benchmark.joints), benchmark.camera, benchmark.is_y_down
     fmt, true_fmt = args.format or benchmark.format, args.groundtruth_format or benchmark.format
     true_names, truth = published.read_frames(args.groundtruth, count, true_fmt, camera, is_y_down)
-    scores, predictions = {}, {}
+    scores = {}
+    predictions = {}
     for name, path in args.predictions:
         names, predicted = published.read_frames(path, count, fmt, camera, is_y_down)
         predicted = published.in_order(names, predicted, true_names, path)

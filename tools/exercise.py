@@ -66,7 +66,8 @@ def main(argv: list[str] | None = None) -> int:
     )
     args = parser.parse_args(argv)
     if args.name is not None and args.name not in EXERCISES:
-        known, meant = ", ".join(EXERCISES), did_you_mean(args.name.lower(), EXERCISES)
+        known = ", ".join(EXERCISES)
+        meant = did_you_mean(args.name.lower(), EXERCISES)
         parser.error(f"unknown exercise {args.name!r}{meant}; known: {known}")
     if args.name is None and (args.start or args.bug or args.file is not None):
         parser.error("--start, --bug and --file need the NAME of an exercise")
@@ -75,7 +76,8 @@ def main(argv: list[str] | None = None) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """List, start or check exercises."""
-    exercise, typed = EXERCISES.get(args.name), command("exercise")
+    exercise = EXERCISES.get(args.name)
+    typed = command("exercise")
     if exercise is None:
         solutions.show_all(typed)
     elif args.start:

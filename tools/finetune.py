@@ -232,10 +232,12 @@ def _report(solver: HeadSolver, line: StatusLine) -> None:
     """Show the step, the accuracy on the held-out pictures and the time left while a
     solver trains.
     """
-    begun, accuracy = time.monotonic(), [""]
+    begun = time.monotonic()
+    accuracy = [""]
 
     def update() -> None:
-        done, total = solver.iter, solver.param.max_iter
+        done = solver.iter
+        total = solver.param.max_iter
         left = (time.monotonic() - begun) / done * (total - done)
         line(f"step {done}/{total}{accuracy[0]}, {duration(left)} left")
 
@@ -372,7 +374,8 @@ def _test(
 ) -> int:
     """Print the confusions of the held-out pictures, and the command that repeats it."""
     net = Net(args.out / "deploy.prototxt", weights, netlib.TEST, engine=args.engine)
-    confusion, (output,) = Confusion(labels), net.outputs
+    confusion = Confusion(labels)
+    (output,) = net.outputs
     truth = dict(test)
     batch = net.blobs[net.inputs[0]].shape[0]
     for paths, _, arrays in passes(net, list(truth), how, [output], batch):

@@ -86,11 +86,11 @@ def run(args: argparse.Namespace) -> int:
     """Generate the recording."""
     if not args.out.name:
         raise NetlibError(f"{args.out}: expected the name of a new folder or FILE.npz")
-    truth = args.out.with_name(
-        f"{args.out.stem if args.out.suffix == '.npz' else args.out.name}.truth.json"
-    )
+    name = args.out.stem if args.out.suffix == ".npz" else args.out.name
+    truth = args.out.with_name(f"{name}.truth.json")
     if truth.exists():
         raise NetlibError(f"{truth}: is there already; choose another --out or remove it")
+    first_side = next(iter(SCRIPTS[args.script].acts))
     recording = SyntheticRecording(
         args.script,
         args.camera,
@@ -98,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
         seconds=args.seconds,
         seed=args.seed,
         clean=args.clean,
-        mirrored=args.hand not in (None, next(iter(SCRIPTS[args.script].acts))),
+        mirrored=args.hand not in (None, first_side),
     )
     writer = RecordingWriter(args.out, recording.camera, recording.unit_mm, recording.rate)
     make_folder(truth.parent)
@@ -118,11 +118,12 @@ def run(args: argparse.Namespace) -> int:
         say(f"stopped; {args.out} and {truth} have {writer.count} frames", file=sys.stderr)
         return 128 + stopper.signum
     except BaseException:
-        if exists(truth) and not exists(args.out):
-            truth.unlink()  # of a recording that does not exist
+        if exists(truth) and not exists(args.out):  # no ground truth without its recording
+            truth.unlink()
         raise
+    duration = writer.count / recording.rate
     say(
-        f"wrote {args.out}: {writer.count} frames of {writer.count / recording.rate:.1f} s, "
+        f"wrote {args.out}: {writer.count} frames of {duration:.1f} s, "
         f"unit {recording.unit_mm:g} mm; ground truth in {truth}"
     )
     return DONE

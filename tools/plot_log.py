@@ -70,7 +70,8 @@ def read_log(path: str | Path) -> dict[str, Curve]:
     Raises DataError if there is none.
     """
     text = files.read_text(path, "the log", errors="replace")
-    curves, iteration = dict[str, Curve](), 0
+    curves: dict[str, Curve] = {}
+    iteration = 0
     for line in text.splitlines():
         if found := _LOSS.search(line):
             curves.setdefault(LOSS, []).append((int(found[1]), float(found[2])))
@@ -98,7 +99,8 @@ def plot(logs: dict[str, dict[str, Curve]], out: str | Path) -> None:
     panels = dict(zip(names, figure.subplots(1, len(names), squeeze=False)[0]))
     stems = [Path(path).stem for path in logs]
     for path, log in logs.items():
-        stem, folder = Path(path).stem, Path(path).parent.name
+        stem = Path(path).stem
+        folder = Path(path).parent.name
         label = outputs.label(f"{folder}/{stem}" if stems.count(stem) > 1 and folder else stem)
         for name, curve in log.items():
             if name in panels:

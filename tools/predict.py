@@ -61,8 +61,8 @@ from tools.common import arguments, outputs, prediction_outputs, sources
 from tools.common.console import DONE, guarded, say
 
 MODEL = ROOT / "prototxt" / "nyu_deploy.prototxt"
-FIT: Literal["accurate"] = "accurate"  # of hands, by default
-EITHER, UNFITTED = "either", "right"  # sides with a fit and without one, by default
+FIT: Literal["accurate"] = "accurate"  # default for hands
+EITHER, UNFITTED = "either", "right"  # default sides with a fit and without one
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -154,36 +154,38 @@ def main(argv: list[str] | None = None) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Predict the images."""
-    given, camera = (CameraInfo(), NYU) if args.camera is None else sources.frames_camera(args)
+    is_frame = args.camera is not None
+    info, camera = sources.frames_camera(args) if is_frame else (CameraInfo(), NYU)
     predictor = _predictor(args, camera)
     out = Path(args.out)
     outputs.make_folder(out)
-    own = args.camera if isinstance(args.camera, Path) else None
+    camera_file = args.camera if isinstance(args.camera, Path) else None
     for file in {args.html, args.csv, args.json} - {None, "-"}:
-        outputs.check_place(Path(file), [*args.images, own, args.weights, args.model])
-    whole = args.camera is not None
-    depths = [read_frame(image, given) if whole else read_crop(image) for image in args.images]
-    middles = args.center or [None]
-    centers = middles if len(middles) > 1 else middles * len(args.images)
-    places = outputs.places(args.images, out, "_hand.png" if predictor.is_hand else "_body.png")
-    hands = list[tuple[str, HandEstimate]]()
-    for image, depth, middle, place in zip(args.images, depths, centers, places):
-        found = (
-            _in_frame(predictor, depth, middle, image, given) if whole else predictor.in_crop(depth)
+        outputs.check_place(Path(file), [*args.images, camera_file, args.weights, args.model])
+    depths = [read_frame(image, info) if is_frame else read_crop(image) for image in args.images]
+    centers = args.center or [None]
+    if len(centers) == 1:
+        centers = centers * len(args.images)
+    pictures = outputs.places(args.images, out, "_hand.png" if predictor.is_hand else "_body.png")
+    hands: list[tuple[str, HandEstimate]] = []
+    for image, depth, center, picture in zip(args.images, depths, centers, pictures):
+        hand = (
+            _in_frame(predictor, depth, center, image, info)
+            if is_frame
+            else predictor.in_crop(depth)
         )
-        if found.in_frame and predictor.is_hand:
-            confidence = 0.0 if found.fit is None else found.confidence
-            sources.print_warnings(image, depth, found.camera, given.unit_mm, confidence)
-        hands.append((image, found))
-        prediction_outputs.draw(place, found, predictor)
+        hands.append((image, hand))
+        if hand.in_frame and predictor.is_hand:
+            confidence = 0.0 if hand.fit is None else hand.confidence
+            sources.print_warnings(image, depth, hand.camera, info.unit_mm, confidence)
+        prediction_outputs.draw(picture, hand, predictor)
         if args.json != "-":
-            words, lines = prediction_outputs.table(found, predictor, args.joints)
-            for line in (f"{image}: {words}; picture {place}", *lines):
-                say(line)
+            words, lines = prediction_outputs.table(hand, predictor, args.joints)
+            say(f"{image}: {words}; picture {picture}", *lines, sep="\n")
     if args.csv:
         prediction_outputs.write_csv(Path(args.csv), hands, predictor, args.joints)
     if args.json:
-        prediction_outputs.write_json(args.json, hands, places, predictor, args.joints)
+        prediction_outputs.write_json(args.json, hands, pictures, predictor, args.joints)
     if args.html:
         prediction_outputs.write_page(Path(args.html), hands, predictor)
     return DONE
@@ -205,21 +207,20 @@ def _predictor(args: argparse.Namespace, camera: Camera) -> Predictor:
 
 
 def _in_frame(
-    predictor: Predictor, depth: NDArray[Any], middle: Any, image: str, given: CameraInfo
+    predictor: Predictor, depth: NDArray[Any], center: Any, image: str, info: CameraInfo
 ) -> HandEstimate:
     """Predict the hand in a frame. Raises DataError with the image's name and advice."""
     try:
-        return predictor.in_frame(depth, middle)
+        return predictor.in_frame(depth, center)
     except DataError as error:
-        known = isinstance(error, UnitError) or (middle and len(middle) == 3)
-        doubt = "" if middle else checked([depth], predictor.camera, given.unit_mm).doubt
+        has_position = center is not None and len(center) == 3
+        if isinstance(error, UnitError) or has_position:
+            raise DataError(f"{image}: {error}") from None
+        doubt = "" if center else checked([depth], predictor.camera, info.unit_mm).doubt
         body = "hand" if predictor.is_hand else "body"
-        advice = (
-            ""
-            if known
-            else f"{doubt and f'; {doubt}'}; give the position of the {body} with --center U,V,D"
-        )
-        raise DataError(f"{image}: {error}{advice}") from None
+        raise DataError(
+            f"{image}: {error}{doubt and f'; {doubt}'}; give the position of the {body} with --center U,V,D"
+        ) from None
 
 
 if __name__ == "__main__":

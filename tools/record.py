@@ -27,23 +27,22 @@ tools.begin(__name__)
 from handpose import RecordingWriter
 from handpose.frames.inspection import Inspection, inspect
 from netlib.errors import NetlibError
-from tools.common import outputs
-from tools.common.arguments import parser_of, seconds
+from tools.common import arguments, outputs
 from tools.common.console import DONE, guarded, say
 from tools.common.progress import ProgressBar, StoppedError, Stopper
 from tools.common.sources import add_source_options, opened, print_inspection, print_new_remarks
 
-COARSEST_MM = 1.0  # largest depth unit of the output: sources in metres have fractions
+MAX_UNIT_MM = 1.0  # of the output; depths of sources in metres have fractions
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
-    parser = parser_of(__doc__)
+    parser = arguments.parser_of(__doc__)
     add_source_options(parser)
     parser.add_argument(
         "--out", required=True, metavar="FOLDER|FILE.npz", type=Path, help="output, new"
     )
-    parser.add_argument("--seconds", type=seconds, metavar="S", help="maximum duration")
+    parser.add_argument("--seconds", type=arguments.seconds, metavar="S", help="maximum duration")
     return guarded(run, parser.parse_args(argv))
 
 
@@ -52,39 +51,41 @@ def run(args: argparse.Namespace) -> int:
     source = Path(args.source).absolute()
     outputs.refuse_inputs(args.out, [source, source.parent], "contains the source")
     with opened(args) as recording:
-        unit = min(recording.unit_mm, COARSEST_MM)
-        writer = RecordingWriter(args.out, recording.camera, unit, recording.rate)
-        seen = inspect(recording)
-        print_inspection(seen)
+        unit_mm = min(recording.unit_mm, MAX_UNIT_MM)
+        writer = RecordingWriter(args.out, recording.camera, unit_mm, recording.rate)
+        inspection = inspect(recording)
+        print_inspection(inspection)
         try:
             with Stopper() as stopper:
-                seconds = _write(seen, writer, stopper, args.seconds)
+                seconds = _write(inspection, writer, stopper, args.seconds)
         except StoppedError:
             say(f"stopped; {args.out} has {writer.count} frames", file=sys.stderr)
             return 128 + stopper.signum
         except NetlibError as error:
             kept = f"; {args.out} has the {writer.count} frames before it" if writer.count else ""
             raise NetlibError(f"{error}{kept}") from None
-        print_new_remarks(seen)
+        print_new_remarks(inspection)
     if not writer.count:
         raise NetlibError(f"{args.source}: no frames")
-    say(f"wrote {args.out}: {writer.count} frames of {seconds:.1f} s, unit {unit:g} mm")
+    say(f"wrote {args.out}: {writer.count} frames of {seconds:.1f} s, unit {unit_mm:g} mm")
     return DONE
 
 
 def _write(
-    seen: Inspection, writer: RecordingWriter, stopper: Stopper, seconds: float | None
+    inspection: Inspection, writer: RecordingWriter, stopper: Stopper, limit: float | None
 ) -> float:
-    """Write frames up to the limit; returns the time in s from the first to the last.
+    """Write the frames of at most ``limit`` seconds; returns the time in s from the first to the
+    last.
 
     Raises StoppedError.
     """
     first = last = None
-    with writer, ProgressBar(seen.recording.count or 0, what="recording") as progress:
-        for frame in seen.all_frames():
+    count = inspection.recording.count or 0
+    with writer, ProgressBar(count, what="recording") as progress:
+        for frame in inspection.all_frames():
             stopper.check()
             first = frame.time if first is None else first
-            if seconds is not None and frame.time - first >= seconds:
+            if limit is not None and frame.time - first >= limit:
                 break
             writer.write(frame)
             last = frame.time

@@ -205,7 +205,8 @@ def _paths(images: Sequence[str], root: str) -> tuple[list[str], list[int]]:
 
     Raises DataError.
     """
-    paths, truth = list[str](), list[int]()
+    paths: list[str] = []
+    truth: list[int] = []
     for image in images:
         if image.lower().endswith(".txt"):
             items = read_list(Path(image))[0]

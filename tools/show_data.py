@@ -74,7 +74,8 @@ def run(args: argparse.Namespace) -> int:
     contents = [path for name in args.sets for path in Path(name).glob("*")]
     outputs.refuse_inputs(args.out, [args.skeleton, *read, *contents])
     columns = min(COLUMNS, max(map(len, sets)))
-    images, titles = [], []
+    images = []
+    titles = []
     for name, examples in zip(args.sets, sets):
         for number, (crop, joints, where) in enumerate(examples):
             found = 0 if joints is None else joints.size // 3

@@ -56,6 +56,20 @@ def run(args: argparse.Namespace) -> int:
     """Time the net."""
     if args.threads:
         engine.get(args.engine).set_threads(args.threads)
+    net = _new_net(args)
+    for blob in (net.blobs[name] for name in net.inputs):
+        # images; other inputs, such as regions, count items
+        if len(blob.shape) == 4 and blob.shape[3] > 1:
+            blob.data[...] = np.random.default_rng(0).uniform(-1, 1, blob.shape)
+    if args.memory:
+        _print_memory(net)
+    else:
+        _print_times(net, args.iterations)
+    return DONE
+
+
+def _new_net(args: argparse.Namespace) -> Net:
+    """Create the net that the arguments select. Raises NetlibError."""
     try:
         net = Net(args.model, PHASES[args.phase or PHASE], engine=args.engine)
     except NetlibError as error:
@@ -66,31 +80,30 @@ def run(args: argparse.Namespace) -> int:
         ) from None
     if args.phase is None and net.inputs and not net.losses:
         net = Net(args.model, PHASES[DEPLOY_PHASE], engine=args.engine)
-    for blob in (net.blobs[name] for name in net.inputs):
-        # images; other inputs, such as regions, count items
-        if len(blob.shape) == 4 and blob.shape[3] > 1:
-            blob.data[...] = np.random.default_rng(0).uniform(-1, 1, blob.shape)
-    if args.memory:
-        net.run_forward()
-        net.run_backward()
-        for what, size in memory_of(net):
-            say(f"{size / 2**20:10.2f} MiB  {what}")
-        with contextlib.suppress(ImportError):  # not available on Windows
-            import resource
+    return net
 
-            say(
-                f"{resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10:10.2f} MiB  peak of the process"
-            )
-        return DONE
+
+def _print_memory(net: Net) -> None:
+    """Print what the net stores after a pass, and the peak of the process."""
+    net.run_forward()
+    net.run_backward()
+    for what, size in memory_of(net):
+        say(f"{size / 2**20:10.2f} MiB  {what}")
+    with contextlib.suppress(ImportError):  # not available on Windows
+        import resource
+
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss  # KiB
+        say(f"{peak / 2**10:10.2f} MiB  peak of the process")
+
+
+def _print_times(net: Net, iterations: int) -> None:
+    """Print the times of passes, of layers, and per item of the batch."""
     batch = next(blob.shape[0] for blob in net.blobs.values() if blob.shape)
     say(f"Engine {net.engine.name}; {netlib.BLAS_NOTE}, {net.engine.threads()} threads")
     say(f"Phase {net.state.phase}, batch {batch}")
-    forward, backward = report_time(net, args.iterations, lambda *cells: say(*cells, sep="\t"))
-    say(
-        f"Per item of the batch of {batch}: {forward * 1e3 / batch:.4g} ms forward, {backward * 1e3 / batch:.4g} ms "
-        "backward"
-    )
-    return DONE
+    seconds = report_time(net, iterations, lambda *cells: say(*cells, sep="\t"))
+    forward, backward = (1e3 * direction / batch for direction in seconds)
+    say(f"Per item of the batch of {batch}: {forward:.4g} ms forward, {backward:.4g} ms backward")
 
 
 if __name__ == "__main__":

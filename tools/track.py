@@ -111,7 +111,7 @@ def main(argv: list[str] | None = None) -> int:
     args = parser.parse_args(argv)
 
     def settled(args: argparse.Namespace) -> int:
-        settle_outputs(args, parser)  # may find no working directory
+        settle_outputs(args, parser)  # guarded, because there may be no working directory
         return run(args)
 
     return guarded(settled, args)
@@ -119,11 +119,11 @@ def main(argv: list[str] | None = None) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Track the recording."""
-    talk = sys.stderr if args.json == "-" else sys.stdout
+    report = sys.stderr if args.json == "-" else sys.stdout
     with sources.opened(args) as recording:
         refuse_inputs(args, recording)
-        seen = inspect(recording)
-        sources.print_inspection(seen, talk)
+        inspection = inspect(recording)
+        sources.print_inspection(inspection, report)
         predictor = load_predictor(
             recording.camera,
             fit=args.fit,
@@ -133,107 +133,109 @@ def run(args: argparse.Namespace) -> int:
             seed=args.seed,
         )
         if args.look is not None:
-            return prediction_outputs.draw_first(seen, predictor, args.look)
+            return prediction_outputs.draw_first(inspection, predictor, args.look)
         tracker = Tracker(
             predictor,
             hands=args.hands,
             smooth=not args.raw,
             size=args.size,
-            min_confidence=0,
+            min_confidence=0,  # LaterFrames applies it
             min_presence=args.min_presence,
         )
-        return _track_recording(args, seen, tracker, talk)
+        return _track_recording(args, inspection, tracker, report)
 
 
 def _track_recording(
-    args: argparse.Namespace, seen: Inspection, tracker: Tracker, talk: TextIO
+    args: argparse.Namespace, inspection: Inspection, tracker: Tracker, report: TextIO
 ) -> int:
     """Track the frames, write the outputs, and print a summary and warnings; returns the exit
     status. Raises NetlibError.
     """
-    recording, status = seen.recording, DONE
-    summary, begun = Summary(tracker.predictor.skeleton), time.perf_counter()
+    recording = inspection.recording
+    status = DONE
+    summary = Summary(tracker.predictor.skeleton)
+    begin = time.perf_counter()
     outputs = Outputs(args, tracker.header(recording.name), recording.rate)
     at_once = recording.live or args.serve is not None
     later = LaterFrames[Floats](tracker.model, args.min_confidence, at_once, tracker.settings)
     try:
         with Stopper() as stopper:
-            _track(seen, tracker, later, outputs, summary, stopper, args.frames)
+            _track(inspection, tracker, later, outputs, summary, stopper, args.frames)
     except StoppedError:
         after = f" after {summary.frames} frames" if summary.frames else ""
         say(f"stopped{after}", file=sys.stderr)
         status = 128 + stopper.signum
-    sources.print_new_remarks(seen)
-    if summary.frames:
-        seconds = time.perf_counter() - begun or 1e-3  # 0: a coarse clock
-        _say_summary(summary, seconds, later.sure_hands.note, outputs, talk, seen.doubt)
-        warnings = summary.doubts if args.size is None else []
-        if RATE_UNKNOWN in recording.remarks:
-            warnings.append(RATE_UNKNOWN)
-        for warning in warnings:
-            say(f"warning: {recording.name}: {warning}", file=sys.stderr)
-    elif status == DONE:
-        raise DataError(f"{recording.name}: no frames were tracked")
+    sources.print_new_remarks(inspection)
+    if not summary.frames:
+        if status == DONE:
+            raise DataError(f"{recording.name}: no frames were tracked")
+        return status
+    seconds = time.perf_counter() - begin or 1e-3  # 0: a coarse clock
+    _say_summary(summary, seconds, later.sure_hands.note, outputs, report, inspection.doubt)
+    warnings = summary.doubts if args.size is None else []
+    if RATE_UNKNOWN in recording.remarks:
+        warnings.append(RATE_UNKNOWN)
+    for warning in warnings:
+        say(f"warning: {recording.name}: {warning}", file=sys.stderr)
     return status
 
 
 def _track(
-    seen: Inspection,
+    inspection: Inspection,
     tracker: Tracker,
     later: LaterFrames[Floats],
     outputs: Outputs,
     summary: Summary,
     stopper: Stopper,
-    frames: int | None,
+    max_frames: int | None,
 ) -> None:
-    """Track and write up to the end of the recording, or ``frames``.
+    """Track and write up to the end of the recording, or ``max_frames``.
 
     Raises StoppedError, NetlibError.
     """
+    recording = inspection.recording
 
-    def write(ready: list[tuple[Floats, TrackedFrame]]) -> None:
-        for depth, found in ready:
-            outputs.write(depth, found)
-            summary.add(found)
+    def write(frames: list[tuple[Floats, TrackedFrame]]) -> None:
+        for depth, tracked in frames:
+            outputs.write(depth, tracked)
+            summary.add(tracked)
 
-    total = min((count for count in (seen.recording.count, frames) if count), default=0)
+    total = min((count for count in (recording.count, max_frames) if count), default=0)
     with outputs, ProgressBar(total, what="tracking") as progress:
-        outputs.begin(seen.recording, stopper.check)
+        outputs.begin(recording, stopper.check)
         try:
-            for frame in islice(seen.all_frames(), frames):
+            for frame in islice(inspection.all_frames(), max_frames):
                 stopper.check()
                 try:
-                    found = tracker.step(frame)
+                    tracked = tracker.step(frame)
                 except DataError as error:
-                    raise DataError(
-                        f"{seen.recording.name}: frame {frame.number}: {error}"
-                    ) from error
-                write(later.add(frame.depth, found))
+                    raise DataError(f"{recording.name}: frame {frame.number}: {error}") from error
+                write(later.add(frame.depth, tracked))
                 progress(1)
         finally:
             write(later.finish())
 
 
 def _say_summary(
-    summary: Summary, seconds: float, note: str, outputs: Outputs, talk: TextIO, doubt: str
+    summary: Summary, seconds: float, note: str, outputs: Outputs, report: TextIO, doubt: str
 ) -> None:
-    """Print a summary, one line per hand, and the names of the outputs; ``doubt`` may explain why
-    no hand was found.
+    """Print a summary, one line per hand, and the names of the outputs.
+
+    note   how often a hand was below the minimum confidence; empty if never
+    doubt  what may explain that no hand was found; empty if nothing
     """
-    say(
-        f"{summary.frames} frames of {summary.seconds:.1f} s, {summary.frames / seconds:.0f} frames/s",
-        file=talk,
-    )
+    rate = summary.frames / seconds
+    say(f"{summary.frames} frames of {summary.seconds:.1f} s, {rate:.0f} frames/s", file=report)
     if not summary.hands:
-        say(f"{summary.nothing_found}{doubt and f'; {doubt}'}", file=talk)
+        say(f"{summary.nothing_found}{doubt and f'; {doubt}'}", file=report)
         if summary.present:
-            say(NO_POSE, file=talk)
+            say(NO_POSE, file=report)
     else:
-        print(aligned(summary.rows), file=talk)
+        print(aligned(summary.rows), file=report)
     if note:
-        say(note, file=talk)
+        say(note, file=report)
     for name in outputs.written:
-        say(f"wrote {name}", file=talk)
+        say(f"wrote {name}", file=report)
 
 
 if __name__ == "__main__":

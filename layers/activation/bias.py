@@ -69,10 +69,10 @@ class Broadcast(Layer):
                 f"{name} {shape} does not fit axes {self.axis} to {end} of bottom "
                 f"{bottom!r} {x.shape}"
             )
-        self.wide = shape + (1,) * (len(x.shape) - end)
-        self.others = tuple(i for i in range(len(x.shape)) if not self.axis <= i < end)
+        self.broadcast_shape = shape + (1,) * (len(x.shape) - end)
+        self.summed_axes = tuple(i for i in range(len(x.shape)) if not self.axis <= i < end)
         # a second bottom may have another number of items
-        self.batchwise = self.learned and 0 in self.others
+        self.batchwise = self.learned and 0 in self.summed_axes
 
 
 class Bias(Broadcast):
@@ -92,13 +92,13 @@ class Bias(Broadcast):
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         b = self.bias.data if self.learned else bottom[1].data
-        np.add(bottom[0].data, b.reshape(self.wide), out=top[0].data)
+        np.add(bottom[0].data, b.reshape(self.broadcast_shape), out=top[0].data)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         dy = top[0].diff
         if self.learned:
-            self.bias.diff[...] += dy.sum(axis=self.others)
+            self.bias.diff[...] += dy.sum(axis=self.summed_axes)
         elif propagate_down[1]:
-            bottom[1].diff[...] = dy.sum(axis=self.others)
+            bottom[1].diff[...] = dy.sum(axis=self.summed_axes)
         if propagate_down[0]:
             bottom[0].diff[...] = dy

@@ -53,26 +53,27 @@ class PReLU(Layer):
             raise self.fail(
                 f"bottom {self.spec.bottom[0]!r} has {x[1]} channels {x}, its slopes expect {slope[0]}"
             )
-        self.wide = slope + (1,) * (len(x) - 2)  # (C, 1, ...)
-        self.others = tuple(i for i in range(len(x)) if i != 1 or not slope)
+        self.broadcast_shape = slope + (1,) * (len(x) - 2)  # (C, 1, ...)
+        self.summed_axes = tuple(i for i in range(len(x)) if i != 1 or not slope)
         top[0].reshape(x)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         self.x = bottom[0].data.copy() if bottom[0] is top[0] else None
-        source = bottom[0].data if self.x is None else self.x
-        slope, y = self.slope.data.reshape(self.wide), top[0].data
-        # y is the larger one of x and slope x
-        is_larger = bool(((slope <= 1) & (slope != 0)).all())
-        for items in blocks(len(y), max(BLOCK * len(y) // max(y.size, 1), 1)):
-            x = source[items]
-            if is_larger:
-                np.maximum(x, np.multiply(slope, x, out=y[items]), out=y[items])
+        x = bottom[0].data if self.x is None else self.x
+        y = top[0].data
+        slope = self.slope.data.reshape(self.broadcast_shape)
+        is_maximum = ((slope <= 1) & (slope != 0)).all()  # then y = max(x, slope x)
+        items_per_block = max(BLOCK * len(y) // max(y.size, 1), 1)
+        for items in blocks(len(y), items_per_block):
+            x_block, y_block = x[items], y[items]
+            if is_maximum:
+                np.maximum(x_block, np.multiply(slope, x_block, out=y_block), out=y_block)
             else:
-                np.add(positive(x), slope * negative(x), out=y[items])
+                np.add(positive(x_block), slope * negative(x_block), out=y_block)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        dy, slope = top[0].diff, self.slope.data.reshape(self.wide)
+        dy, slope = top[0].diff, self.slope.data.reshape(self.broadcast_shape)
         x = bottom[0].data if self.x is None else self.x
-        self.slope.diff[...] += (dy * negative(x)).sum(axis=self.others)
+        self.slope.diff[...] += (dy * negative(x)).sum(axis=self.summed_axes)
         if propagate_down[0]:
             np.multiply(dy, (x > 0) + slope * (x <= 0), out=bottom[0].diff)

@@ -64,19 +64,19 @@ class Scale(Broadcast):
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         gain = self.gain.data if self.learned else bottom[1].data
         self.x = bottom[0].data.copy() if bottom[0] is top[0] else None
-        np.multiply(bottom[0].data, gain.reshape(self.wide), out=top[0].data)
+        np.multiply(bottom[0].data, gain.reshape(self.broadcast_shape), out=top[0].data)
         if self.param.bias_term:
-            top[0].data[...] += self.bias.data.reshape(self.wide)
+            top[0].data[...] += self.bias.data.reshape(self.broadcast_shape)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         dy = top[0].diff
         x = bottom[0].data if self.x is None else self.x
         gain = self.gain.data if self.learned else bottom[1].data
         if self.param.bias_term:
-            self.bias.diff[...] += dy.sum(axis=self.others)
+            self.bias.diff[...] += dy.sum(axis=self.summed_axes)
         if self.learned:
-            self.gain.diff[...] += (x * dy).sum(axis=self.others)
+            self.gain.diff[...] += (x * dy).sum(axis=self.summed_axes)
         elif propagate_down[1]:
-            bottom[1].diff[...] = (x * dy).sum(axis=self.others)
+            bottom[1].diff[...] = (x * dy).sum(axis=self.summed_axes)
         if propagate_down[0]:
-            np.multiply(dy, gain.reshape(self.wide), out=bottom[0].diff)
+            np.multiply(dy, gain.reshape(self.broadcast_shape), out=bottom[0].diff)

@@ -35,10 +35,10 @@ from netlib.blob import Array, Blobs
 from netlib.layer import TRAIN, Layer
 from netlib.proto.schema import numbered
 
-# Offset in px from S/2 to the pixel of a crop's centre. The crop's corner and the sampled pixel are
-# both rounded down; measured .765 of a column and .909 of a row on the mean of NYU's crops. An
-# error of 0.25 px is below the noise.
-_MIDDLE = 0.75
+# Offset in px of a crop's centre from column and row S/2, because the crop's corner and the sampled
+# pixel are both rounded down. On the mean of NYU's crops it is 0.765 in columns and 0.909 in rows;
+# an error of 0.25 px is below the noise.
+CENTRE_OFFSET = 0.75
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class HandAugment(Layer):
             value = getattr(p, name)
             if not 0 <= value <= limit:
                 raise self.fail(f"{name} {value:g} must be from 0 to {limit:g}", name)
-        self.warps = p.rotation > 0 or p.scale > 0 or p.shift > 0
+        self.warps = max(p.rotation, p.scale, p.shift) > 0
         self.active = self.phase == TRAIN and (self.warps or p.depth > 0)
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
@@ -88,15 +88,16 @@ class HandAugment(Layer):
                 if y is not x:
                     y.data[...] = x.data
             return
-        p, (N, _, S, _) = self.param, bottom[0].shape
-        largest = np.array([np.deg2rad(p.rotation), p.scale, p.shift, p.shift, p.depth])
-        a, s, u, v, d = self.rng.uniform(-1, 1, (5, N)) * largest[:, None]
+        p = self.param
+        N, _, S, _ = bottom[0].shape
+        limits = np.array([np.deg2rad(p.rotation), p.scale, p.shift, p.shift, p.depth])
+        a, s, u, v, d = self.rng.uniform(-1, 1, (5, N)) * limits[:, None]
         s += 1
         cos, sin = np.cos(a), np.sin(a)
-        turn = np.array([[cos, sin], [-sin, cos]]).transpose(2, 0, 1)  # of (column, row)
-        move = np.stack([u, v], axis=1)
-        self.move_joints(bottom[1].data, top[1].data, turn, s, move / (S / 2), d)
-        source = _source_of(turn, s, move, S)
+        rotation = np.array([[cos, sin], [-sin, cos]]).transpose(2, 0, 1)  # of (column, row)
+        shift = np.stack([u, v], axis=1)
+        self.move_joints(bottom[1].data, top[1].data, rotation, s, shift / (S / 2), d)
+        source = _old_from_new(rotation, s, shift, S)
         self.move_crops(bottom[0].data[:, 0], top[0].data[:, 0], source, s, d)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
@@ -106,34 +107,37 @@ class HandAugment(Layer):
     def allow_force_backward(self, bottom_index: int) -> bool:
         return False
 
-    def move_joints(self, x: Array, y: Array, turn: Array, s: Array, move: Array, d: Array) -> None:
-        """Write the transformed joints (n, 3 K) to y."""
+    def move_joints(
+        self, x: Array, y: Array, rotation: Array, s: Array, shift: Array, d: Array
+    ) -> None:
+        """Write the transformed joints (N, 3 K) to y; ``shift`` (N, 2) is (u', v')."""
         joints = x.reshape(len(s), -1, 3).astype(np.float64)
-        plane = joints[..., :2] * (1, -1) @ turn.transpose(0, 2, 1)  # (column, row)
-        turned = np.concatenate([plane * (1, -1), joints[..., 2:]], axis=2)
-        shift = np.stack([move[:, 0], -move[:, 1], d], axis=1)
-        moved = turned * s[:, None, None] + shift[:, None]
+        plane = joints[..., :2] * (1, -1) @ rotation.transpose(0, 2, 1)  # (column, row)
+        rotated = np.concatenate([plane * (1, -1), joints[..., 2:]], axis=2)
+        step = np.stack([shift[:, 0], -shift[:, 1], d], axis=1)
+        moved = rotated * s[:, None, None] + step[:, None]
         y[...] = np.clip(moved, -1, 1).reshape(y.shape)
 
     def move_crops(self, x: Array, y: Array, source: Array, s: Array, d: Array) -> None:
-        """Write the transformed crops (n, S, S) to y: sampled by the maps ``source`` (n, 2, 3),
-        depths s z + d.
+        """Write the transformed crops (N, S, S) to y: sampled by the matrices ``source`` (N, 2, 3)
+        of ``_old_from_new``, with depths s z + d.
         """
-        S, how = x.shape[-1], cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
-        old = x.copy()
+        S = x.shape[-1]
+        flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
+        warped = x.copy()
         if self.warps:
             for n in range(len(x)):
-                cv2.warpAffine(x[n], source[n], (S, S), old[n], how, cv2.BORDER_REPLICATE)
+                cv2.warpAffine(x[n], source[n], (S, S), warped[n], flags, cv2.BORDER_REPLICATE)
         factor, step = s.astype(self.dtype), d.astype(self.dtype)
-        depth = old * factor[:, None, None] + step[:, None, None]
-        y[...] = np.where(old >= 1, 1, np.clip(depth, -1, 1))
+        depth = warped * factor[:, None, None] + step[:, None, None]
+        y[...] = np.where(warped >= 1, 1, np.clip(depth, -1, 1))
 
 
-def _source_of(turn: Array, s: Array, move: Array, S: int) -> Array:
-    """Matrix (2, 3) per item that maps a new pixel (column, row, 1) to the old pixel
-    that it shows.
+def _old_from_new(rotation: Array, s: Array, shift: Array, S: int) -> Array:
+    """Matrices (N, 2, 3) from a pixel (column, row, 1) of the new crop to the pixel of the
+    old one that it shows.
     """
-    back = turn.transpose(0, 2, 1) / s[:, None, None]
-    middle = np.full(2, S / 2 + _MIDDLE)
-    offset = middle - np.einsum("nij,nj->ni", back, middle + move)
-    return np.concatenate([back, offset[:, :, None]], axis=2)
+    inverse = rotation.transpose(0, 2, 1) / s[:, None, None]
+    centre = np.full(2, S / 2 + CENTRE_OFFSET)
+    offset = centre - np.einsum("nij,nj->ni", inverse, centre + shift)
+    return np.concatenate([inverse, offset[:, :, None]], axis=2)

@@ -34,6 +34,7 @@ from typing import Literal
 
 import numpy as np
 
+from layers.common.images import check_images
 from netlib.blob import Blobs
 from netlib.fillers import Filler
 from netlib.layer import TEST, Layer
@@ -87,10 +88,7 @@ class BN(Layer):
             raise self.fail(
                 f"has {len(top)} tops, but only SegNet's BN has tops for mean and variance"
             )
-        if len(bottom[0].shape) != 4:
-            raise self.fail(
-                f"bottom {self.spec.bottom[0]!r} has shape {bottom[0].shape}, expected (N, C, H, W)"
-            )
+        check_images(self, bottom)
         self.averages = bool(pspnet)
         self.of_batch = not (p.frozen or self.phase == TEST) if pspnet else p.bn_mode == "LEARN"
         self.batchwise = not self.of_batch

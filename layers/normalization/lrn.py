@@ -21,6 +21,7 @@ from typing import Literal
 
 import numpy as np
 
+from layers.common.images import check_images
 from netlib.blob import Array, Blobs
 from netlib.layer import Layer, warn_of_ignored
 from netlib.proto.schema import Engine, UInt, numbered
@@ -60,10 +61,7 @@ class LRN(Layer):
             warn_of_ignored(self, "k", advice=" with WITHIN_CHANNEL")
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        if len(bottom[0].shape) != 4:
-            raise self.fail(
-                f"bottom {self.spec.bottom[0]!r} has shape {bottom[0].shape}, expected (N, C, H, W)"
-            )
+        check_images(self, bottom)
         top[0].reshape(bottom[0].shape)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
@@ -81,19 +79,19 @@ class LRN(Layer):
 
     def _power(self, s: Array) -> Array:
         """s^beta."""
-        if self.param.beta == 0.75:  # the square root and that of it, in a fifth of the time
+        if self.param.beta == 0.75:  # two square roots take a fifth of the time of a power
             root = np.sqrt(s)
             return root * np.sqrt(root)
         return s**self.param.beta
 
     def _mean(self, values: Array) -> Array:
-        """Mean over the neighbourhood of each value of an image (C, H, W)."""
+        """Mean over the neighbourhood of each value of an image (C, H, W), axis by axis."""
+        radius = self.param.local_size // 2
         for axis in self.axes:
-            along = np.moveaxis(values / self.param.local_size, axis, 0)
-            total = along.copy()
-            # beyond the edge there are only zeros
-            for i in range(1, min(self.param.local_size // 2 + 1, len(along))):
-                total[i:] += along[:-i]
-                total[:-i] += along[i:]
-            values = np.moveaxis(total, 0, axis)
+            shares = np.moveaxis(values / self.param.local_size, axis, 0)
+            mean = shares.copy()
+            for i in range(1, min(radius + 1, len(shares))):
+                mean[i:] += shares[:-i]
+                mean[:-i] += shares[i:]
+            values = np.moveaxis(mean, 0, axis)
         return values

@@ -41,16 +41,12 @@ class RNN(Recurrent):
         self.b_o = self.new_param("b_o", (D,), self.param.bias_filler)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        (T, N), D, cont, w_h = (
-            bottom[1].shape,
-            self.param.num_output,
-            self._cont(bottom),
-            self.w_h.data,
-        )
-        [h] = self._first_states(bottom)
-        z, self.r, self.h = np.empty((3, T, D, N), self.dtype)
+        T, N = bottom[1].shape
+        z, self.r, self.h = np.empty((3, T, self.param.num_output, N), self.dtype)
         self._write_z(bottom, z)
-        for t in range(len(z)):
+        cont, w_h = self._cont(bottom), self.w_h.data
+        [h] = self._first_states(bottom)
+        for t in range(T):
             self.r[t] = h if cont[t] is None else cont[t] * h
             h = np.dot(w_h, self.r[t], out=self.h[t])
             h += z[t]
@@ -60,15 +56,17 @@ class RNN(Recurrent):
         self._keep_states([h.copy()], top)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        cont, w_h = self._cont(bottom), self.w_h.data.T
         da = top[0].diff.swapaxes(1, 2) * (1 - self.o**2)
         self.w_o.diff[...] += in_rows(da).T @ in_rows(self.h)
         self.b_o.diff[...] += in_rows(da).sum(axis=0, dtype=np.float64)
-        dh, dz, slope = self.w_o.data.T @ da, np.empty_like(da), 1 - self.h**2
-        before = np.zeros_like(dh[0])
+        dh_from_o = self.w_o.data.T @ da
+        tanh_slope = 1 - self.h**2
+        cont, w_h = self._cont(bottom), self.w_h.data
+        dz = np.empty_like(da)
+        dh = np.zeros_like(dh_from_o[0])  # from the next step
         for t in reversed(range(len(dz))):
-            np.multiply(dh[t] + before, slope[t], out=dz[t])
-            np.dot(w_h, dz[t], out=before)
+            np.multiply(dh_from_o[t] + dh, tanh_slope[t], out=dz[t])
+            np.dot(w_h.T, dz[t], out=dh)
             if cont[t] is not None:
-                before *= cont[t]
+                dh *= cont[t]
         self._backward_z(dz, self.r, propagate_down, bottom)

@@ -17,6 +17,7 @@ shapes. In forks of Caffe the layer has two names, which differ in two options:
 
 from __future__ import annotations
 
+from layers.common.images import check_images
 from layers.vision.convolution import Convolution
 from netlib.blob import Blobs
 from netlib.layer import warn
@@ -47,10 +48,7 @@ class ConvolutionDepthwise(Convolution):
     bottoms = tops = (1, 1)
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
-        if len(bottom[0].shape) != 4:
-            raise self.fail(
-                f"bottom {self.spec.bottom[0]!r} has shape {bottom[0].shape}, expected (N, C, H, W)"
-            )
+        check_images(self, bottom)
         channels = bottom[0].shape[1]
         for name in ("num_output", "group"):
             given = getattr(self.param, name)

@@ -31,6 +31,7 @@ from typing import Any
 
 import numpy as np
 
+from layers.common.images import check_images
 from netlib.blob import Array, Blobs
 from netlib.layer import ZeroGradient, warn, warn_of_ignored
 from netlib.proto import schema
@@ -106,9 +107,7 @@ class Interp(ZeroGradient):
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         p = self.param
-        for name, blob in zip(self.spec.bottom, bottom):
-            if len(blob.shape) != 4:
-                raise self.fail(f"bottom {name!r} has shape {blob.shape}, expected (N, C, H, W)")
+        check_images(self, bottom)
         N, C, *whole = bottom[0].shape
         sizes = [n + p.pad_beg + p.pad_end for n in whole]
         if min(sizes) < 1:

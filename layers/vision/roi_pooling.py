@@ -23,6 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from layers.common.images import check_images
 from netlib.blob import Array, Blobs
 from netlib.layer import Layer, ZeroGradient
 from netlib.proto.schema import UInt, numbered
@@ -51,8 +52,7 @@ class ROIPooling(ZeroGradient):
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         x, rois = (blob.shape for blob in bottom)
-        if len(x) != 4:
-            raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {x}, expected (N, C, H, W)")
+        check_images(self, bottom[:1])
         if rois[1:2] != (5,) or bottom[1].count != 5 * rois[0]:
             raise self.fail(f"bottom {self.spec.bottom[1]!r} has shape {rois}, expected (R, 5)")
         top[0].reshape(rois[0], x[1], self.param.pooled_h, self.param.pooled_w)

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from layers.common.images import check_images
 from netlib.blob import Array, Blobs
 from netlib.layer import Layer
 from netlib.proto.schema import UInt, numbered
@@ -75,8 +76,7 @@ class Upsample(Layer):
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         x, mask, p = bottom[0].shape, bottom[1].shape, self.param
-        if len(x) != 4:
-            raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {x}, expected (N, C, H, W)")
+        check_images(self, bottom[:1])
         if mask != x:
             names = self.spec.bottom
             raise self.fail(

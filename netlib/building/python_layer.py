@@ -50,29 +50,30 @@ PYTHON_2_SYNTAX = re.compile(
 )
 CONVERT = "docs/caffe.md, Scripts for Python 2"
 
-# A value of the process: a command that forbids layers of type Python forbids them in all nets that
-# are built while it runs, also where a library or a solver file builds them and passes no argument.
-_are_allowed = True
+# Of the process, because a net may also be built by a library or a solver file, which pass no
+# argument.
+_process_allows = True
 
 
 @contextlib.contextmanager
-def allowed(are: bool) -> Iterator[None]:
-    """Context manager: unless ``are`` is true, nets of this process may not have layers
+def allowed(by_caller: bool) -> Iterator[None]:
+    """Context manager: unless ``by_caller`` is true, nets of this process may not have layers
     of type Python.
     """
-    global _are_allowed
-    before, _are_allowed = _are_allowed, _are_allowed and are
+    global _process_allows
+    before = _process_allows
+    _process_allows = before and by_caller
     try:
         yield
     finally:
-        _are_allowed = before
+        _process_allows = before
 
 
-def check_allowed(specs: Iterable[LayerParameter], are: bool) -> None:
-    """Raise PrototxtError if a layer is of type Python and ``are`` or the process
-    does not allow it.
+def check_allowed(specs: Iterable[LayerParameter], by_caller: bool) -> None:
+    """Raise PrototxtError if a layer is of type Python, unless both the caller and the process
+    allow it.
     """
-    if are and _are_allowed:
+    if by_caller and _process_allows:
         return
     for spec in specs:
         if spec.type == "Python":
@@ -94,12 +95,12 @@ def find_class(spec: LayerParameter) -> type[Layer]:
     if "" not in sys.path:
         sys.path.append("")  # the working directory, as in pycaffe
     try:
-        module, where = _import(param.module, param.layer)
+        module = _import(param.module, param.layer)
     except (Exception, SystemExit) as error:
         raise PrototxtError(
             schema.position_of(param, "module"),
             f"layer {spec.name!r}: cannot import {param.module!r} ({type(error).__name__}: {error})"
-            f"{_advice(error, param.module)}",
+            f"{_import_advice(error, param.module)}",
         ) from error
     for name, value in OLD_NAMES.items():
         vars(module).setdefault(name, value)
@@ -108,40 +109,49 @@ def find_class(spec: LayerParameter) -> type[Layer]:
         found = (
             f"{param.module}.{param.layer} is not a subclass of netlib.Layer, which is caffe.Layer"
         )
-        if cls is None and own_modules.is_ours(module):
-            found = (
-                f"{param.module}.{param.layer} was looked for in this project's own package ({where}); expected a "
-                f"module {param.module!r} with it in the working directory or on PYTHONPATH"
-            )
-        elif cls is None:
-            classes = [name for name, value in vars(module).items() if isinstance(value, type)]
-            found = f"{where} has no class {param.layer!r}{did_you_mean(param.layer, classes)}"
+        if cls is None:
+            found = _found_instead(module, param)
         raise PrototxtError(schema.position_of(param, "layer"), f"layer {spec.name!r}: {found}")
     return cls
 
 
-def _advice(error: BaseException, module: str) -> str:
-    """What to do about an error of an import."""
-    if isinstance(error, ModuleNotFoundError) and f"{module}.".startswith(f"{error.name}."):
+def _found_instead(module: ModuleType, param: PythonParameter) -> str:
+    """What a module has that lacks the class that ``param`` names."""
+    path = getattr(module, "__file__", None) or param.module
+    if own_modules.is_ours(module):
+        return (
+            f"{param.module}.{param.layer} was looked for in this project's own package ({path}); expected a "
+            f"module {param.module!r} with it in the working directory or on PYTHONPATH"
+        )
+    classes = [name for name, value in vars(module).items() if isinstance(value, type)]
+    return f"{path} has no class {param.layer!r}{did_you_mean(param.layer, classes)}"
+
+
+def _import_advice(error: BaseException, module: str) -> str:
+    """Advice on an error of the import of ``module``; empty if there is none."""
+    missing = error.name if isinstance(error, ModuleNotFoundError) else None
+    if missing and f"{module}.".startswith(f"{missing}."):
         return "; it must lie in the working directory or on PYTHONPATH"
-    if isinstance(error, ModuleNotFoundError) and error.name and error.name not in PYTHON_2_MODULES:
-        return f"; install the package that has {error.name.partition('.')[0]!r}, or put it on PYTHONPATH"
+    if missing and missing not in PYTHON_2_MODULES:
+        return (
+            f"; install the package that has {missing.partition('.')[0]!r}, or put it on PYTHONPATH"
+        )
     return python_2_advice(error)
 
 
 def python_2_advice(error: BaseException) -> str:
-    """What to do about an error of a file for Python 2; empty for others."""
+    """Advice on an error of a file that was written for Python 2; empty for other errors."""
     if isinstance(error, ModuleNotFoundError) and error.name in PYTHON_2_MODULES:
         return f"; it was written for Python 2: {error.name} is now {PYTHON_2_MODULES[error.name]} ({CONVERT})"
-    if isinstance(error, SyntaxError) and PYTHON_2_SYNTAX.search(
-        f"{error.msg}: {(error.text or '').strip()}"
-    ):
-        return f"; it was written for Python 2: convert it to Python 3 ({CONVERT})"
+    if isinstance(error, SyntaxError):
+        line = (error.text or "").strip()
+        if PYTHON_2_SYNTAX.search(f"{error.msg}: {line}"):
+            return f"; it was written for Python 2: convert it to Python 3 ({CONVERT})"
     return ""
 
 
-def _import(name: str, wanted: str) -> tuple[ModuleType, str]:
-    """Import the module ``name`` and return it with its file.
+def _import(name: str, wanted: str) -> ModuleType:
+    """Import the module ``name``.
 
     If a package here has the same name, the user's own module is preferred if it
     defines ``wanted``.
@@ -149,44 +159,47 @@ def _import(name: str, wanted: str) -> tuple[ModuleType, str]:
     if not own_modules.has_caffe():
         own_modules.take_caffe()
         own_modules.yield_names()
-    top, _, inner = name.partition(".")
+    top = name.partition(".")[0]
     is_shared = top in own_modules.NAMES
-    if (
-        is_shared
-        and hasattr(sys.modules.get(name), wanted)
-        and not own_modules.is_ours(sys.modules[top])
-    ):
-        return sys.modules[name], name  # imported by the user's script
+    is_imported = hasattr(sys.modules.get(name), wanted)
+    if is_shared and is_imported and not own_modules.is_ours(sys.modules[top]):
+        return sys.modules[name]  # imported by the user's script
     with own_modules.in_place() if is_shared else contextlib.nullcontext():
-        if (own(top) / "__init__.py").is_file():
-            if inner:
-                _add_folders(importlib.import_module(top))
-            theirs = _own_file(name)
-            if theirs is not None:
-                module = load_module(f"{name} of {theirs}", theirs)
-                if hasattr(module, wanted):
-                    return module, str(theirs)
-        module = importlib.import_module(name)
-    return module, getattr(module, "__file__", None) or name
+        return _users_module(name, wanted) or importlib.import_module(name)
+
+
+def _users_module(name: str, wanted: str) -> ModuleType | None:
+    """The user's own module of a name that a package of this project has, too; None if it does
+    not define ``wanted``, or if no package has its name.
+    """
+    top, _, inner = name.partition(".")
+    if not (own(top) / "__init__.py").is_file():
+        return None
+    if inner:
+        _add_folders(importlib.import_module(top))
+    path = _users_file(name)
+    if path is None:
+        return None
+    module = load_module(f"{name} of {path}", path)
+    return module if hasattr(module, wanted) else None
 
 
 def _add_folders(package: ModuleType) -> None:
     """Let a package of this project also find the modules of the user's package of
     the same name.
     """
-    for folder in map(Path, own_modules.folders()):
-        inner = str((folder / package.__name__).resolve())
-        if Path(inner).is_dir() and inner not in package.__path__:
-            package.__path__.append(inner)
+    for folder in own_modules.folders():
+        users = Path(folder, package.__name__).resolve()
+        if users.is_dir() and str(users) not in package.__path__:
+            package.__path__.append(str(users))
 
 
-def _own_file(name: str) -> Path | None:
-    """The user's own ``name.py`` or ``name/__init__.py``, if it exists besides this project's
-    package of that name.
-    """
+def _users_file(name: str) -> Path | None:
+    """The user's file of the module ``name``: ``name.py`` or ``name/__init__.py``."""
     inner = Path(*name.split("."))
-    for folder in map(Path, own_modules.folders()):
-        for path in (folder / f"{inner}.py", folder / inner / "__init__.py"):
+    for folder in own_modules.folders():
+        for file in (f"{inner}.py", inner / "__init__.py"):
+            path = Path(folder, file)
             if path.is_file():
                 return path.resolve()
     return None

@@ -17,39 +17,46 @@ from types import ModuleType
 from netlib import install_as_caffe
 from netlib.building.python_layer import python_2_advice
 
+OPERANDS = {"-c": "code", "-m": "the name of a module"}
 
-def _run(source: bytes | str, name: str, **known: str) -> None:
-    """Run a text, which may declare its encoding, as the main module, in which these names
-    are ``known``.
+
+def _run(source: bytes | str, filename: str, **variables: str) -> None:
+    """Run a source text as the main module, with these global variables. Bytes may declare
+    their encoding.
     """
     sys.modules["__main__"] = module = ModuleType("__main__")
-    vars(module).update(known)
+    vars(module).update(variables)
     try:
-        exec(compile(source, name, "exec", dont_inherit=True), vars(module))  # noqa: S102 - the user's own script
+        code = compile(source, filename, "exec", dont_inherit=True)
+        exec(code, vars(module))  # noqa: S102 - the user's own script
     except (ImportError, SyntaxError) as error:
-        if not (advice := python_2_advice(error)):
+        advice = python_2_advice(error)
+        if not advice:
             raise
         sys.exit(f"{error}{advice}")
 
 
 def main() -> None:
     """Run what the command line names, with netlib.caffe importable as ``caffe``."""
-    words = sys.argv[1:] or ([] if sys.stdin is None or sys.stdin.isatty() else ["-"])
+    words = sys.argv[1:]
+    if not words and sys.stdin is not None and not sys.stdin.isatty():
+        words = ["-"]
     if not words or words[0] in ("-h", "--help"):
         print(__doc__.strip())
         sys.exit(0 if words else 2)
-    what, *rest = words
-    if what in ("-c", "-m") and not rest:
-        print(f"{what} needs {'code' if what == '-c' else 'the name of a module'}", file=sys.stderr)
+    what, *arguments = words
+    if what in OPERANDS and not arguments:
+        print(f"{what} needs {OPERANDS[what]}", file=sys.stderr)
         sys.exit(2)
     install_as_caffe()
     sys.path[0] = ""  # the working folder, as for Python's own -, -c and -m
     if what == "-c":
-        sys.argv = ["-c", *rest[1:]]
-        _run(rest[0], "<string>")
+        code, *arguments = arguments
+        sys.argv = ["-c", *arguments]
+        _run(code, "<string>")
     elif what == "-m":
-        sys.argv = rest
-        runpy.run_module(rest[0], run_name="__main__", alter_sys=True)
+        sys.argv = arguments
+        runpy.run_module(arguments[0], run_name="__main__", alter_sys=True)
     elif what == "-":
         sys.argv = words
         _run(sys.stdin.buffer.read(), "<stdin>")

@@ -40,7 +40,8 @@ class Classifier(Net):
                 f"net {self.name!r} has no input for images; expected a deployment net with an Input "
                 "layer"
             )
-        name, given = self.inputs[0], self.blobs[self.inputs[0]].data.shape
+        name = self.inputs[0]
+        given = self.blobs[name].data.shape
         self.transformer = io.Transformer({name: given})
         self.transformer.set_transpose(name, (2, 0, 1))
         settings = {

@@ -130,7 +130,8 @@ def coord_map_from_to(top_from: Top, top_to: Top) -> Map:
     All paths are assumed to be equivalent. Raises UnconnectedError if there is none,
     AxisMismatchException, CropError.
     """
-    above_from, above_to = _ancestors(top_from), _ancestors(top_to)
+    above_from = _ancestors(top_from)
+    above_to = _ancestors(top_to)
     for top, to_map in above_to.items():
         if top in above_from:
             return compose(to_map, inverse(above_from[top]))

@@ -338,7 +338,8 @@ def resize_image(im: Array, new_dims: Size, interp_order: int = 1) -> NDArray[np
     factors = (height / im.shape[0], width / im.shape[1], 1)
     if im.shape[2] not in (1, 3):
         return scipy.ndimage.zoom(im, factors, order=interp_order).astype(np.float32)
-    least, most = im.min(), im.max()
+    least = im.min()
+    most = im.max()
     if not most > least:
         return np.full((height, width, im.shape[2]), least, np.float32)
     scaled = (im - least) / (most - least)

@@ -51,7 +51,8 @@ class Top:
     """An output of a layer: the ``n``-th of ``fn``."""
 
     def __init__(self, fn: Function, n: int) -> None:
-        self.fn, self.n = fn, n
+        self.fn = fn
+        self.n = n
 
     def to_proto(self) -> Any:
         """Build the NetParameter of all layers that this output depends on."""
@@ -67,7 +68,8 @@ class Function:
     """
 
     def __init__(self, type_name: str, inputs: Iterable[Top], params: dict[str, Any]) -> None:
-        self.type_name, self.inputs = type_name, tuple(inputs)
+        self.type_name = type_name
+        self.inputs = tuple(inputs)
         for index, found in enumerate(self.inputs):
             if not isinstance(found, Top):
                 raise NotATopError(

@@ -48,7 +48,8 @@ class Net(core.Net):
         self._hooks: dict[str, list[Hook]] = {}
         # with unnamed tops of losses, so that the numbers are positions
         self.blobs = OrderedDict(self._numbered)
-        self.params, self.layer_dict = OrderedDict(self.params), OrderedDict(self.layer_dict)
+        self.params = OrderedDict(self.params)
+        self.layer_dict = OrderedDict(self.layer_dict)
 
     # ---------------------------------------------------------------------------- names and weights
 
@@ -198,7 +199,8 @@ class Net(core.Net):
         ``arrays`` are data of inputs and diffs of outputs. Returns data of the outputs and of
         ``blobs``, and diffs of the inputs and of ``diffs``.
         """
-        names, slopes = list(blobs or []), list(diffs or [])
+        names = list(blobs or [])
+        slopes = list(diffs or [])
         data: dict[str, list[Array]] = {name: [] for name in [*self.outputs, *names]}
         diff: dict[str, list[Array]] = {name: [] for name in [*self.inputs, *slopes]}
         forwards = self._batch({name: arrays[name] for name in self.inputs if name in arrays})

@@ -49,7 +49,8 @@ class MPIRanks(Ranks):
         from mpi4py import MPI
 
         self._comm = comm.Dup()
-        self.rank, self.count = comm.Get_rank(), comm.Get_size()
+        self.rank = comm.Get_rank()
+        self.count = comm.Get_size()
         self.shard = Shard(self.rank, self.count, divide)
         self.layer_hook = RankOfLayers(self.shard)
         on_this_machine = comm.Split_type(MPI.COMM_TYPE_SHARED)

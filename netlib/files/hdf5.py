@@ -181,7 +181,8 @@ def is_near(other: Path, path: Path) -> bool:
     Links are followed. A file from an untrusted source may name only such files, not private
     ones elsewhere.
     """
-    file, folder = real(other), real(path).parent
+    file = real(other)
+    folder = real(path).parent
     return file.is_relative_to(folder) or folder.parent in (file.parent, file.parent.parent)
 
 

@@ -16,11 +16,13 @@ import numpy as np
 from netlib.blob import Array
 from netlib.errors import DataError, reason_of
 
-# signature at the start of a file, last chunk with its checksum
-PNG, PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
-# markers; they do not occur in coded pixels
+PNG = b"\x89PNG\r\n\x1a\n"  # at the start of a file
+PNG_END = b"IEND\xaeB`\x82"  # the last chunk with its checksum
+# Markers of JPEG. They do not occur in coded pixels.
 JPEG, JPEG_SCAN, JPEG_END = b"\xff\xd8\xff", b"\xff\xda", b"\xff\xd9"
 MAX_PIXELS = 1 << 28  # more than any camera has
+# what the variable OPENCV_IO_MAX_IMAGE_... of the environment limits
+LIMITED = {"PIXELS": "pixels in all", "WIDTH": "pixels in a row", "HEIGHT": "rows"}
 
 
 def decode(content: bytes, flag: int, what: str) -> Array:
@@ -39,17 +41,19 @@ def decode(content: bytes, flag: int, what: str) -> Array:
     except (cv2.error, MemoryError) as error:
         if isinstance(error, MemoryError) or getattr(error, "code", 0) == cv2.Error.STS_NO_MEM:
             raise DataError(f"{what}: no memory to decode the image") from MemoryError()
-        if bound := re.search(r"CV_IO_MAX_IMAGE_(PIXELS|WIDTH|HEIGHT)", str(error)):
-            most = {"PIXELS": "pixels in all", "WIDTH": "pixels in a row", "HEIGHT": "rows"}[
-                bound[1]
-            ]
-            raise DataError(
-                f"{what}: the image has too many {most}; OPENCV_IO_MAX_IMAGE_{bound[1]} in the environment "
-                "raises the limit"
-            ) from error
-        raise DataError(
-            f"{what}: not an image that OpenCV can decode: {reason_of(error)}"
-        ) from error
+        raise DataError(f"{what}: {_rejection(error)}") from error
     if image is None:
         raise DataError(f"{what}: not an image that OpenCV can decode ({len(content)} bytes)")
     return np.asarray(image)
+
+
+def _rejection(error: Exception) -> str:
+    """Why OpenCV rejects an image, for messages."""
+    exceeded = re.search(r"CV_IO_MAX_IMAGE_(PIXELS|WIDTH|HEIGHT)", str(error))
+    if exceeded is None:
+        return f"not an image that OpenCV can decode: {reason_of(error)}"
+    limit = exceeded[1]
+    return (
+        f"the image has too many {LIMITED[limit]}; OPENCV_IO_MAX_IMAGE_{limit} in the environment "
+        "raises the limit"
+    )

@@ -137,10 +137,12 @@ class Source:
     """
 
     def __init__(self, path: Path, what: str) -> None:
-        self.path, self._what = path, what
+        self.path = path
+        self._what = what
         self._stream = opened(path, what)
         self._identity = _identity(self._stream.fileno())
-        self.place, self.size = self._identity[:2], self._identity[2]
+        self.place = self._identity[:2]
+        self.size = self._identity[2]
         self._lock = threading.Lock()
         _sources.add(self)
         weakref.finalize(self, self._stream.close)

@@ -69,7 +69,8 @@ def tree_of(array: Array, diff: Array | None = None, older: bool = False) -> Mes
 
     ``older``: the four axes are written as num, channels, height and width.
     """
-    flat, slope = np.ravel(array), None if diff is None else np.ravel(diff)
+    flat = np.ravel(array)
+    slope = None if diff is None else np.ravel(diff)
     shape: dict[str, Any] = (
         dict(zip(AXES, array.shape)) if older else {"shape": BlobShape(array.shape)}
     )

@@ -1,21 +1,23 @@
-"""Layer types of other programs: how known layers compute the same, or whose they are.
+"""Advice on unknown layer types: the known layers that compute the same, what else there is
+instead, or the correct spelling.
 
-The types are those that public forks of Caffe register and that converters from PyTorch write.
-Types are not compared by the similarity of their names, except for the misspelling of one letter:
-``HSwish`` is not ``Swish``.
+The tables have the types that public forks of Caffe register and that converters from PyTorch
+write. Another type is taken for a known one only if one letter differs: ``HSwish`` is not
+``Swish``.
 """
 
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable
 
-MISSPELT = 0.9  # similarity from which a name with one wrong letter is taken for a misspelt one
+MIN_SIMILARITY = 0.9  # of a misspelt name and the known one, as difflib computes it
 
-# Names of a type; what it computes from x; known layers that compute it one after the other. A
-# letter in an option is an option of the type, or a size. "with x": the bottoms are x and the top
-# of the layer before.
-WRITTEN = (
+# (names of a type, what it computes from x, the known layers that compute it, in order). A letter
+# in an option is an option of the type, or a size. "with x": the bottoms are x and the top of the
+# layer before.
+EQUIVALENTS = (
     (
         "HSwish HardSwish",
         "x ReLU6(x + 3) / 6",
@@ -134,8 +136,8 @@ _EPS = (
     "small; a Scale { bias_term: true } follows"
 )
 
-# Names of types -> whose they are, and what there is instead
-OTHERS = {
+# Names of types without an equivalent -> what they are, and what there is instead
+UNSUPPORTED = {
     "DenseImageData": f"SegNet's and ENet's reader of images and label images; {_BOTH}",
     "ImageLabelmapData": f"HED's reader of images and label images; {_BOTH}",
     "ImageSegData": f"DeepLab's and PSPNet's reader of images and label images; {_BOTH}",
@@ -182,7 +184,7 @@ OTHERS = {
     "MKLBatchNorm": "Intel's BatchNorm; write BatchNorm",
 }
 
-# The ends of the names of types that no table knows -> what there is instead
+# The ends of the names of types that are in no table -> what there is instead
 ENDINGS = {
     "data": f"a reader of another program's files; {_BOTH}",
     "loss": "a loss of another program; a deploy net has none, and to train, a Python layer can compute it",
@@ -193,41 +195,41 @@ ENDINGS = {
 
 
 def _letters(name: str) -> str:
-    return name.casefold().replace("_", "").replace("-", "").replace(" ", "")
+    """The name of a type as far as it identifies the type: ``hard-swish`` is ``HardSwish``."""
+    return re.sub("[-_ ]", "", name.casefold())
 
 
-def _hints() -> dict[str, str]:
-    """Advice by the letters of a type."""
-    hints = {
-        _letters(name): f"{formula}; write it as {layers}"
-        for names, formula, layers in WRITTEN
-        for name in names.split()
-    }
-    return hints | {
-        _letters(name): text for names, text in OTHERS.items() for name in names.split()
-    }
+def _advice_by_letters() -> dict[str, str]:
+    """The two tables as one: the letters of each name -> advice."""
+    advice = {names: f"{value}; write it as {layers}" for names, value, layers in EQUIVALENTS}
+    advice |= UNSUPPORTED
+    return {_letters(name): text for names, text in advice.items() for name in names.split()}
 
 
-HINTS = _hints()
+ADVICE = _advice_by_letters()
 
 
 def type_advice(name: str, known: Iterable[str]) -> str:
-    """Advice on an unknown layer type: what to use instead, or the known type that is misspelt;
-    empty if none.
+    """Advice on an unknown layer type, in parentheses; empty if there is none.
+
+    ``known`` are the types for which it may be a misspelling.
     """
     letters = _letters(name)
-    if letters in HINTS:
-        return f" ({HINTS[letters]})"
-    by_letters = {_letters(one): one for one in known}
-    for near in difflib.get_close_matches(letters, by_letters, n=3, cutoff=MISSPELT):
-        if _is_misspelt(letters, near):
-            return f" (did you mean {by_letters[near]!r}?)"
-    return next((f" ({text})" for ending, text in ENDINGS.items() if letters.endswith(ending)), "")
+    if letters in ADVICE:
+        return f" ({ADVICE[letters]})"
+    known_by_letters = {_letters(known_name): known_name for known_name in known}
+    for near in difflib.get_close_matches(letters, known_by_letters, n=3, cutoff=MIN_SIMILARITY):
+        if _is_misspelling(letters, near):
+            return f" (did you mean {known_by_letters[near]!r}?)"
+    for ending, text in ENDINGS.items():
+        if letters.endswith(ending):
+            return f" ({text})"
+    return ""
 
 
 def v1_advice(name: str, v1_types: Iterable[str], known: Iterable[str]) -> str:
-    """Advice on an unknown layer type in Caffe's older format, V1: a misspelt type, or one of the
-    current format.
+    """Advice on an unknown layer type in Caffe's older format, V1: as ``type_advice``, or that
+    the current format has the type.
     """
     letters = _letters(name)
     if letters not in map(_letters, v1_types):
@@ -237,20 +239,18 @@ def v1_advice(name: str, v1_types: Iterable[str], known: Iterable[str]) -> str:
     return type_advice(name, v1_types)
 
 
-def _is_misspelt(name: str, known: str) -> bool:
+def _is_misspelling(name: str, known: str) -> bool:
     """Whether one letter of ``known`` is missing, doubled, wrong or in its neighbour's place.
 
-    Letters in front of a name or behind it, and digits, make another type of it.
+    If only letters before or after it are added, or digits differ, the name is of another type.
     """
     if name.startswith(known) or name.endswith(known):
         return name == known
-    changes = [
-        change
-        for change in difflib.SequenceMatcher(None, name, known).get_opcodes()
-        if change[0] != "equal"
-    ]
-    before = "".join(name[i:j] for _, i, j, _, _ in changes)
-    after = "".join(known[k:end] for _, _, _, k, end in changes)
-    if any(letter.isdigit() for letter in before + after):
+    removed = added = ""
+    for kind, i, j, known_i, known_j in difflib.SequenceMatcher(None, name, known).get_opcodes():
+        if kind != "equal":
+            removed += name[i:j]
+            added += known[known_i:known_j]
+    if any(letter.isdigit() for letter in removed + added):
         return False
-    return len(before) <= 1 and len(after) <= 1
+    return len(removed) <= 1 and len(added) <= 1

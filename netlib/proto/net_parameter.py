@@ -14,6 +14,8 @@ from netlib.proto.prototxt import Field, Message
 from netlib.proto.upgrade import upgraded
 
 SOLVER_FIELDS = {"net", "train_net", "base_lr", "lr_policy", "max_iter"}
+OLD_AXES = 4  # number of input_dim for one shape
+Slot = tuple[int, int]  # a top or a bottom: index of the layer, index in its list
 
 
 def load_parameter(model: str | Path | NetParameter | Message) -> NetParameter:
@@ -32,16 +34,18 @@ def load_parameter(model: str | Path | NetParameter | Message) -> NetParameter:
 
 def distinct(names: Sequence[str]) -> list[str]:
     """Make names unique by numbering repeated ones: ``relu``, ``relu (2)``."""
-    seen: dict[str, int] = {}
-    taken, result = set(names), []
+    counts: dict[str, int] = {}
+    taken = set(names)
+    result = []
     for name in names:
-        made = name
-        while name in seen and made in taken:  # the file itself may have a layer named ``relu (2)``
-            seen[name] += 1
-            made = f"{name} ({seen[name]})"
-        seen.setdefault(name, 1)
-        taken.add(made)
-        result.append(made)
+        unique = name
+        # the file itself may have a layer named ``relu (2)``
+        while name in counts and unique in taken:
+            counts[name] += 1
+            unique = f"{name} ({counts[name]})"
+        counts.setdefault(name, 1)
+        taken.add(unique)
+        result.append(unique)
     return result
 
 
@@ -51,21 +55,20 @@ def select_layers(param: NetParameter, state: NetState) -> list[LayerParameter]:
     As in Caffe, an input without a shape is dropped if a layer, such as an Input layer in the same
     file, has this top.
     """
-    made = {top for spec in param.layer for top in spec.top}
-    is_dropped = not param.input_shape and not param.input_dim and made.issuperset(param.input)
-    chosen = [input_layer(param)] if param.input and not is_dropped else []
+    tops = {top for spec in param.layer for top in spec.top}
+    has_shapes = param.input_shape or param.input_dim
+    selected = []
+    if param.input and (has_shapes or not tops.issuperset(param.input)):
+        selected.append(input_layer(param))
     for spec in param.layer:
         if spec.include and spec.exclude:
             raise PrototxtError(
                 schema.position_of(spec), f"layer {spec.name!r} has both include and exclude rules"
             )
-        if spec.include:
-            wanted = any(meets(state, rule) for rule in spec.include)
-        else:
-            wanted = not any(meets(state, rule) for rule in spec.exclude)
-        if wanted:
-            chosen.append(spec)
-    return chosen
+        is_included = not spec.include or any(meets(state, rule) for rule in spec.include)
+        if is_included and not any(meets(state, rule) for rule in spec.exclude):
+            selected.append(spec)
+    return selected
 
 
 def meets(state: NetState, rule: NetStateRule) -> bool:
@@ -84,27 +87,27 @@ def input_layer(param: NetParameter) -> LayerParameter:
     """Convert old-style inputs, ``input: "x" input_dim: 1 ...`` or ``input_shape``, to
     an Input layer.
     """
-    where = schema.position_of(param, "input")
+    place = schema.position_of(param, "input")
+    count = len(param.input)
+    dims = param.input_dim
     shapes = param.input_shape
     if not shapes:
-        shapes = tuple(
-            BlobShape(param.input_dim[i : i + 4]) for i in range(0, len(param.input_dim), 4)
-        )
-        if len(param.input_dim) % 4:
-            found = (
-                f"{len(param.input_dim)} input_dim; expected four for all inputs or four per input"
+        if len(dims) % OLD_AXES:
+            raise PrototxtError(
+                place, f"{len(dims)} input_dim; expected four for all inputs or four per input"
             )
-            raise PrototxtError(where, found)
-    if len(shapes) not in (1, len(param.input)):
+        starts = range(0, len(dims), OLD_AXES)
+        shapes = tuple(BlobShape(dims[i : i + OLD_AXES]) for i in starts)
+    if len(shapes) not in (1, count):
         raise PrototxtError(
-            where,
-            f"{len(param.input)} inputs, but {len(shapes)} input_shape; expected one for all or one per input",
+            place,
+            f"{count} inputs, but {len(shapes)} input_shape; expected one for all or one per input",
         )
-    block = Message([Field("shape", schema.to_tree(shape), where) for shape in shapes], where)
+    block = Message([Field("shape", schema.to_tree(shape), place) for shape in shapes], place)
     layer = LayerParameter(
         name="input", type="Input", top=param.input, blocks={"input_param": block}
     )
-    return schema.placed(layer, Message([], where))
+    return schema.placed(layer, Message([], place))
 
 
 def insert_splits(layers: Sequence[LayerParameter]) -> list[LayerParameter]:
@@ -114,20 +117,12 @@ def insert_splits(layers: Sequence[LayerParameter]) -> list[LayerParameter]:
     As in Caffe, its backward sums the diffs. Names are Caffe's. A loss weight on such a top counts
     as another reader.
     """
+    readers = _readers(layers)
     bottoms = [list(layer.bottom) for layer in layers]
-    last: dict[str, tuple[int, int]] = {}  # blob name -> (layer, top index) that wrote it last
-    # (layer, top index) -> its readers: (layer, bottom index), or None for the loss
-    readers: dict[tuple[int, int], list[tuple[int, int] | None]] = {}
-    for i, layer in enumerate(layers):
-        for j, name in enumerate(layer.bottom):
-            if name in last:  # the net reports unknown bottoms, with better advice
-                readers[last[name]].append((i, j))
-        for j, name in enumerate(layer.top):
-            last[name] = (i, j)
-            readers[i, j] = [None] if any(layer.loss_weight[j : j + 1]) else []
     result: list[LayerParameter] = []
     for i, layer in enumerate(layers):
-        weights, splits = list(layer.loss_weight), list[LayerParameter]()
+        weights = list(layer.loss_weight)
+        splits: list[LayerParameter] = []
         for j in range(len(layer.top)):
             if len(readers[i, j]) < 2:
                 continue
@@ -143,12 +138,31 @@ def insert_splits(layers: Sequence[LayerParameter]) -> list[LayerParameter]:
     return result
 
 
+def _readers(layers: Sequence[LayerParameter]) -> dict[Slot, list[Slot | None]]:
+    """The bottoms that read each top, in order, after None if the loss reads it.
+
+    Unknown bottoms are left out. The net reports them, with better advice.
+    """
+    writers: dict[str, Slot] = {}  # blob name -> the top that wrote it last
+    readers: dict[Slot, list[Slot | None]] = {}
+    for i, layer in enumerate(layers):
+        for j, name in enumerate(layer.bottom):
+            if name in writers:
+                readers[writers[name]].append((i, j))
+        for j, name in enumerate(layer.top):
+            writers[name] = (i, j)
+            readers[i, j] = [None] if any(layer.loss_weight[j : j + 1]) else []
+    return readers
+
+
 def _split(layer: LayerParameter, j: int, count: int) -> LayerParameter:
-    """The Split of a top: ``count`` copies, the first with the top's loss weight, if it has one."""
+    """The Split of top ``j``: ``count`` copies, the first with the top's loss weight, if any."""
     name = layer.top[j]
-    own = f"{name}_{layer.name}_{j}_split"
-    copies = tuple(f"{own}_{k}" for k in range(count))
+    split_name = f"{name}_{layer.name}_{j}_split"
+    copies = tuple(f"{split_name}_{k}" for k in range(count))
     weight = layer.loss_weight[j : j + 1]
     weights = (*weight, *[0.0] * (count - 1)) if any(weight) else ()
-    split = LayerParameter(name=own, type="Split", bottom=(name,), top=copies, loss_weight=weights)
+    split = LayerParameter(
+        name=split_name, type="Split", bottom=(name,), top=copies, loss_weight=weights
+    )
     return schema.placed(split, Message([], schema.position_of(layer)))

@@ -228,7 +228,8 @@ def _tokens(text: str, source: str) -> Iterator[_Token]:
         match = _TOKEN.match(text, offset)
         if match is None:
             raise PrototxtError(position, _lexical_fault(text[offset:].split("\n", 1)[0]))
-        kind, found = str(match.lastgroup), match.group()
+        kind = str(match.lastgroup)
+        found = match.group()
         if kind != "skip":
             yield _Token(kind, found, position)
         if "\n" in found:
@@ -297,7 +298,8 @@ class _Parser:
         return PrototxtError(self.token.position, f"expected {expected}, found {found}")
 
     def take(self) -> _Token:
-        token, self.token = self.token, next(self.tokens)
+        token = self.token
+        self.token = next(self.tokens)
         return token
 
     def at(self, marks: str) -> bool:
@@ -358,7 +360,8 @@ class _Parser:
         raise self.fail("a value")
 
     def string(self) -> Scalar:
-        position, parts = self.token.position, list[bytes]()
+        position = self.token.position
+        parts: list[bytes] = []
         while self.token.kind == "string":
             parts.append(_unquote(self.take()))
         return Scalar("string", b"".join(parts).decode("utf-8", "surrogateescape"), position)

@@ -52,7 +52,8 @@ def _scale(layer: Message, options: list[Field], rates: list[Field], taken: set[
     rates  the ``param`` of the layer: of mean, variance, factor, scale and bias, or in older
            versions of scale and bias first
     """
-    place, name = layer.position, f"{layer.text('name')}_scale"
+    place = layer.position
+    name = f"{layer.text('name')}_scale"
     while name in taken:
         name += "_"
     fillers = [

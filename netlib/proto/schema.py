@@ -124,7 +124,8 @@ def with_values(message: T, **values: Any) -> T:
     known = fields_of(type(message))  # type: ignore[arg-type]
     found: dict[str, Any] = {}
     for name, value in values.items():
-        place, info = position_of(message, name), known.get(written_name(name))
+        place = position_of(message, name)
+        info = known.get(written_name(name))
         if info is None:
             raise PrototxtError(place, f"unknown field {name!r}{did_you_mean(name, known)}")
         if value is None and info.default is None:
@@ -315,7 +316,8 @@ def message_of(item: Field) -> Message:
 
 def value_of(item: Field, kind: Any) -> Any:
     """The value of a field of this kind. Raises PrototxtError."""
-    value, position = item.value, item.position
+    value = item.value
+    position = item.position
     if is_message(kind):
         return message_of(item) if kind is Message else read(message_of(item), kind, item.name)
     if not isinstance(value, Scalar):
@@ -408,10 +410,12 @@ def to_tree(message: Any) -> Message:
     """Convert a typed message to a tree with the fields that its file gives or that differ from
     their defaults, and the unknown fields of a binary file.
     """
-    place, tree = position_of(message), tree_of(message)
+    place = position_of(message)
+    tree = tree_of(message)
     fields: list[Field] = []
     for name, info in fields_of(message.__class__).items():
-        value, kind = getattr(message, info.attribute), info.kind
+        value = getattr(message, info.attribute)
+        kind = info.kind
         if value is not None and (
             info.default is None or value != info.default or is_given(message, name)
         ):

@@ -225,7 +225,8 @@ def _layer(old: Message, type_name: str) -> Message:
 
 def _without_transform(item: Field) -> list[Field]:
     """A data_param without scale, mean, crop and mirror, and a transform_param with them."""
-    options, place = schema.message_of(item), item.position
+    options = schema.message_of(item)
+    place = item.position
     moved = [field for field in options.fields if field.name in MOVED]
     others = [field for field in options.fields if field.name not in MOVED]
     fields = [Field(item.name, Message(others, options.position), place)]

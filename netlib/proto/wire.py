@@ -182,7 +182,8 @@ class _Decoder:
 
     def type_of(self, begin: int, end: int) -> str:
         """The type of the layer between two offsets; empty if it has none."""
-        at, found = begin, b""
+        at = begin
+        found = b""
         while at < end:
             key, start = self.varint(at, end)
             stop = self.end_of(key & 7, key >> 3, start, end, at)
@@ -233,7 +234,8 @@ class _Decoder:
         Some old files have millions of them. The bytes are viewed as rows of key and number, in
         blocks that double in size.
         """
-        key, width = self.data[at:start], start - at + dtype.itemsize
+        key = self.data[at:start]
+        width = start - at + dtype.itemsize
         block = 64
         while True:
             rows = np.frombuffer(

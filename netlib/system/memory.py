@@ -64,8 +64,10 @@ def is_lacking(error: Exception) -> bool:
 
 def format_bytes(size: int) -> str:
     """Format as ``20 GB`` or ``8.6 TB``: two significant digits, or whole numbers from 10 on."""
-    number, unit = float(size), 0
+    number = float(size)
+    unit = 0
     while round(number) >= 1000 and unit < len(UNITS) - 1:
-        number, unit = number / 1000, unit + 1
+        number /= 1000
+        unit += 1
     digits = 1 if unit and number < 9.95 else 0
     return f"{number:.{digits}f} {UNITS[unit]}"

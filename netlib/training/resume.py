@@ -12,6 +12,7 @@ import contextlib
 import logging
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import chain, repeat
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,7 @@ from netlib.updates import steps_taken
 
 log = logging.getLogger("netlib")
 
-# Solver options that affect training. On resume, those that have changed are logged.
+# Options of a solver that affect the course of a training. A resume logs those that have changed.
 COURSE = (
     "type",
     "base_lr",
@@ -89,7 +90,8 @@ class Snapshots:
         If it is a directory, the solver's name is appended. A directory created after the first use
         has no effect.
         """
-        given, source = self._solver.param.snapshot_prefix, Path(self._solver.source)
+        given = self._solver.param.snapshot_prefix
+        source = Path(self._solver.source)
         if not given:
             return source.with_suffix("")
         if given not in self._prefixes:
@@ -105,10 +107,8 @@ class Snapshots:
 
     def is_current(self) -> bool:
         """Whether the last solver state written or read is that of this iteration."""
-        return (
-            self.last is not None
-            and self.last.absolute() == self.paths(self._solver.iter)[1].absolute()
-        )
+        _, state_path = self.paths(self._solver.iter)
+        return self.last is not None and self.last.absolute() == state_path.absolute()
 
     @property
     def are_written(self) -> bool:
@@ -194,17 +194,16 @@ def extra_state(solver: Training, others: Sequence[Mapping[str, Any]] = ()) -> d
         # affects rounding
         "stores_all": [net.stores_all for net in solver.nets],
     }
-    return snapshot.as_plain(extra | ({"ranks": list(others)} if others else {}))
+    if others:
+        extra["ranks"] = list(others)
+    return snapshot.as_plain(extra)
 
 
 def _course(solver: Training) -> dict[str, Any]:
     """Values of the options in ``COURSE``, with the batch size and the number of ranks."""
-    first = next((at.top[0].shape for at in solver.net.connections if at.top), ())
-    batch = first[0] if first else 0
-    return {name: getattr(solver.param, name) for name in COURSE} | {
-        "batch": batch,
-        "ranks": solver.ranks.count,
-    }
+    shape = next((at.top[0].shape for at in solver.net.connections if at.top), ())
+    course = {name: getattr(solver.param, name) for name in COURSE}
+    return {**course, "batch": shape[0] if shape else 0, "ranks": solver.ranks.count}
 
 
 def restore_state(solver: Training, path: str | Path) -> None:
@@ -213,16 +212,11 @@ def restore_state(solver: Training, path: str | Path) -> None:
         state = snapshot.read_state(path)
         weights = snapshot.weights_of(path, state)
     except WeightsError as error:
-        other = snapshot.complete_snapshot(path)
-        if other is None:
+        complete = snapshot.complete_snapshot(path)
+        if complete is None:
             raise
-        raise WeightsError(f"{error}; the newest complete snapshot is {other}") from error
-    then, now_type = state.extra.get("solver", {}).get("type"), solver.param.type
-    if then is not None and then != now_type:
-        raise WeightsError(
-            f"{path}: this state is of the solver type {then}, whose history has another meaning for "
-            f'{now_type}; expected type: "{then}", or a new training from the weights'
-        )
+        raise WeightsError(f"{error}; the newest complete snapshot is {complete}") from error
+    _check_type(solver, path, state)
     _check_histories(solver, path, state)
     writes, _, _ = weights_of.fitting(solver.net, weights, strict=True)
     _restore_layers(solver, path, _states_of_rank(solver, state))
@@ -238,6 +232,11 @@ def restore_state(solver: Training, path: str | Path) -> None:
     log.info(
         "Resuming at iteration %d: weights from %s, history from %s", solver.iter, weights, path
     )
+    _log_restored(solver, state)
+
+
+def _log_restored(solver: Training, state: SolverState) -> None:
+    """Log what of a training the restored state has, and what has changed since."""
     if solver.iter >= solver.param.max_iter:
         log.warning("Nothing is left to train: max_iter is %d", solver.param.max_iter)
     if not state.extra:
@@ -246,7 +245,7 @@ def restore_state(solver: Training, path: str | Path) -> None:
     if "checksum" not in state.extra:
         log.info("Written by an earlier version, without a checksum: damage cannot be detected")
     changes = list(_changes(solver, state))
-    exactly = "; the resume is exact" if not changes else ""
+    exactly = "" if changes else "; the resume is exact"
     log.info("Restored: data positions, random numbers, averaged loss%s", exactly)
     for change in changes:
         log.info("Changed: %s", change)
@@ -265,7 +264,8 @@ def _states_of_rank(solver: Training, state: SolverState) -> list[dict[str, Any]
             nets[0] = others[solver.ranks.rank - 1]
         else:
             nets[0] = {
-                name: {k: v for k, v in own.items() if k != "rng"} for name, own in nets[0].items()
+                layer: {key: value for key, value in values.items() if key != "rng"}
+                for layer, values in nets[0].items()
             }
     return nets
 
@@ -277,13 +277,13 @@ def undone_after(kind: type[Exception], nets: Sequence[Net]) -> Iterator[Callabl
 
     Yields the function that does so.
     """
-    before = [net.layer_states() for net in nets]
-    means = [(array, array.copy()) for net in nets for array in moving(net)]
+    states_before = [net.layer_states() for net in nets]
+    averages_before = [(array, array.copy()) for net in nets for array in moving(net)]
 
     def undo() -> None:
-        for net, states in zip(nets, before):
+        for net, states in zip(nets, states_before):
             net.restore_layer_states(states)
-        for array, values in means:
+        for array, values in averages_before:
             array[...] = values
 
     try:
@@ -297,12 +297,23 @@ def _restore_layers(solver: Training, path: str | Path, states: list[dict[str, A
     """Restore the states of all layers, or of none. Raises WeightsError."""
     try:
         with undone_after(Exception, solver.nets):
-            for net, of_layers in zip(solver.nets, states):
-                net.restore_layer_states(of_layers)
+            for net, layer_states in zip(solver.nets, states):
+                net.restore_layer_states(layer_states)
     except Exception as error:  # a Python layer can raise anything
         raise WeightsError(
             f"{path}: the state of a layer cannot be restored: {reason_of(error)}"
         ) from error
+
+
+def _check_type(solver: Training, path: str | Path, state: SolverState) -> None:
+    """Check that the state is of a solver of the same type. Raises WeightsError."""
+    written = state.extra.get("solver", {}).get("type")
+    expected = solver.param.type
+    if written not in (None, expected):
+        raise WeightsError(
+            f"{path}: this state is of the solver type {written}, whose history has another meaning for "
+            f'{expected}; expected type: "{written}", or a new training from the weights'
+        )
 
 
 def _check_histories(solver: Training, path: str | Path, state: SolverState) -> None:
@@ -328,28 +339,38 @@ def _check_histories(solver: Training, path: str | Path, state: SolverState) -> 
 
 def _changes(solver: Training, state: SolverState) -> Iterator[str]:
     """Describe the changes since the state was written that affect the course of the training."""
-    states = state.extra.get("layers", [])
-    for net, then in zip(solver.nets, states):
-        layers = snapshot.as_plain(net.layer_states())
-        if any(own.get("files") != then.get(name, {}).get("files") for name, own in layers.items()):
-            yield "the data files; reading starts at the first row"
+    old_states = state.extra.get("layers", [])
+    if any(_reads_other_files(net, old) for net, old in zip(solver.nets, old_states)):
+        yield "the data files; reading starts at the first row"
+    for net, old in zip(solver.nets, chain(old_states, repeat({}))):
+        new_layers = [layer.name for layer in net.layers if layer.name not in old]
+        if new_layers:
+            yield (
+                f"the layers; there is no state of {new_layers[0]!r} in net {net.name!r}, which is reset"
+            )
             break
-    for i, net in enumerate(solver.nets):
-        there = states[i] if i < len(states) else {}
-        if new := [layer.name for layer in net.layers if layer.name not in there]:
-            yield f"the layers; there is no state of {new[0]!r} in net {net.name!r}, which is reset"
-            break
-    now = snapshot.as_plain(_course(solver))
+    course = snapshot.as_plain(_course(solver))
     if solver.param.lr_policy != "poly":
-        now.pop("max_iter")  # affects the rate only with lr_policy poly
+        course.pop("max_iter")  # affects the rate only with lr_policy poly
     defaults = snapshot.as_plain({name: getattr(SolverParameter, name) for name in COURSE})
     # older states lack some fields
-    then = {**defaults, "ranks": 1, **state.extra.get("solver", {})}
-    for name in now:
-        if now[name] != then.get(name):
+    old_course = {**defaults, "ranks": 1, **state.extra.get("solver", {})}
+    for name, value in course.items():
+        old_value = old_course.get(name)
+        if value != old_value:
             what = {"batch": "batch size", "ranks": "number of ranks"}.get(name, name)
-            yield f"{what} was {_g(then.get(name))}, is now {_g(now[name])}"
+            yield f"{what} was {_shown(old_value)}, is now {_shown(value)}"
 
 
-def _g(value: Any) -> str:
+def _reads_other_files(net: Net, old_states: Mapping[str, Any]) -> bool:
+    """Whether a layer reads other data files than when ``old_states`` were written."""
+    states = snapshot.as_plain(net.layer_states())
+    return any(
+        values.get("files") != old_states.get(layer, {}).get("files")
+        for layer, values in states.items()
+    )
+
+
+def _shown(value: Any) -> str:
+    """The value of an option for messages."""
     return f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -19,8 +19,9 @@ from netlib.updates import POLICIES, RULES
 
 log = logging.getLogger("netlib")
 
-OLD_TYPES = {name.upper(): name for name in RULES}  # in the enum solver_type
-MAX_AVERAGE = 10**6  # limit of average_loss, whose losses are kept in memory
+OLD_TYPES = {name.upper(): name for name in RULES}  # value of the enum solver_type -> type
+MAX_AVERAGE_LOSS = 10**6  # so many losses are kept in memory
+NET_FIELDS = ("net", "net_param", "train_net", "train_net_param")
 
 
 def read(path: str | Path, **changes: Any) -> SolverParameter:
@@ -44,31 +45,36 @@ def state_of(phase: schema.Phase, *states: NetState) -> NetState:
     """
     level = 0
     for state in states:
-        phase = state.phase if schema.is_set(state, "phase") else phase
-        level = state.level if schema.is_set(state, "level") else level
+        if schema.is_set(state, "phase"):
+            phase = state.phase
+        if schema.is_set(state, "level"):
+            level = state.level
     return NetState(phase, level, tuple(stage for state in states for stage in state.stage))
 
 
 def type_of(p: SolverParameter) -> str:
-    """Type of a solver, which older files give as ``solver_type``.
+    """Type of a solver, from ``type`` or the older ``solver_type``.
 
-    Raises PrototxtError if both differ.
+    Raises PrototxtError if they differ.
     """
     if p.solver_type is None:
         return p.type
-    old = OLD_TYPES[p.solver_type]
-    if schema.is_given(p, "type") and p.type != old:
+    named = OLD_TYPES[p.solver_type]
+    if schema.is_given(p, "type") and p.type != named:
         raise PrototxtError(
             schema.position_of(p, "solver_type"),
             f"solver_type {p.solver_type} contradicts type {p.type!r}, which Caffe reads; expected one of them",
         )
-    return old
+    return named
 
 
 def checked(p: SolverParameter) -> SolverParameter:
-    """Replace old names in the options and log which ones are ignored. Raises PrototxtError."""
+    """The options with ``type`` in place of ``solver_type``; logs which ones are ignored.
+
+    Raises PrototxtError if a value is invalid.
+    """
     p = schema.changed(p, type=type_of(p))
-    for field, message in _mistakes(p):
+    for field, message in _mistakes(p):  # the first one
         raise PrototxtError(schema.position_of(p, field), message)
     if p.snapshot_diff and p.snapshot_format == "HDF5":
         log.info("snapshot_diff is ignored: HDF5 snapshots do not store gradients")
@@ -103,18 +109,16 @@ def _mistakes(p: SolverParameter) -> Iterator[tuple[str, str]]:
         )
     if p.iter_size < 1 or p.average_loss < 1:
         yield "iter_size", "iter_size and average_loss must be at least 1"
-    if p.average_loss > MAX_AVERAGE:
+    if p.average_loss > MAX_AVERAGE_LOSS:
         yield "average_loss", f"average_loss {p.average_loss} is more than a million iterations"
 
 
 def _rate_mistakes(p: SolverParameter) -> Iterator[tuple[str, str]]:
     """Invalid fields of the learning rate and what is wrong with them."""
     if p.lr_policy not in POLICIES:
-        found = (
-            f"unknown lr_policy {p.lr_policy!r}{did_you_mean(p.lr_policy, POLICIES)}"
-            if p.lr_policy
-            else "no lr_policy"
-        )
+        found = "no lr_policy"
+        if p.lr_policy:
+            found = f"unknown lr_policy {p.lr_policy!r}{did_you_mean(p.lr_policy, POLICIES)}"
         yield "lr_policy", f"{found}; known: {', '.join(POLICIES)}"
     if p.lr_policy == "poly" and p.power < 0:
         yield "power", f"lr_policy 'poly' needs a power that is not negative, found {p.power:g}"
@@ -122,9 +126,11 @@ def _rate_mistakes(p: SolverParameter) -> Iterator[tuple[str, str]]:
         yield "lr_policy", "lr_policy 'step' needs a stepsize of at least 1"
     if p.lr_policy == "poly" and not p.max_iter:
         yield "lr_policy", "lr_policy 'poly' needs max_iter"
-    read_from_file = schema.tree_of(p) is not None
-    if p.base_lr < 0 or (read_from_file and not schema.is_given(p, "base_lr") and not p.base_lr):
-        yield "base_lr", "no base_lr" if not p.base_lr else f"base_lr {p.base_lr:g} is negative"
+    is_from_file = schema.tree_of(p) is not None
+    if p.base_lr < 0:
+        yield "base_lr", f"base_lr {p.base_lr:g} is negative"
+    if is_from_file and not p.base_lr and not schema.is_given(p, "base_lr"):
+        yield "base_lr", "no base_lr"
     if p.rampup_lr < 0:
         yield "rampup_lr", f"rampup_lr {p.rampup_lr:g} is negative"
     if p.lr_policy in ("step", "exp", "multistep", "inv") and p.gamma < 0:
@@ -139,44 +145,41 @@ def _rate_mistakes(p: SolverParameter) -> Iterator[tuple[str, str]]:
 
 def train_net(p: SolverParameter, source: str) -> tuple[str, NetParameter]:
     """Load the training net that the solver in ``source`` names; returns its name and parameter."""
-    given = [
-        (f, getattr(p, f))
-        for f in ("net", "net_param", "train_net", "train_net_param")
-        if getattr(p, f)
-    ]
+    given = [field for field in NET_FIELDS if getattr(p, field)]
     if len(given) != 1:
-        names = ", ".join(name for name, _ in given) or "none"
         raise PrototxtError(
-            schema.position_of(p, given[1][0] if given else None),
-            f"expected one of net, net_param, train_net, train_net_param; found {names}",
+            schema.position_of(p, given[1] if given else None),
+            f"expected one of {', '.join(NET_FIELDS)}; found {', '.join(given) or 'none'}",
         )
-    return _load(given[0][1], source)
+    return _load(getattr(p, given[0]), source)
 
 
 def test_nets(p: SolverParameter, source: str) -> list[tuple[str, NetParameter]]:
     """Load the test nets: test_net_param, test_net, then ``net`` for the remaining
     entries of test_iter.
     """
-    named: list[str | Message] = [*p.test_net_param, *p.test_net]
-    general = p.net_param if p.net_param is not None else p.net
-    if general is not None:
-        named += [general] * (len(p.test_iter) - len(named))
-    if named and not p.test_interval:
-        where = schema.position_of(p, "test_iter" if p.test_iter else None)
+    nets: list[str | Message] = [*p.test_net_param, *p.test_net]
+    default = p.net if p.net_param is None else p.net_param
+    if default is not None:
+        nets += [default] * (len(p.test_iter) - len(nets))
+    if nets and not p.test_interval:
         raise PrototxtError(
-            where, f"{len(named)} test nets, but no test_interval; expected at least 1"
+            schema.position_of(p, "test_iter" if p.test_iter else None),
+            f"{len(nets)} test nets, but no test_interval; expected at least 1",
         )
     for field in ("test_iter", "test_state"):
-        given = len(getattr(p, field))
-        if given != len(named) and (given or (field == "test_iter" and p.test_interval)):
-            where = schema.position_of(p, field)
+        count = len(getattr(p, field))
+        is_required = field == "test_iter" and p.test_interval
+        if count != len(nets) and (count or is_required):
             raise PrototxtError(
-                where, f"{given} {field} for {len(named)} test nets; expected one each"
+                schema.position_of(p, field),
+                f"{count} {field} for {len(nets)} test nets; expected one each",
             )
-    return [_load(net, source) for net in named]
+    return [_load(net, source) for net in nets]
 
 
 def _load(net: str | Message, source: str) -> tuple[str, NetParameter]:
+    """Load the net that a field of the solver in ``source`` names or contains."""
     if isinstance(net, Message):
         return "net_param", load_parameter(net)
     path = find(net, source)

@@ -95,7 +95,8 @@ def main(program: str) -> None:
 
     ``program`` is handpose or netlib, which also accepts the names that handpose lists.
     """
-    known, groups = commands(), GROUPS
+    known = commands()
+    groups = GROUPS
     if program == "netlib":
         known |= {name: TOOLS / f"{stem}.py" for name, stem in NET_TOOLS.items()}
         groups = {"Commands": tuple(NET_TOOLS)}

@@ -1,5 +1,5 @@
-"""What the commands test, time and caffe find of a net: mean outputs, seconds per layer and pass,
-bytes per blob.
+"""Measurements of a net for the commands test_net, time and caffe: mean outputs, seconds per layer
+and pass, bytes per blob.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ def time_layers(net: Net, iterations: int) -> tuple[dict[str, float], dict[str, 
     threads = net.engine.threads()
     net.engine.set_threads(1)
     try:
-        _add_times(net, iterations, forward, backward)
+        for _ in range(iterations):
+            _add_times(net, iterations, forward, backward)
     finally:
         net.engine.set_threads(threads)
     return forward, backward
@@ -35,28 +36,27 @@ def time_layers(net: Net, iterations: int) -> tuple[dict[str, float], dict[str, 
 def _add_times(
     net: Net, iterations: int, forward: dict[str, float], backward: dict[str, float]
 ) -> None:
-    """Add the mean seconds of each layer in this number of iterations."""
-    for _ in range(iterations):
-        for step in net.steps:
-            for piece in step.pieces():
-                for at in piece:
-                    begin = time.perf_counter()
-                    # with the fast engine: an earlier layer computes it
-                    if not getattr(at.layer, "is_fused", False):
-                        at.layer.forward(at.bottom, at.top)
-                    forward[at.layer.name] += (time.perf_counter() - begin) / iterations
-                # the memory of a shard is reused by the next one: run it backwards now
-                if len(piece) > 1:
-                    _time_backward(net, piece, backward, iterations)
-        for step in reversed(net.steps):
-            for piece in step.pieces():
-                if len(piece) == 1:
-                    _time_backward(net, piece, backward, iterations)
+    """Run one pass and add its part of the mean seconds of each layer."""
+    pieces = [piece for step in net.steps for piece in step.pieces()]
+    for piece in pieces:
+        for at in piece:
+            begin = time.perf_counter()
+            # with the fast engine: an earlier layer computes it
+            if not getattr(at.layer, "is_fused", False):
+                at.layer.forward(at.bottom, at.top)
+            forward[at.layer.name] += (time.perf_counter() - begin) / iterations
+        # the next slice of the batch reuses the memory of this one: run it backwards now
+        if len(piece) > 1:
+            _add_backward_times(piece, iterations, backward)
+    for piece in reversed(pieces):
+        if len(piece) == 1:
+            _add_backward_times(piece, iterations, backward)
 
 
-def _time_backward(
-    net: Net, piece: list[Connection], backward: dict[str, float], iterations: int
+def _add_backward_times(
+    piece: list[Connection], iterations: int, backward: dict[str, float]
 ) -> None:
+    """Run some layers backwards and add their part of the mean seconds."""
     for at in reversed(piece):
         if at.needs_backward:
             for param in at.layer.blobs:
@@ -67,7 +67,7 @@ def _time_backward(
 
 
 def warn_of_another_net(weights: str, net: Net) -> None:
-    """Print a warning if weights name another net than the one that they were copied to.
+    """Print a warning if the file ``weights`` names another net than ``net``.
 
     Raises WeightsError.
     """
@@ -80,9 +80,12 @@ def warn_of_another_net(weights: str, net: Net) -> None:
 
 
 def memory_of(net: Net) -> list[tuple[str, int]]:
-    """Bytes of the parameters, and of each blob that the engine stores for the whole batch."""
+    """(Description, bytes) of the parameters, and of each blob that the engine stores for the
+    whole batch.
+    """
     unstored = {blob for step in net.steps for blob in step.unstored}
-    rows = [("parameters and their diffs", sum(2 * p.blob.data.nbytes for p in net.learnable))]
+    params = sum(2 * param.blob.data.nbytes for param in net.learnable)
+    rows = [("parameters and their diffs", params)]
     for name, blob in net.blobs.items():
         if blob not in unstored:
             rows.append((f"blob {name} {'x'.join(map(str, blob.shape))}", blob.allocated_bytes))
@@ -98,7 +101,8 @@ def mean_scores(
 
     ``on_value(batch, name, value)`` is called with each value of each batch. Raises NetlibError.
     """
-    loss, sums = 0.0, {name: np.zeros(0) for name in net.outputs}
+    loss = 0.0
+    sums = {name: np.zeros(0) for name in net.outputs}
     for i in range(iterations):
         loss += net.run_forward()
         for name in net.outputs:
@@ -106,9 +110,8 @@ def mean_scores(
             sums[name] = sums[name] + values if i else values
             for value in values:
                 on_value(i, name, value)
-    return loss / iterations, list(
-        report.scores(net, {name: total / iterations for name, total in sums.items()})
-    )
+    means = {name: total / iterations for name, total in sums.items()}
+    return loss / iterations, list(report.scores(net, means))
 
 
 def report_time(net: Net, iterations: int, write: Callable[..., object]) -> tuple[float, float]:
@@ -128,9 +131,9 @@ def report_time(net: Net, iterations: int, write: Callable[..., object]) -> tupl
         net.clear_param_diffs()
         begin = time.perf_counter()
         net.run_forward()
-        middle = time.perf_counter()
+        forward_end = time.perf_counter()
         net.run_backward()
-        passes[i] = middle - begin, time.perf_counter() - middle
+        passes[i] = forward_end - begin, time.perf_counter() - forward_end
         write(f"Iteration: {i + 1} forward-backward time: {passes[i].sum() * 1e3:.6g} ms.")
     directions = dict(zip(("forward", "backward"), time_layers(net, iterations)))
     write("Average time per layer: ")

@@ -1,5 +1,7 @@
-"""The inputs of a deploy net: each has the shape that its reader gives to one item, and comments on
-how the training transformed its images.
+"""The inputs of a deploy net, in the place of the layers that read its data in training.
+
+Each input has the shape that its reader gives to one item, and comments on how the training
+transformed its images.
 """
 
 from __future__ import annotations
@@ -20,34 +22,33 @@ from tools.common.commands import command
 Shape = tuple[int, ...]
 
 COLORS = 3
-# Pairs of options of readers with the height and the width of their images, in the
-# order of precedence
-SIZES = (
+# Options of readers for the height and the width of their images, in the order of precedence
+SIZE_OPTIONS = (
     ("crop_size", "crop_size"), ("crop_height", "crop_width"), ("crop_h", "crop_w"), ("new_height", "new_width"),
     ("height", "width"),
 )  # fmt: skip
 
 
 class DeployInput:
-    """An input in the place of the top of a reader.
+    """An input in the place of a top of a reader, a layer that reads data.
 
-    name  of the blob
+    name  name of the blob
     """
 
     def __init__(self, reader: LayerParameter, index: int) -> None:
-        self._reader, self._index = reader, index
+        self._reader = reader
+        self._index = index
         self.name = reader.top[index]
         self._transform = reader.blocks.get("transform_param", prototxt.parse(""))
-        # in older nets the options of the transformation are in the reader's own block
-        others = [tree for block, tree in reader.blocks.items() if block != "transform_param"]
-        self._blocks = [self._transform, *others]
+        # in older nets the reader's own block has the options of the transformation
+        self._blocks = [self._transform, *reader.blocks.values()]
 
-    def layer(self, given: Shape | None) -> LayerParameter:
-        """The Input layer, by default with the shape of one item.
+    def layer(self, shape: Shape | None) -> LayerParameter:
+        """The Input layer, with this shape or that of one item.
 
-        Raises NetlibError if that is unknown.
+        Raises NetlibError if that of an item is unknown.
         """
-        dims = "".join(f" dim: {n}" for n in given or self._shape())
+        dims = "".join(f" dim: {n}" for n in shape or self._shape())
         block = prototxt.parse(f"shape {{{dims} }}")
         return LayerParameter(
             name=self.name, type="Input", top=(self.name,), blocks={"input_param": block}
@@ -57,15 +58,16 @@ class DeployInput:
         """What the training did to images before the net read them, and the options of the command
         that repeats it.
         """
-        reader, given = self._reader, self._transform.fields
+        reader = self._reader
+        transform = self._transform.fields
         lines = [
             f"Input {self.name!r} is in the place of layer {reader.name!r} of type {reader.type}."
         ]
-        if given:
-            written = [" ".join(str(Message([item], item.position)).split()) for item in given]
-            lines.append(f"Its images were transformed by: {'; '.join(written)}")
+        if transform:
+            fields = [" ".join(str(Message([item], item.position)).split()) for item in transform]
+            lines.append(f"Its images were transformed by: {'; '.join(fields)}")
         options = self._command_options()
-        if self._index == 0 and reader.type != "HDF5Data" and (options or given):
+        if self._index == 0 and reader.type != "HDF5Data" and (options or transform):
             run = f"{command('run_net')} {shlex.quote(str(out))} WEIGHTS IMAGE"
             lines.append(" ".join([f"Run it: {run}", *options]))
         return lines
@@ -90,7 +92,8 @@ class DeployInput:
         """
         if shape := self._shape_of_data():
             return shape
-        size, mean = self._size(), self._mean_shape()
+        size = self._size()
+        mean = self._mean_shape()
         if self._index > 0 or not (size or mean):
             raise NetlibError(
                 f"{schema.position_of(self._reader)}: the shape of {self.name!r} is not in the prototxt, and its data "
@@ -105,19 +108,19 @@ class DeployInput:
         """
         if self._reader.type not in layer_types():
             return ()
-        always = schema.changed(self._reader, include=(), exclude=())
+        reader = schema.changed(self._reader, include=(), exclude=())  # in every phase
         try:
-            shape = Net(NetParameter(layer=(always,))).blobs[self.name].shape
+            shape = Net(NetParameter(layer=(reader,))).blobs[self.name].shape
         except (DataError, LayerError, PrototxtError):
             return ()
-        return shape if self._reader.type == "Input" else (1, *shape[1:])
+        return shape if reader.type == "Input" else (1, *shape[1:])
 
     def _size(self) -> Shape:
         """Height and width from the options; empty if unknown."""
-        for names in SIZES:
-            found = [self._numbers(name) for name in names]
-            if all(value and value[0] > 0 for value in found):
-                return tuple(int(value[0]) for value in found)
+        for names in SIZE_OPTIONS:
+            sides = [self._numbers(name) for name in names]
+            if all(side and side[0] > 0 for side in sides):
+                return tuple(int(side[0]) for side in sides)
         return ()
 
     def _mean_shape(self) -> Shape:
@@ -132,8 +135,9 @@ class DeployInput:
         return mean.shape[-3:]
 
     def _channels(self, mean: Shape) -> int:
-        if given := self._numbers("channels"):
-            return int(given[0])
+        """Channels of an image, from the options or the shape of the mean image."""
+        if channels := self._numbers("channels"):
+            return int(channels[0])
         if self._word("is_color") == "false" or self._word("force_gray") == "true":
             return 1
         return mean[0] if mean else max(COLORS, len(self._numbers("mean_value")))
@@ -141,11 +145,11 @@ class DeployInput:
     # -------------------------------------------------------------------------------------- options
 
     def _numbers(self, name: str) -> list[float]:
-        """The numbers of the first block with this option, also in messages inside it."""
+        """The numbers of the first block or message in a block with this option."""
         for block in self._blocks:
-            inner = [item.value for item in block.fields if isinstance(item.value, Message)]
-            for tree in (block, *inner):
-                texts = [value.text for value in tree.values(name) if isinstance(value, Scalar)]
+            messages = [item.value for item in block.fields if isinstance(item.value, Message)]
+            for message in (block, *messages):
+                texts = [value.text for value in message.values(name) if isinstance(value, Scalar)]
                 if texts:
                     return [float(text.removesuffix("f")) for text in texts]
         return []

@@ -254,7 +254,8 @@ def _kept(
     parts: _Parts, outputs: Iterable[str], added: Sequence[LayerParameter]
 ) -> list[LayerParameter]:
     """The layers that the outputs depend on."""
-    needed, kept = set(outputs), list[LayerParameter]()
+    needed = set(outputs)
+    kept: list[LayerParameter] = []
     for spec in reversed([*parts.body, *added]):
         if needed.intersection(spec.top):
             kept.append(spec)

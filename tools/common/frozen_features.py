@@ -137,7 +137,8 @@ def _reader(net: Net) -> ImageData:
     assert isinstance(reader, ImageData)
     if reader.transformer.param.mirror:
         raise NotFrozenError("pictures are mirrored at random (--mirror)")
-    p, crop = reader.param, reader.transformer.param.crop_size
+    p = reader.param
+    crop = reader.transformer.param.crop_size
     if net.state.phase == "TRAIN" and crop and (p.new_height, p.new_width) != (crop, crop):
         raise NotFrozenError(
             "pictures are cropped at random, as the mean image is larger than the input (--mean-file)"

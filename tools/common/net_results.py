@@ -141,7 +141,8 @@ class Results:
             image.reshape(height, width, -1), 3 * height * width // image.size, axis=2
         )
         unit = max(height, width) / 600
-        line, scale = max(1, round(2 * unit)), max(0.4, 0.6 * unit)
+        line = max(1, round(2 * unit))
+        scale = max(0.4, 0.6 * unit)
         found = list(self.boxes(values, shown, preprocessing, image.shape))
         for confidence, name, number, box in reversed(found):  # the best on top
             hue = number * 0.618 % 1  # the golden ratio keeps neighbours apart
@@ -204,7 +205,8 @@ class Confusion:
         """Yield a table with a row for each true class, or the most frequent mistakes;
         then the accuracy.
         """
-        right, total = int(np.trace(self.counts)), int(self.counts.sum())
+        right = int(np.trace(self.counts))
+        total = int(self.counts.sum())
         if len(self._names) <= MAX_SHOWN:
             heading = ["true \\ found", *self._names]
             yield from aligned(

@@ -31,7 +31,8 @@ class NewClasses:
     """
 
     def __init__(self, net: Net, count: int) -> None:
-        self._net, self._count = net, count
+        self._net = net
+        self._count = count
         if len(net.outputs) != 1:
             raise NetlibError(
                 f"{net.source}: the net has the outputs {', '.join(net.outputs) or 'none'}; expected "
@@ -52,7 +53,8 @@ class NewClasses:
                     f"{net.source}: layer {spec.name!r} of type {spec.type} follows the last layer with "
                     "weights; expected a classifier, which ends in a Softmax"
                 )
-        self.head, self._at = specs[at].name, at
+        self.head = specs[at].name
+        self._at = at
         self.name = next(
             name
             for i in range(len(specs) + 1)

@@ -63,7 +63,8 @@ def write_csv(
     columns = HandColumns(predictor.skeleton, joints, angles=predictor.fitter is not None)
     rows = [["image", "hand", *columns.about, *columns.pose]]
     for image, found in hands:
-        made, pose = predicted_hand(found, predictor.skeleton), [""] * len(columns.pose)
+        made = predicted_hand(found, predictor.skeleton)
+        pose = [""] * len(columns.pose)
         if made.pose is not None:
             pose = columns.pose_values(made.pose, _camera_of(found))
         rows.append([image, made.hand or "", *columns.about_values(made), *pose])

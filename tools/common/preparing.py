@@ -117,7 +117,8 @@ def _prepare(splits: Sequence[PreparedSplit], args: argparse.Namespace) -> int:
         return status
     for split in splits:
         print(split.report())
-    made, took = sum(split.made for split in splits), duration(time.perf_counter() - begun)
+    made = sum(split.made for split in splits)
+    took = duration(time.perf_counter() - begun)
     say(f"{args.out}: made {made} frames in {took}" if missing else f"{args.out}: all files kept")
     return DONE
 

@@ -87,7 +87,8 @@ class StatusLine:
     def __init__(self) -> None:
         self._is_terminal = sys.stderr is not None and sys.stderr.isatty()
         self._pause = TERMINAL_PAUSE_S if self._is_terminal else PAUSE_S
-        self._text, self._shown = "", ""
+        self._text = ""
+        self._shown = ""
         self._next = 0.0
 
     def __enter__(self) -> StatusLine:

@@ -191,8 +191,10 @@ def opened(args: argparse.Namespace) -> Recording:
 
 def print_inspection(found: Inspection, file: TextIO | None = None) -> None:
     """Print a report on a recording and its first frames; warnings go to stderr."""
-    recording, camera = found.recording, found.recording.camera
-    view, rate = view_of(camera), f", {recording.rate:g} frames/s" if recording.rate else ""
+    recording = found.recording
+    camera = recording.camera
+    view = view_of(camera)
+    rate = f", {recording.rate:g} frames/s" if recording.rate else ""
     length = (
         "live"
         if recording.live

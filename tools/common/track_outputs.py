@@ -134,7 +134,8 @@ def refuse_inputs(args: argparse.Namespace, recording: Recording) -> None:
     """Raise NetlibError for an output that replaces an input, an existing file that was not named,
     or an image in the folder of the frames, where it would be taken for a frame.
     """
-    source, own = Path(args.source), [args.camera] if isinstance(args.camera, Path) else []
+    source = Path(args.source)
+    own = [args.camera] if isinstance(args.camera, Path) else []
     frames = recording.folder if isinstance(recording, FolderRecording) else None
     inputs = [source, *places_next_to(frames or source), *own]
     for name in _given(args, *FILES, *DRAWN, "look", "addresses"):

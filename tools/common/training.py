@@ -39,10 +39,13 @@ Effect = Literal["stop", "snapshot", "none"]  # of a signal
 
 
 class BarHandler(logging.StreamHandler):  # type: ignore[type-arg]  # not a generic before Python 3.11
-    """Writes log lines to a stream, above the progress bar if there is one."""
+    """Writes log lines to a stream, above the progress bar if there is one.
+
+    file  the log file, if any, which receives the same lines
+    """
 
     bar: ProgressBar | None = None
-    file: LogFile | None = None  # receives the same lines
+    file: LogFile | None = None
 
     def emit(self, record: logging.LogRecord) -> None:
         """Write one record."""
@@ -64,7 +67,8 @@ class LogFile(logging.FileHandler):
 
     def __init__(self, path: str | Path, append: bool) -> None:
         super().__init__(path, encoding="utf-8", delay=True)
-        self._path, self._append = path, append
+        self._path = path
+        self._append = append
         self._size: int | None = None  # of all whole lines; None for a terminal or device
         self._early: list[logging.LogRecord] = []
 
@@ -79,12 +83,7 @@ class LogFile(logging.FileHandler):
             Path(self._path).parent.mkdir(parents=True, exist_ok=True)
             self.stream = self._open()
             if Path(self._path).is_file():  # terminals and the null device are not locked
-                if locks.take(self.stream.fileno()) is False:
-                    self.close()
-                    raise NetlibError(
-                        f"{self._path}: another process is writing this log; wait for it, or choose "
-                        "another name"
-                    )
+                self._take_lock(self.stream.fileno())
                 if not self._append:  # only after the lock is taken
                     self.stream.truncate(0)
                 self._size = os.fstat(self.stream.fileno()).st_size
@@ -92,6 +91,15 @@ class LogFile(logging.FileHandler):
             raise NetlibError(f"{self._path}: cannot write the log: {reason_of(error)}") from error
         while self._early:
             self.emit(self._early.pop(0))
+
+    def _take_lock(self, descriptor: int) -> None:
+        """Raise NetlibError, and close the file, if another process is writing it."""
+        if not locks.take(descriptor):
+            self.close()
+            raise NetlibError(
+                f"{self._path}: another process is writing this log; wait for it, or choose "
+                "another name"
+            )
 
     def emit(self, record: logging.LogRecord) -> None:
         """Write or buffer one record."""
@@ -171,9 +179,9 @@ def say_how_to_continue(solver: Solver, options: Mapping[str, object]) -> None:
     None are left out.
     """
     words: list[object] = [solver.source, "--snapshot", solver.snapshots.last]
-    words += [
-        word for name, value in options.items() if value is not None for word in (name, value)
-    ]
+    for option, value in options.items():
+        if value is not None:
+            words += [option, value]
     how = f"continue with {solver.ranks.count} ranks" if solver.ranks.count > 1 else "continue"
     say(f"{how}: {command('train')} {shlex.join(map(str, words))}", file=sys.stderr)
 
@@ -210,7 +218,8 @@ def set_up_engine(name: str | None, ranks: Ranks, threads: int | None = None) ->
     description for the log.
     """
     chosen = engines.get(name)
-    if threads := threads or threads_of(ranks):
+    threads = threads or threads_of(ranks)
+    if threads:
         chosen.set_threads(threads)
     count = chosen.threads()
     return f"{count} thread{'' if count == 1 else 's'}, engine {chosen.name}. {netlib.BLAS_NOTE}"
@@ -255,9 +264,11 @@ def solve(
     bar = _progress(solver, console) if shows_bar else contextlib.nullcontext()
     with requests_by_signal(solver, on_sigint, on_sighup) as stopped, bar:
         finished = solver.solve(snapshot)
-    if stopped or solver.ranks.count == 1:
-        return DONE if finished or not stopped else 128 + stopped[0]
-    return DONE if finished else 128 + signal.SIGTERM  # another rank received the signal
+    if stopped and not finished:
+        return 128 + stopped[0]
+    if finished or solver.ranks.count == 1:
+        return DONE
+    return 128 + signal.SIGTERM  # another rank received the signal
 
 
 def _describe(solver: Solver) -> None:
@@ -277,10 +288,11 @@ def _describe(solver: Solver) -> None:
             )
     for name in net.outputs:
         log.info("This network produces output %s", name)
-    if (ranks := solver.ranks.count) > 1:
+    ranks = solver.ranks.count
+    if ranks > 1:
         batch = next(blob.shape[0] for at in net.connections for blob in at.top)
         log.info("%d ranks × %d = %d per step; base_lr is not scaled", ranks, batch, ranks * batch)
-    count = sum(p.blob.count for p in net.learnable)
+    count = sum(param.blob.count for param in net.learnable)
     log.info("Network initialization done: %d parameters, seed %d", count, solver.seed)
 
 
@@ -323,11 +335,11 @@ def requests_by_signal(
         handlers[signal.SIGHUP] = effects[on_sighup]
         if solver.ranks.count > 1:  # mpiexec forwards SIGUSR1, but ends at SIGHUP
             handlers[signal.SIGUSR1] = effects[on_sighup]
-    before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
+    previous = {number: signal.signal(number, handler) for number, handler in handlers.items()}
     try:
         yield stopped
     finally:
-        for number, handler in before.items():
+        for number, handler in previous.items():
             signal.signal(number, handler)
 
 

@@ -8,8 +8,10 @@ import depthai
 
 from handpose import Camera, CameraInfo, DeviceFrame
 
-SIZE, RATE = (640, 400), 30.0
-START, WAIT = timedelta(seconds=5), timedelta(seconds=1)
+SIZE = (640, 400)  # px
+RATE = 30.0  # Hz
+START_TIMEOUT = timedelta(seconds=5)
+FRAME_TIMEOUT = timedelta(seconds=1)
 
 
 class Oak:
@@ -23,18 +25,19 @@ class Oak:
         stereo.setExtendedDisparity(True)
         sockets = depthai.CameraBoardSocket
         for socket, side in ((sockets.CAM_B, stereo.left), (sockets.CAM_C, stereo.right)):
-            view = self._pipeline.create(depthai.node.Camera).build(socket)
-            view.requestOutput(SIZE, fps=RATE).link(side)
+            camera_node = self._pipeline.create(depthai.node.Camera).build(socket)
+            camera_node.requestOutput(SIZE, fps=RATE).link(side)
         self._queue = stereo.depth.createOutputQueue(maxSize=1, blocking=False)
         self._pipeline.start()
-        first = self._queue.get(START)
+        first = self._queue.get(START_TIMEOUT)
         (fx, _, u0), (_, fy, v0), _ = first.getTransformation().getIntrinsicMatrix()
         camera = Camera("oak", fx, fy, u0, v0, first.getWidth(), first.getHeight())
-        self.name, self.info = "oak", CameraInfo(camera, unit_mm=1.0, rate=RATE)
+        self.name = "oak"
+        self.info = CameraInfo(camera, unit_mm=1.0, rate=RATE)
 
     def read(self) -> DeviceFrame | None:
-        """The next frame; None if none comes."""
-        frame = self._queue.get(WAIT)
+        """The next frame; None if none comes within FRAME_TIMEOUT."""
+        frame = self._queue.get(FRAME_TIMEOUT)
         if frame is None:
             return None
         seconds = frame.getTimestampDevice().total_seconds()

@@ -14,7 +14,8 @@ class Orbbec:
     """The depth stream in its default mode."""
 
     def __init__(self) -> None:
-        self._pipeline, config = Pipeline(), Config()
+        self._pipeline = Pipeline()
+        config = Config()
         profiles = self._pipeline.get_stream_profile_list(OBSensorType.DEPTH_SENSOR)
         profile = profiles.get_default_video_stream_profile()
         config.enable_stream(profile)

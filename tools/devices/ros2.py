@@ -30,7 +30,8 @@ class Topic:
             rclpy.spin_once(self._node, timeout_sec=WAIT_S)
         k = infos[0].k
         camera = Camera("ros", k[0], k[4], k[2], k[5], infos[0].width, infos[0].height)
-        self.name, self.info = topic, CameraInfo(camera, unit_mm=1.0)
+        self.name = topic
+        self.info = CameraInfo(camera, unit_mm=1.0)
 
     def read(self) -> DeviceFrame | None:
         """The next frame; None if none comes."""

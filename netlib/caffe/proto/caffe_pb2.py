@@ -141,7 +141,8 @@ def _describe(described: dict[str, Any], name: str, cls: type) -> None:
             field.options.packed = True
         values = schema.enum_of(known.kind)
         if schema.is_message(known.kind):
-            field.type, field.type_name = field.TYPE_MESSAGE, f".{_PACKAGE}.{_name_of(known.kind)}"
+            field.type = field.TYPE_MESSAGE
+            field.type_name = f".{_PACKAGE}.{_name_of(known.kind)}"
         elif values:
             owner = described[_OWNERS.get((name, known.name), name)]
             field.type, field.type_name = (

@@ -14,7 +14,7 @@ from scipy.special import log_softmax
 
 from layers import LAYER_TYPES
 from netlib.net import Net
-from netlib.proto.fork_types import HINTS, OTHERS, WRITTEN, type_advice
+from netlib.proto.fork_types import ADVICE, EQUIVALENTS, UNSUPPORTED, type_advice
 from netlib.proto.options import block_name
 from tests.support.nets import inputs
 
@@ -102,7 +102,7 @@ def chain(layers: str) -> str:
 
 
 @pytest.mark.parametrize(
-    ("names", "layers"), [(names, layers) for names, _, layers in WRITTEN], ids=lambda v: v[:20]
+    ("names", "layers"), [(names, layers) for names, _, layers in EQUIVALENTS], ids=lambda v: v[:20]
 )
 def test_the_layers_in_the_table_compute_its_formulas(
     names: str, layers: str, net_of: Callable[..., Net], rng: np.random.Generator
@@ -119,8 +119,8 @@ def test_the_layers_in_the_table_compute_its_formulas(
 
 
 def test_the_markers_of_crnn(net_of: Callable[..., Net]) -> None:
-    """As OTHERS says: two DummyData layers and a Concat."""
-    assert "two DummyData" in OTHERS["ContinuationIndicator"]
+    """As UNSUPPORTED says: two DummyData layers and a Concat."""
+    assert "two DummyData" in UNSUPPORTED["ContinuationIndicator"]
     fills = ((1, 0), (3, 1))
     data = "".join(
         f'layer {{ name: "d{value}" type: "DummyData" top: "d{value}" dummy_data_param {{ '
@@ -183,7 +183,9 @@ def test_names_of_other_layers_are_not_taken_for_misspellings(name: str) -> None
 
 def test_the_table_has_each_name_once_and_no_known_type() -> None:
     names = [
-        name for entry in [*(names for names, _, _ in WRITTEN), *OTHERS] for name in entry.split()
+        name
+        for entry in [*(names for names, _, _ in EQUIVALENTS), *UNSUPPORTED]
+        for name in entry.split()
     ]
-    assert len(HINTS) == len(names)
+    assert len(ADVICE) == len(names)
     assert not set(names) & LAYER_TYPES.keys()
