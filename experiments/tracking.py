@@ -31,7 +31,7 @@ import numpy as np
 from handpose import CAMERAS, Camera, Tracker, load_predictor
 from handpose.body.sides import SIDES
 from handpose.frames.recording import DepthFrame
-from handpose.scoring.tracks import BOUND_MM, TrackScores, match, score
+from handpose.scoring.tracks import MAX_MATCH_MM, TrackScores, match, score
 from handpose.sequences.recordings import SCRIPTS, SyntheticRecording
 from handpose.tracking.track import TrackedFrame
 from netlib.blob import Array
@@ -127,7 +127,7 @@ def alone_of(camera: Camera, fit: Literal["fast", "accurate"], engine: str | Non
             except DataError:  # out of sight
                 continue
             errors[hand.id] = _error(found.xyz, hand.xyz)
-        return {id: error for id, error in errors.items() if error.mean() <= BOUND_MM}
+        return {id: error for id, error in errors.items() if error.mean() <= MAX_MATCH_MM}
 
     return alone
 
