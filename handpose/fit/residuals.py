@@ -93,7 +93,8 @@ class Cones(NamedTuple):
         """The capsules of the points given by ``belonging``; a product is faster than indexing."""
         columns = [self.a, self.along, self.radius[:, None], self.wider[:, None]]
         own = np.concatenate(columns, axis=1) @ belongs
-        return Cones(own[:, :3], own[:, 3:6], own[:, 6], own[:, 7])
+        radius, wider = own[:, 6], own[:, 7]
+        return Cones(own[:, :3], own[:, 3:6], radius, wider)
 
 
 def cones_of(model: CapsuleModel, posed: Posed) -> Cones:
@@ -163,9 +164,7 @@ def nearest_capsules(cones: Cones, seen: Observation) -> NDArray[np.int_]:
     return rho.argmin(axis=1)
 
 
-def _point_products(
-    p: Floats, v: Floats, a: Floats, d: Floats
-) -> tuple[Floats, Floats, Floats, Floats]:
+def _point_products(p: Floats, v: Floats, a: Floats, d: Floats) -> list[Floats]:
     """The products (p - a) . d, |p - a|², d . v and (p - a) . v, (N, M, P) each, of points and
     rays p, v (N, 3, P) and axes a, d (N, 3, M).
     """
@@ -186,8 +185,9 @@ def _point_products(
     upper[:, :, 3] = 0
     lower[:, :, :3] = -a.swapaxes(1, 2)
     lower[:, :, 3] = 1
-    of_rays = rows[:, :, :4] @ np.concatenate([v, (p * v).sum(axis=1, keepdims=True)], axis=1)
-    return of_points[:, :M], of_points[:, M:], of_rays[:, :M], of_rays[:, M:]
+    columns = np.concatenate([v, (p * v).sum(axis=1, keepdims=True)], axis=1)
+    of_rays = rows[:, :, :4] @ columns
+    return [*np.split(of_points, 2, axis=1), *np.split(of_rays, 2, axis=1)]
 
 
 def _on_grid(values: Floats, step: np.float32 | Floats) -> Floats:
@@ -261,7 +261,7 @@ def sphere_residuals(
     direction[:, 2, 0] = F / center_z - (slopes * xy).sum(axis=1) / z
     direction[:, 2, 1] = -1
     column, row = np.rint(pixel).astype(np.int64).swapaxes(0, 1)
-    surface = seen.nearest.reshape(-1)[seen.frame[:, None] * (S * S) + row * S + column]
+    surface = seen.nearest[seen.frame[:, None], row, column]
     outside = F * z / center_z + radius
     in_front = surface - c[:, 2] + radius
     value = np.stack([outside, in_front], axis=1)
@@ -285,7 +285,8 @@ def _interpolated(images: Floats, frame: NDArray[np.int_], pixel: Floats) -> tup
     S = images.shape[-1]
     corner = pixel.astype(np.int64)
     right, down = (pixel - corner).swapaxes(0, 1)
-    first = frame[:, None] * (S * S) + corner[:, 1] * S + corner[:, 0]
+    column, row = corner.swapaxes(0, 1)
+    first = (frame[:, None] * S + row) * S + column
     neighbours = np.array([0, 1, S, S + 1])
     F = images.reshape(-1)[first + neighbours[:, None, None]]
     upper_slope, lower_slope = F[1] - F[0], F[3] - F[2]

@@ -132,8 +132,8 @@ def check_in_view(recipe: Recipe, seed: int) -> None:
     empty = float((np.ptp(frames.depth, axis=(1, 2, 3)) == 0).mean())
     if max(outside, empty) > MAX_OUT_OF_VIEW:
         prior = recipe.prior
+        shown = f"{outside:.0%} of the joints lie outside the crops, {empty:.0%} of the frames show nothing"
         raise NetlibError(
-            f"skeleton {prior.skeleton}: {outside:.0%} of the joints lie outside the crops, {empty:.0%} of the frames "
-            f"show nothing; expected lengths in half-cubes, {prior.cube_mm / 2:g} mm, and a cube_mm, center, depth "
-            f"and lateral_x, lateral_y that bring the body into view"
+            f"skeleton {prior.skeleton}: {shown}; expected lengths in half-cubes, {prior.cube_mm / 2:g} mm, and a "
+            f"cube_mm, center, depth and lateral_x, lateral_y that bring the body into view"
         )

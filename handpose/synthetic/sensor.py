@@ -230,8 +230,8 @@ def _fly(rng: np.random.Generator, depth: Floats, far: Floats, sensor: Sensor) -
     direction = rng.integers(0, 4, len(flying))
     down = np.array([-1, 1, 0, 0])[direction]
     right = np.array([0, 0, -1, 1])[direction]
-    neighbour = frame, np.clip(row + down, 0, H - 1), np.clip(column + right, 0, W - 1)
-    own, other = depth.reshape(-1)[flying], depth[neighbour]
+    row, column = np.clip(row + down, 0, H - 1), np.clip(column + right, 0, W - 1)
+    own, other = depth.reshape(-1)[flying], depth[frame, row, column]
     share = rng.random(len(flying), dtype=np.float32) / 2  # of the neighbour
     mixed = own + share * (other - own)
     limit = far[frame, 0, 0]

@@ -254,12 +254,13 @@ def _checked_shape(
 
 # ------------------------------------------------------------------------------------- other arrays
 
-UNITS = {
-    **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), "s"),
-    **dict.fromkeys(("ms", "msec", "millis", "milliseconds"), "ms"),
-    **dict.fromkeys(("us", "usec", "micros", "microseconds"), "us"),
-    **dict.fromkeys(("ns", "nsec", "nanos", "nanoseconds"), "ns"),
-}  # by the endings of names
+UNIT_WORDS = {
+    "s": "s sec secs second seconds",
+    "ms": "ms msec millis milliseconds",
+    "us": "us usec micros microseconds",
+    "ns": "ns nsec nanos nanoseconds",
+}
+UNITS = {word: unit for unit, words in UNIT_WORDS.items() for word in words.split()}
 TIMES = re.compile(
     rf"(?:depth_|frame_)?(?:t|ts|times?|time_?stamps?|stamps?)(?:_({'|'.join(UNITS)}))?", re.I
 )
@@ -295,9 +296,8 @@ def parameters_in(
     found = camera_file.find(_nested(arrays, where), where, given.camera is not None)
     info, fields = found.info, found.fields
     if CAMERA_TEXT in arrays:
-        text_where = f"{where}: {CAMERA_TEXT}"
-        text = str(_plain(arrays[CAMERA_TEXT], text_where))
-        info = info.or_else(camera_file.parse(text, text_where))
+        text = str(_plain(arrays[CAMERA_TEXT], f"{where}: camera"))
+        info = info.or_else(camera_file.parse(text, f"{where}: camera"))
         fields = {**fields, CAMERA_TEXT: "parameters"}
     overridden = {field for field, value in vars(given).items() if value is not None}
     if given.camera:

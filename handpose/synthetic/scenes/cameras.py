@@ -45,7 +45,8 @@ class Cameras(NamedTuple):
         per_frame = (-1, *[1] * (z.ndim - 1))
         f, u0, v0 = (value.reshape(per_frame) for value in (self.focal, self.u0, self.v0))
         z = np.maximum(z, MIN_DEPTH_MM)
-        return np.stack([u0 + f * x / z, v0 - f * y / z], axis=-1)
+        u, v = u0 + f * x / z, v0 - f * y / z
+        return np.stack([u, v], axis=-1)
 
     def at(self, u: Array, v: Array, z: Array) -> Array:
         """The points (N, 3) at pixels and depths (N,)."""
