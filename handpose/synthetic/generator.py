@@ -163,7 +163,7 @@ class Generator:
     def made_from(self, *rows: int) -> dict[str, object]:
         """Everything that the frames depend on, as JSON values; the same for all ``rows``."""
         views = [
-            [asdict(part) if part else None for part in (view.camera, view.sensor)]
+            [asdict(part) if part else None for part in view]  # camera and sensor
             for view in self.recipe.views
         ]
         recipe = asdict(self.recipe) | {"views": views}
@@ -175,9 +175,9 @@ class Generator:
     def _sampler_of(self, subject: Subject) -> BodySampler:
         prior, skeleton = self.recipe.prior, self.sampler.skeleton
         rng = np.random.Generator(np.random.SFC64(subject.seed))
-        noise = cut_normal(rng, skeleton.bones.shape, prior.scale_clip)
-        bones = skeleton.bones * (1 + subject.bone_std * noise)
-        own = skeleton.with_numbers(skeleton.param.dof, bones)
+        bones = skeleton.bones
+        factors = cut_normal(rng, 1, subject.bone_std, bones.shape, prior.scale_clip)
+        own = skeleton.with_numbers(skeleton.param.dof, bones * factors)
         return BodySampler(prior, subject.cube_mm, own)
 
 

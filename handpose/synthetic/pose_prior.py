@@ -15,7 +15,13 @@ from numpy.typing import NDArray
 from handpose.body.model import Surface
 from handpose.frames.cameras import Camera
 from handpose.synthetic import prior_file
-from handpose.synthetic.prior_file import BendParameter, PoseParameter, PosePrior, TurnParameter
+from handpose.synthetic.prior_file import (
+    BendParameter,
+    NormalParameter,
+    PoseParameter,
+    PosePrior,
+    TurnParameter,
+)
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 
@@ -96,8 +102,8 @@ class BodySampler:
         """Crop centres (count, 3): px, px, mm; exact in float32, as the labels store them."""
         p = self.prior
         z = rng.uniform(p.depth.low, p.depth.high, count)
-        x = (p.lateral_x.mean + p.lateral_x.std * rng.standard_normal(count)) * z
-        y = (p.lateral_y.mean + p.lateral_y.std * rng.standard_normal(count)) * z
+        x = _normal(rng, p.lateral_x, count) * z
+        y = _normal(rng, p.lateral_y, count) * z
         uvd = camera.project(np.stack([x, y, z], axis=1))
         return uvd.astype(np.float32).astype(np.float64)
 
@@ -111,11 +117,11 @@ class BodySampler:
         """The scale (count,) of bodies, and their bones (count, K)."""
         p = self.prior
         bones = self.surface.whole.bones
-        scale = p.scale_mean + p.scale_std * cut_normal(rng, (count,), p.scale_clip)
-        factors = 1 + p.bone_std * cut_normal(rng, (count, len(bones)), p.scale_clip)
+        scale = cut_normal(rng, p.scale_mean, p.scale_std, (count,), p.scale_clip)
+        factors = cut_normal(rng, 1, p.bone_std, (count, len(bones)), p.scale_clip)
         drawn = bones * scale[:, None] * factors
         for group, joints in zip(p.proportion, self._groups):
-            drawn[:, joints] *= 1 + group.std * cut_normal(rng, (count, 1), p.scale_clip)
+            drawn[:, joints] *= cut_normal(rng, 1, group.std, (count, 1), p.scale_clip)
         return scale, drawn
 
     def _penetration_mm(self, inputs: Array, bones: Array, scale: Array) -> Array:
@@ -219,19 +225,25 @@ class BodySampler:
         return np.array([along[axis] for axis in range(3)], dtype=int)  # the file was checked
 
 
+def _normal(rng: np.random.Generator, normal: NormalParameter | TurnParameter, count: int) -> Array:
+    return normal.mean + normal.std * rng.standard_normal(count)
+
+
 def _angles(rng: np.random.Generator, turn: TurnParameter, count: int) -> Array:
     """Angles (count,) of a turn in degrees."""
     if turn.any is None:
-        angles = turn.mean + turn.std * rng.standard_normal(count)
+        angles = _normal(rng, turn, count)
     else:
         is_any = rng.random(count) < turn.any
         anywhere = rng.uniform(-180, 180, count)
         if turn.evenly:
             anywhere = np.rad2deg(np.arcsin(anywhere / 180))
-        angles = np.where(is_any, anywhere, turn.mean + turn.std * rng.standard_normal(count))
+        angles = np.where(is_any, anywhere, _normal(rng, turn, count))
     return np.clip(angles, -turn.most, turn.most)
 
 
-def cut_normal(rng: np.random.Generator, shape: tuple[int, ...], cut: float) -> Array:
-    """Standard normal numbers clipped at ``cut``."""
-    return np.clip(rng.standard_normal(shape), -cut, cut)
+def cut_normal(
+    rng: np.random.Generator, mean: float, std: float, shape: tuple[int, ...], cut: float
+) -> Array:
+    """Normal numbers clipped at ``cut`` standard deviations from the mean."""
+    return mean + std * np.clip(rng.standard_normal(shape), -cut, cut)

@@ -90,13 +90,13 @@ def _draw_radii(
 ) -> Array:
     """The radii (N, M, 2) of bodies of these sizes (N,)."""
     N = len(scale)
-    thickness = prior.thickness_mean + prior.thickness_std * cut_normal(rng, (N,), prior.clip)
+    thickness = cut_normal(rng, prior.thickness_mean, prior.thickness_std, (N,), prior.clip)
     radii = surface.radii * (scale * thickness)[:, None, None]
     if (prior.trunk_mean, prior.trunk_std) != (1.0, 0.0):
-        trunk = prior.trunk_mean + prior.trunk_std * cut_normal(rng, (N, 1, 1), prior.clip)
+        trunk = cut_normal(rng, prior.trunk_mean, prior.trunk_std, (N, 1, 1), prior.clip)
         radii[:, surface.trunk] *= trunk
     if prior.radius_std:
-        radii *= 1 + prior.radius_std * cut_normal(rng, radii.shape, prior.clip)
+        radii *= cut_normal(rng, 1, prior.radius_std, radii.shape, prior.clip)
     radii[:, surface.limbs] *= rng.uniform(*prior.limb, (N, 1, 1))
     return radii
 
