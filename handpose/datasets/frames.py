@@ -31,18 +31,18 @@ from netlib.errors import DataError
 from netlib.files.hdf5 import File, read_list
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Frames:
-    """n frames; the names are those of the data sets in the files."""
+    """n frames; the names and their order are those of the data sets in the files."""
 
     depth: Floats
     joint: Floats
+    dof: Floats | None = None
+    bones: Floats | None = None
     center: Floats
     center_uvd: Floats
     index: NDArray[np.int64]
     half_cube: Floats
-    dof: Floats | None = None
-    bones: Floats | None = None
 
     @classmethod
     def of(
@@ -81,9 +81,7 @@ class Frames:
 
     def arrays(self) -> dict[str, Array]:
         """All arrays by name, in the order of the files."""
-        names = ("depth", "joint", "dof", "bones", "center", "center_uvd", "index", "half_cube")
-        arrays = {name: getattr(self, name) for name in names}
-        return {name: array for name, array in arrays.items() if array is not None}
+        return {name: array for name, array in vars(self).items() if array is not None}
 
     def rows(self, rows: slice) -> Frames:
         """Some of the frames."""

@@ -81,16 +81,15 @@ class FinderScenes(Layer):
 
 def targets_of(scenes: Scenes) -> tuple[Array, Array, Array, Array]:
     """The class, heat, vote and own of the layer's tops."""
-    is_read = scenes.depth > 0
-    labels = np.where(is_read, scenes.classes, IGNORE_LABEL)
+    labels = np.where(scenes.depth > 0, scenes.classes, IGNORE_LABEL)
     classes = labels[:, None, ::CLASS_STEP, ::CLASS_STEP]
     return classes, _heat(scenes), *_votes(scenes)
 
 
 def _heat(scenes: Scenes) -> Array:
-    height, width = HEIGHT // HEAT_STEP, WIDTH // HEAT_STEP
-    row, column = np.indices((height, width))
-    heat = np.zeros((len(scenes.depth), height, width))
+    """The top heat."""
+    row, column = np.indices((HEIGHT // HEAT_STEP, WIDTH // HEAT_STEP))
+    heat = np.zeros((len(scenes.depth), *row.shape))
     for k in range(2):
         u, v = np.round(scenes.middle_px[:, k].T / HEAT_STEP)[..., None, None]
         z = np.maximum(scenes.middle[:, k, 2], MIN_DEPTH_MM)
