@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from handpose.frames.cameras import ICVL, NYU, Camera
-from handpose.sequences.acts import MAX_FINGER_RAD_S, MAX_HAND_MM_S, MARGIN_MM, Act, Actor, Volume
+from handpose.sequences.acts import MARGIN_MM, MAX_FINGER_RAD_S, MAX_HAND_MM_S, Act, Actor, Volume
 from handpose.sequences.movements import Movement, Person, fingers_of, poses
 from handpose.synthetic.pose_prior import BodySampler
 
