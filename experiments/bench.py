@@ -248,14 +248,14 @@ def _torch_training(name: str, work: Workload, threads: int) -> Iterator[tuple[s
         }
         graph(**xs).backward()
         peer = f"PyTorch {layout}"
-        if all(
-            agrees(
-                f"{peer}, {name}, gradient {key}",
-                param.grad.numpy(),
-                net.params[key[0]][key[1]].diff,
-                GRADIENT_TOLERANCE,
-            )
+        gradients = (
+            (key, param.grad.numpy(), net.params[key[0]][key[1]].diff)
             for key, param in graph.pairs.items()
+        )
+        what = f"{peer}, {name}, gradient"
+        if all(
+            agrees(f"{what} {key}", theirs, ours, GRADIENT_TOLERANCE)
+            for key, theirs, ours in gradients
         ):
             optimiser = torch.optim.SGD(graph.parameters(), lr=0.0001, momentum=0.9)
             yield peer, functools.partial(_torch_step, graph.train(), xs, optimiser)

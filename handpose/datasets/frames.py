@@ -112,9 +112,7 @@ def examples_of(path: Path, count: int) -> list[Example]:
 
 
 def spread(total: int, count: int) -> NDArray[np.int_]:
-    """At most ``count`` of ``total`` numbers from 0 on, spread evenly, the first and the
-    last among them.
-    """
+    """At most ``count`` of ``total`` indices, evenly spread, including the first and the last."""
     return np.linspace(0, total - 1, min(total, count)).astype(int)
 
 
