@@ -37,9 +37,10 @@ from tools.common.console import DONE, say
 
 Job = Callable[[], object]
 TOLERANCE = 1e-3  # of the largest value
-OF_GRADIENTS = 2e-2  # where the input of a ReLU is zero up to rounding, either gradient is right
+# Where the input of a ReLU is zero up to rounding, either gradient is right.
+GRADIENT_TOLERANCE = 2e-2
 MAX_LOAD = 0.5  # of a machine on which times are reproducible
-LEAST_S = 0.1  # for which a job is repeated
+MIN_JOB_S = 0.1  # for which a job is repeated
 # before a job: OpenMP's threads, PyTorch's and OpenCV's, spin for some ms after the job before
 PAUSE_S = 0.05
 
@@ -85,12 +86,12 @@ def run(args: argparse.Namespace) -> int:
     with tempfile.TemporaryDirectory() as folder:
         for name in args.nets:
             work = Workload(NETS[name], Path(folder))
-            jobs = dict(peers_of(name, work, args.threads))
-            own, *theirs = medians([work.run, *jobs.values()], args.rounds, args.cpu)
-            line = f"{name:20}{1e3 * own:9.2f}"
-            for peer, found in zip(jobs, theirs):
-                print(f"{line}  {peer:<24}{1e3 * found:9.2f}{found / own:7.2f}", flush=True)
-            if not jobs:
+            peers = dict(peers_of(name, work, args.threads))
+            ours, *theirs = medians([work.run, *peers.values()], args.rounds, args.cpu)
+            line = f"{name:20}{1e3 * ours:9.2f}"
+            for peer, seconds in zip(peers, theirs):
+                print(f"{line}  {peer:<24}{1e3 * seconds:9.2f}{seconds / ours:7.2f}", flush=True)
+            if not peers:
                 print(line, flush=True)
     return DONE
 
@@ -104,7 +105,7 @@ def medians(jobs: list[Job], rounds: int, cpu: bool) -> list[float]:
             time.sleep(PAUSE_S)
             job()  # into the caches
             begun, count = clock(), 0
-            while not count or clock() - begun < LEAST_S:
+            while not count or clock() - begun < MIN_JOB_S:
                 job()
                 count += 1
             row[number] = (clock() - begun) / count
@@ -115,10 +116,12 @@ def peers_of(name: str, work: Workload, threads: int) -> Iterator[tuple[str, Job
     """The peers that are installed and compute the same values, each with a function
     that runs it once.
     """
-    makers: list[Callable[[str, Workload, int], Iterator[tuple[str, Job]]]]
-    makers = [_torch_training] if work.solver else [_opencv, _onnxruntime, _torch]
-    if not work.solver and len(work.inputs) > 1:  # a recurrent net
+    if work.solver:
+        makers = [_torch_training]
+    elif len(work.inputs) > 1:  # a recurrent net
         makers = [_torch]
+    else:
+        makers = [_opencv, _onnxruntime, _torch]
     for make in makers:
         try:
             yield from make(name, work, threads)
@@ -133,7 +136,9 @@ def _note(package: str) -> None:
 
 
 def agrees(what: str, found: Array, expected: Array, tolerance: float = TOLERANCE) -> bool:
-    """Whether a peer's values are ours; if not, print a note: it is not timed."""
+    """Whether a peer's values are ours, up to a tolerance relative to the largest; otherwise print
+    that it is not timed.
+    """
     largest = max(np.abs(expected).max(), 1e-30)
     error = float(np.abs(np.ravel(found) - np.ravel(expected)).max() / largest)
     if error < tolerance:
@@ -151,6 +156,7 @@ def agrees(what: str, found: Array, expected: Array, tolerance: float = TOLERANC
 def _checked(
     name: str, work: Workload, peer: str, job: Callable[[], Any]
 ) -> Iterator[tuple[str, Job]]:
+    """The job of a peer if its output is ours."""
     expected = work.run()
     assert expected is not None
     try:
@@ -234,20 +240,25 @@ def _torch_training(name: str, work: Workload, threads: int) -> Iterator[tuple[s
     read = [top for layer in net.layers if not layer.spec.bottom for top in layer.spec.top]
     inputs = {blob: torch.from_numpy(net.blobs[blob].data.copy()) for blob in read}
     layouts = {"eager": torch.contiguous_format, "channels_last": torch.channels_last}
-    for layout, format_ in layouts.items():
-        graph = TorchNet(net).eval().to(memory_format=format_)
-        own = {
-            blob: x.to(memory_format=format_) if x.ndim == 4 else x for blob, x in inputs.items()
+    for layout, memory_format in layouts.items():
+        graph = TorchNet(net).eval().to(memory_format=memory_format)
+        xs = {
+            blob: x.to(memory_format=memory_format) if x.ndim == 4 else x
+            for blob, x in inputs.items()
         }
-        graph(**own).backward()
-        pairs = [
+        graph(**xs).backward()
+        peer = f"PyTorch {layout}"
+        gradients = (
             (key, param.grad.numpy(), net.params[key[0]][key[1]].diff)
             for key, param in graph.pairs.items()
-        ]
-        what = f"PyTorch {layout}, {name}, gradient"
-        if all(agrees(f"{what} {key}", theirs, ours, OF_GRADIENTS) for key, theirs, ours in pairs):
+        )
+        what = f"{peer}, {name}, gradient"
+        if all(
+            agrees(f"{what} {key}", theirs, ours, GRADIENT_TOLERANCE)
+            for key, theirs, ours in gradients
+        ):
             optimiser = torch.optim.SGD(graph.parameters(), lr=0.0001, momentum=0.9)
-            yield f"PyTorch {layout}", functools.partial(_torch_step, graph.train(), own, optimiser)
+            yield peer, functools.partial(_torch_step, graph.train(), xs, optimiser)
 
 
 @contextlib.contextmanager

@@ -62,10 +62,10 @@ from tools.common.arguments import real, seconds, seed
 from tools.common.console import DONE, aligned, say
 from tools.common.progress import ProgressBar
 
-# Of 1, 0.25, 0.1 and 0.05: with 1, 12% of the hands have less than 50%, with 0.05 more of the
-# others have more.
-OTHERS = 0.1
-PLACES = 2  # of the finder in a frame: the hand, and another one
+# Weight of a pose that is not the labelled hand. Of 1, 0.25, 0.1 and 0.05: with 1, 12% of the hands
+# have less than 50%, with 0.05 more of the others have more.
+OTHER_WEIGHT = 0.1
+MAX_PLACES = 2  # of the finder in a frame: the hand, and another one
 KEEP = 0.3  # of 0, 0.3, 1, 3 and 10; up to 1 they are alike when a recording is left out
 COMMENT = """Weights of the confidence of poses: handpose/fit/pose_confidence.py has the formulas.
 Fitted by `python -m experiments confidence` to {count} poses of {names},
@@ -99,7 +99,7 @@ class Poses(NamedTuple):
     @property
     def share(self) -> Array:
         """The weight (N,) of each pose; their sum is 1."""
-        weight = np.where(self.is_hand, 1.0, OTHERS)
+        weight = np.where(self.is_hand, 1.0, OTHER_WEIGHT)
         return np.asarray(weight / weight.sum())
 
     @property
@@ -123,39 +123,36 @@ class Labelled(NamedTuple):
 
 def poses_of(name: str, frames: Iterator[TrackedLabels]) -> Poses:
     """The poses that are tracked in labelled frames. Raises DataError if there is none."""
-    evidence, fingers = [], []
-    lost = np.full(len(FINGERS), np.nan)
+    evidence, errors = [], []
+    unlabelled = np.full(len(FINGERS), np.nan)
     for frame in frames:
-        nearest = min((apart.mean() for apart in frame.apart), default=np.inf)
-        for hand, apart in zip(frame.hands, frame.apart):
-            is_labelled = apart.mean() == nearest < LOST_MM
+        least = min((error_mm.mean() for error_mm in frame.errors_mm), default=np.inf)
+        for hand, error_mm in zip(frame.hands, frame.errors_mm):
+            is_labelled = error_mm.mean() == least < LOST_MM
             evidence.append(evidence_of_track(frame.tracker.track_of(hand), frame.tracker.model))
-            fingers.append(apart.mean(axis=1) if is_labelled else lost)
+            errors.append(error_mm.mean(axis=1) if is_labelled else unlabelled)
         others = evidence_of_others(frame)
         evidence += others
-        fingers += [lost] * len(others)
-    if np.isnan(fingers).all():
+        errors += [unlabelled] * len(others)
+    if np.isnan(errors).all():
         raise DataError(f"{name}: no hand is tracked in any labelled frame")
-    of_fingers = np.array(fingers)
-    error = of_fingers.mean(axis=1)
-    return Poses(
-        name, Evidence.concatenate(evidence), np.where(np.isnan(error), LOST_MM, error), of_fingers
-    )
+    fingers_mm = np.array(errors)
+    error_mm = np.nan_to_num(fingers_mm.mean(axis=1), nan=LOST_MM)
+    return Poses(name, Evidence.concatenate(evidence), error_mm, fingers_mm)
 
 
 def evidence_of_others(frame: TrackedLabels) -> list[Evidence]:
     """What an image shows of poses at the finder's places away from the only hand."""
-    predictor, middle, found = frame.tracker.predictor, frame.label.mean(axis=(0, 1)), []
-    for other in frame.tracker.finder.hands(frame.depth, predictor.camera, most=PLACES):
+    predictor, middle = frame.tracker.predictor, frame.label.mean(axis=(0, 1))
+    evidence = []
+    for found in frame.tracker.finder.hands(frame.depth, predictor.camera, most=MAX_PLACES):
         with contextlib.suppress(DataError):  # the pose leads out of the image
-            hand = predictor.in_frame(frame.depth, predictor.camera.project(other.middle))
-            if (
-                min(np.linalg.norm(place - middle) for place in (other.middle, hand.center_mm))
-                > LOST_MM
-            ):
+            hand = predictor.in_frame(frame.depth, predictor.camera.project(found.middle))
+            distances_mm = np.linalg.norm([found.middle - middle, hand.center_mm - middle], axis=1)
+            if distances_mm.min() > LOST_MM:
                 assert hand.evidence is not None
-                found.append(hand.evidence)
-    return found
+                evidence.append(hand.evidence)
+    return evidence
 
 
 def evidence_of_track(track: HandTrack, model: CapsuleModel) -> Evidence:
@@ -186,24 +183,23 @@ def fitted(takes: Sequence[Poses], in_use: Regressions, keep: float = KEEP) -> R
     """
     evidence = Evidence.concatenate([take.evidence for take in takes])
     share = np.concatenate([take.share for take in takes])
-    log_error = np.log(np.concatenate([take.error_mm for take in takes]))
-    hand = _regression(
-        lambda to: mean_log_error(evidence.signs, evidence.lag_mm, to),
-        log_error,
-        share,
-        in_use.hand,
-        keep,
-    )
-    of_fingers = np.concatenate([take.fingers_mm for take in takes])
-    known = np.isfinite(of_fingers)
-    judge = Judge(FitSettings())
-    signs = finger_signs(judge.as_wholes(evidence, hand)[0], evidence)[known]
-    finger_share = np.repeat(share[:, None], known.shape[1], axis=1)[known]
-    finger_share = finger_share / finger_share.sum() * len(takes)
-    log_error = np.log(of_fingers[known])
-    finger = _regression(
-        lambda to: signs @ to.weights + to.constant, log_error, finger_share, in_use.finger, keep
-    )
+    error_mm = np.concatenate([take.error_mm for take in takes])
+
+    def hand_mean(regression: Regression) -> Array:
+        return mean_log_error(evidence.signs, evidence.lag_mm, regression)
+
+    hand = _regression(hand_mean, np.log(error_mm), share, in_use.hand, keep)
+    fingers_mm = np.concatenate([take.fingers_mm for take in takes])
+    known = np.isfinite(fingers_mm)
+    expected = Judge(FitSettings()).as_wholes(evidence, hand)[0]
+    signs = finger_signs(expected, evidence)[known]
+
+    def finger_mean(regression: Regression) -> Array:
+        return np.asarray(signs @ regression.weights + regression.constant)
+
+    share = np.repeat(share[:, None], known.shape[1], axis=1)[known]
+    share = share / share.sum() * len(takes)
+    finger = _regression(finger_mean, np.log(fingers_mm[known]), share, in_use.finger, keep)
     return Regressions(hand, finger)
 
 
@@ -218,17 +214,17 @@ def _regression(
     take add up to 1.
     """
 
-    def off(x: Array) -> Array:
-        difference = mean(Regression(x[:-1], x[-1], np.nan)) - log_error
-        return np.asarray(difference * np.sqrt(share))
+    def weighted_errors(x: Array) -> Array:
+        error = mean(Regression(x[:-1], x[-1], np.nan)) - log_error
+        return np.asarray(error * np.sqrt(share))
 
     def residuals(x: Array) -> Array:
-        return np.append(off(x), keep * (x[:-1] - in_use.weights))
+        return np.append(weighted_errors(x), keep * (x[:-1] - in_use.weights))
 
     start = np.append(in_use.weights, in_use.constant)
     lower = np.append(np.zeros(len(in_use.weights)), -np.inf)
     x = least_squares(residuals, start, bounds=(lower, np.inf)).x
-    spread = np.sqrt((off(x) ** 2).sum() / share.sum())
+    spread = np.sqrt((weighted_errors(x) ** 2).sum() / share.sum())
     return Regression(x[:-1], float(x[-1]), float(spread))
 
 
@@ -238,31 +234,33 @@ def _regression(
 def text_of(weights: Regressions, comment: str) -> str:
     """The text of a file of weights, with a comment at the top."""
     lines = [f"# {line}" for line in comment.splitlines()]
-    for name, signs, of in (
-        ("hand", SIGNS, weights.hand),
-        ("finger", FINGER_SIGNS, weights.finger),
-    ):
-        values = zip((*signs, "constant", "spread"), (*of.weights, of.constant, of.spread))
-        lines += [f"{name} {{", *(f"  {sign}: {value:.3f}" for sign, value in values), "}"]
+    for name, signs, regression in zip(("hand", "finger"), (SIGNS, FINGER_SIGNS), weights):
+        values = (*regression.weights, regression.constant, regression.spread)
+        fields = zip((*signs, "constant", "spread"), values)
+        lines += [f"{name} {{", *(f"  {field}: {value:.3f}" for field, value in fields), "}"]
     return "\n".join(lines) + "\n"
 
 
 def cells_of(name: str, takes: Sequence[Poses], weights: Regressions) -> list[str]:
     """The columns of recordings, judged by these weights."""
     evidence = Evidence.concatenate([take.evidence for take in takes])
-    found = Judge(FitSettings()).judged(evidence, weights)
+    judged = Judge(FitSettings()).judged(evidence, weights)
     is_hand = np.concatenate([take.is_hand for take in takes])
-    error, expected = (
-        np.concatenate([take.error_mm for take in takes])[is_hand],
-        found.error_mm[is_hand],
-    )
-    sure, others = found.confidence[is_hand] >= SURE, found.confidence[~is_hand]
-    off = f"{(error[sure] > OFF_MM).mean():.1%}" if sure.any() else ""
-    correlation = f"{np.corrcoef(expected, error)[0, 1]:.2f}" if len(error) > 1 else ""
-    means = f"{expected.mean():.1f}", f"{error.mean():.1f}"
-    enough = TrackSettings().follow.enough
-    of_others = str(len(others)), str((others >= enough).sum())
-    return [name, str(len(error)), str(sure.sum()), off, correlation, *means, *of_others]
+    true = np.concatenate([take.error_mm for take in takes])[is_hand]
+    expected = judged.error_mm[is_hand]
+    sure = judged.confidence[is_hand] >= SURE
+    others = judged.confidence[~is_hand]
+    return [
+        name,
+        str(len(true)),
+        str(sure.sum()),
+        f"{(true[sure] > OFF_MM).mean():.1%}" if sure.any() else "",
+        f"{np.corrcoef(expected, true)[0, 1]:.2f}" if len(true) > 1 else "",
+        f"{expected.mean():.1f}",
+        f"{true.mean():.1f}",
+        str(len(others)),
+        str((others >= TrackSettings().follow.enough).sum()),
+    ]
 
 
 def compared(
@@ -272,16 +270,15 @@ def compared(
     in_use = read_weights()
     names = list(dict.fromkeys(take.name for take in takes))
     for name in names:
-        own, others = (
-            [take for take in takes if (take.name == name) == same] for same in (True, False)
-        )
+        own = [take for take in takes if take.name == name]
+        others = [take for take in takes if take.name != name]
         yield cells_of(f"{name}, in use", own, in_use)
         if others:
             yield cells_of(f"{name}, left out", own, fitted(others, in_use, keep))
-    for title, of in (("all fitted to", takes), ("all apart", apart)):
-        if of:
-            yield cells_of(f"{title}, in use", of, in_use)
-            yield cells_of(f"{title}, new", of, new)
+    for title, group in (("all fitted to", takes), ("all apart", apart)):
+        if group:
+            yield cells_of(f"{title}, in use", group, in_use)
+            yield cells_of(f"{title}, new", group, new)
 
 
 # ------------------------------------------------------------------------------------- command line
@@ -347,10 +344,8 @@ def run(args: argparse.Namespace) -> int:
     new = fitted(takes, read_weights(), args.keep)
     print(aligned([HEAD, *compared(takes, others, new, args.keep)]))
     count = sum(len(take.error_mm) for take in takes)
-    text = text_of(
-        new,
-        COMMENT.format(count=count, names=", ".join(source.name for source in own), **vars(args)),
-    )
+    names = ", ".join(source.name for source in own)
+    text = text_of(new, COMMENT.format(count=count, names=names, **vars(args)))
     if args.out:
         atomic.replace(args.out, lambda fresh: fresh.write_text(text, encoding="utf-8"))
         say(f"wrote {args.out}")

@@ -67,7 +67,9 @@ from tools.common.arguments import seed
 from tools.common.console import DONE, aligned, say
 from tools.common.progress import ProgressBar
 
-SURE, OFF_MM = 0.9, 30.0
+SURE = 0.9  # minimum confidence of a sure pose
+OFF_MM = 30.0  # minimum error of a pose that is off
+LABELS_SHAPE = (5, 4, 3)  # of a frame: fingers, joints, coordinates
 
 
 @dataclasses.dataclass(frozen=True)
@@ -140,10 +142,9 @@ def settings_of(texts: Sequence[str]) -> Settings:
 
 def array_in(path: Path) -> object:
     """What a file of labels contains, mostly an array. Raises DataError."""
+    content = files.read_bytes(path, "the labels", DataError)
     try:
-        return np.load(
-            io.BytesIO(files.read_bytes(path, "the labels", DataError)), allow_pickle=False
-        )
+        return np.load(io.BytesIO(content), allow_pickle=False)
     except ValueError:
         raise DataError(
             f"{path}: not an array of numbers, expected an .npy of joints (frames, ..., 3)"
@@ -153,10 +154,10 @@ def array_in(path: Path) -> object:
 def labels_of(path: Path) -> Array:
     """The labels (frames, 5, 3, 3) of PIP, DIP and tip, y up. Raises DataError."""
     values = array_in(path)
-    if (
-        not isinstance(values, np.ndarray)
-        or values.shape[1:] != (5, 4, 3)
-        or values.dtype.kind != "f"
+    if not (
+        isinstance(values, np.ndarray)
+        and values.shape[1:] == LABELS_SHAPE
+        and values.dtype.kind == "f"
     ):
         raise DataError(f"{path}: expected an .npy of joints (frames, 5, 4, 3) in mm")
     return np.asarray(values[:, :, 1:] * (1, -1, 1))
@@ -165,19 +166,19 @@ def labels_of(path: Path) -> Array:
 class TrackedLabels(NamedTuple):
     """A labelled frame after the tracker has seen it, and how far its hands are from the labels.
 
-    tracker  that has seen this frame last
-    depth    (height, width) mm, the frame
-    label    (5, 3, 3) mm, PIP, DIP and tip of each finger, y up
-    hands    that the tracker reports
-    apart    of each of these: mm (5, 3), distances of PIP, DIP and tip of each finger
-             from the labels
+    tracker    that has seen this frame last
+    depth      (height, width) mm, the frame
+    label      (5, 3, 3) mm, PIP, DIP and tip of each finger, y up
+    hands      that the tracker reports
+    errors_mm  of each of these: (5, 3), distances of PIP, DIP and tip of each finger from the
+               labels
     """
 
     tracker: Tracker
     depth: NDArray[np.float32]
     label: Array
     hands: Sequence[TrackedHand]
-    apart: Sequence[Array]
+    errors_mm: Sequence[Array]
 
 
 def tracked_labels(
@@ -209,9 +210,9 @@ def tracked_labels(
         frame, label = frame._replace(depth=frame.depth[:, ::flip]), label * (flip, 1, 1)
         hands = tracker.step(frame).hands
         if not np.isnan(label).any():
-            off = [fingers.joints(hand.xyz[None])[0] - label for hand in hands]
-            apart = [np.linalg.norm(one, axis=-1) for one in off]
-            yield TrackedLabels(tracker, frame.depth, label, hands, apart)
+            joints = [fingers.joints(hand.xyz[None])[0] for hand in hands]
+            errors_mm = [np.linalg.norm(xyz - label, axis=-1) for xyz in joints]
+            yield TrackedLabels(tracker, frame.depth, label, hands, errors_mm)
 
 
 def followed(
@@ -221,36 +222,36 @@ def followed(
 
     Raises NetlibError.
     """
+    side = "left" if mirrored else "right"
     with open_recording(source) as recording:
-        for found in tracked_labels(recording, labels, seed, mirrored, settings):
-            near = [(float(apart.mean()), hand) for apart, hand in zip(found.apart, found.hands)]
-            error, hand = min(near, key=lambda one: one[0], default=(np.nan, None))
-            yield (
-                Seen(error, hand.confidence, hand.hand == ("left" if mirrored else "right"))
-                if hand
-                else None
-            )
+        for frame in tracked_labels(recording, labels, seed, mirrored, settings):
+            poses = [
+                Seen(float(error_mm.mean()), hand.confidence, hand.hand == side)
+                for error_mm, hand in zip(frame.errors_mm, frame.hands)
+            ]
+            yield min(poses, key=lambda pose: pose.error_mm, default=None)
 
 
 def cells_of(runs: list[list[Seen | None]]) -> list[str]:
     """The columns of a recording, of a run for each seed."""
-    means = [np.mean([one.error_mm for one in run if one] or [np.nan]) for run in runs]
-    every = [one for run in runs for one in run]
-    seen = [one for one in every if one]
-    sure = [one for one in seen if one.confidence >= SURE]
-
-    def share(part: int, whole: int) -> str:
-        return f"{part / whole:.1%}" if whole else ""
-
+    means = [np.mean([pose.error_mm for pose in run if pose] or [np.nan]) for run in runs]
+    frames = [pose for run in runs for pose in run]
+    seen = [pose for pose in frames if pose]
+    sure = [pose for pose in seen if pose.confidence >= SURE]
     return [
         f"{np.mean(means):.2f}",
         f"{min(means):.2f}",
         f"{max(means):.2f}",
-        share(len(every) - len(seen), len(every)),
-        share(sum(one.is_right_side for one in seen), len(seen)),
-        share(len(sure), len(seen)),
-        share(sum(one.error_mm > OFF_MM for one in sure), len(sure)),
+        _share([pose is None for pose in frames]),
+        _share([pose.is_right_side for pose in seen]),
+        _share([pose.confidence >= SURE for pose in seen]),
+        _share([pose.error_mm > OFF_MM for pose in sure]),
     ]
+
+
+def _share(values: Sequence[bool]) -> str:
+    """The share of true values; empty without values."""
+    return f"{np.mean(values):.1%}" if values else ""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -283,29 +284,31 @@ def run(args: argparse.Namespace) -> int:
     """List the numbers, or measure. Raises NetlibError."""
     settings = settings_of(args.set)
     if not args.recording:
-        numbers = numbers_of(settings)
-        groups: dict[str, list[str]] = {}
-        for name, number in numbers.items():
-            group, _, field = name.rpartition(".")
-            groups.setdefault(group, []).append(f"{field}={number:g}")
-        for group, values in groups.items():
-            print(f"{group:34}{len(values):3}  {' '.join(values)}")
-        say(f"{len(numbers)} tuned numbers")
+        _list(numbers_of(settings))
         return DONE
     takes = [
-        (source, labels_of(Path(path)), flip)
+        (source, labels_of(Path(path)), mirrored)
         for source, path in args.recording
-        for flip in ((False, True) if args.mirrored else (False,))
+        for mirrored in ((False, True) if args.mirrored else (False,))
     ]
-    rows = []
+    rows = [["recording", "mm", "lowest", "highest", "without", "side", "sure", "off"]]
     with ProgressBar(len(takes) * len(args.seeds), what="tracking") as progress:
-        for source, labels, flip in takes:
+        for source, labels, mirrored in takes:
             runs = []
             for number in args.seeds:
-                runs.append(list(followed(source, labels, number, flip, settings)))
+                runs.append(list(followed(source, labels, number, mirrored, settings)))
                 progress(1)
-            rows.append([Path(source).name + " mirrored" * flip, *cells_of(runs)])
-    print(
-        aligned([["recording", "mm", "lowest", "highest", "without", "side", "sure", "off"], *rows])
-    )
+            rows.append([Path(source).name + " mirrored" * mirrored, *cells_of(runs)])
+    print(aligned(rows))
     return DONE
+
+
+def _list(numbers: dict[str, float]) -> None:
+    """Print a line for each group of numbers."""
+    groups: dict[str, list[str]] = {}
+    for name, number in numbers.items():
+        group, _, field = name.rpartition(".")
+        groups.setdefault(group, []).append(f"{field}={number:g}")
+    for group, values in groups.items():
+        print(f"{group:34}{len(values):3}  {' '.join(values)}")
+    say(f"{len(numbers)} tuned numbers")

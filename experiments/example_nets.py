@@ -71,13 +71,10 @@ class NetBuilder:
         batch_norm: bool = False,
     ) -> str:
         """Convolution, with BatchNorm and Scale in place of a bias, and a ReLU."""
-        options = (
-            f"num_output: {count} kernel_size: {kernel} stride: {stride} pad: {pad} group: {group}"
-        )
+        window = f"kernel_size: {kernel} stride: {stride} pad: {pad} group: {group}"
         bias = "bias_term: false" if batch_norm else ""
-        top = self.add(
-            "Convolution", [bottom], f"convolution_param {{ {options} {bias} {FILLER} }}"
-        )
+        options = f"convolution_param {{ num_output: {count} {window} {bias} {FILLER} }}"
+        top = self.add("Convolution", [bottom], options)
         if batch_norm:
             top = self.batch_norm(top, top if self.batch_norm_in_place else "")
         return self.relu(top) if relu else top
@@ -93,18 +90,23 @@ class NetBuilder:
 
     def pool(self, bottom: str, kernel: int, stride: int, pad: int = 0, kind: str = "MAX") -> str:
         """Pooling; over the whole map if ``kernel`` is 0."""
-        windows = (
-            f"kernel_size: {kernel} stride: {stride} pad: {pad}"
-            if kernel
-            else "global_pooling: true"
-        )
-        return self.add("Pooling", [bottom], f"pooling_param {{ pool: {kind} {windows} }}")
+        options = f"kernel_size: {kernel} stride: {stride} pad: {pad}"
+        if not kernel:
+            options = "global_pooling: true"
+        return self.add("Pooling", [bottom], f"pooling_param {{ pool: {kind} {options} }}")
 
     def product(self, bottom: str, count: int) -> str:
         """InnerProduct."""
-        return self.add(
-            "InnerProduct", [bottom], f"inner_product_param {{ num_output: {count} {FILLER} }}"
-        )
+        options = f"inner_product_param {{ num_output: {count} {FILLER} }}"
+        return self.add("InnerProduct", [bottom], options)
+
+    def hidden(self, bottom: str, count: int) -> str:
+        """InnerProduct and a ReLU."""
+        return self.relu(self.product(bottom, count))
+
+    def average(self, bottom: str) -> str:
+        """The mean of each channel."""
+        return self.pool(bottom, 0, 1, kind="AVE")
 
     def lrn(self, bottom: str) -> str:
         """Local response normalization with AlexNet's options."""
@@ -142,7 +144,7 @@ def _caffenet(net: NetBuilder) -> str:
     x = net.lrn(net.pool(net.conv(x, 256, 5, pad=2, group=2), 3, 2))
     x = net.conv(net.conv(x, 384, 3, pad=1), 384, 3, pad=1, group=2)
     x = net.pool(net.conv(x, 256, 3, pad=1, group=2), 3, 2)
-    return net.product(net.relu(net.product(net.relu(net.product(x, 4096)), 4096)), 1000)
+    return net.product(net.hidden(net.hidden(x, 4096), 4096), 1000)
 
 
 def _googlenet(net: NetBuilder) -> str:
@@ -156,7 +158,7 @@ def _googlenet(net: NetBuilder) -> str:
         five = net.conv(net.conv(x, d, 1), e, 5, pad=2)
         pooled = net.conv(net.pool(x, 3, 1, pad=1), f, 1)
         x = net.add("Concat", [one, three, five, pooled])
-    return net.product(net.pool(x, 0, 1, kind="AVE"), 1000)
+    return net.product(net.average(x), 1000)
 
 
 def _squeezenet(net: NetBuilder) -> str:
@@ -167,7 +169,7 @@ def _squeezenet(net: NetBuilder) -> str:
         x = net.conv(x, few, 1)
         one, three = net.conv(x, 4 * few, 1), net.conv(x, 4 * few, 3, pad=1)
         x = net.add("Concat", [one, three])
-    return net.pool(net.conv(x, 1000, 1), 0, 1, kind="AVE")
+    return net.average(net.conv(x, 1000, 1))
 
 
 def _mobilenet_v1(net: NetBuilder) -> str:
@@ -176,7 +178,7 @@ def _mobilenet_v1(net: NetBuilder) -> str:
         stride = 2 if count > channels > 32 else 1
         x = net.conv(x, channels, 3, stride=stride, pad=1, group=channels, batch_norm=True)
         x, channels = net.conv(x, count, 1, batch_norm=True), count
-    return net.product(net.pool(x, 0, 1, kind="AVE"), 1000)
+    return net.product(net.average(x), 1000)
 
 
 def _mobilenet_v2(net: NetBuilder) -> str:
@@ -190,7 +192,7 @@ def _mobilenet_v2(net: NetBuilder) -> str:
             y = net.conv(y, count, 1, batch_norm=True, relu=False)
             x = net.add("Eltwise", [x, y]) if stride == 1 and channels == count else y
             channels = count
-    return net.product(net.pool(net.conv(x, 1280, 1, batch_norm=True), 0, 1, kind="AVE"), 1000)
+    return net.product(net.average(net.conv(x, 1280, 1, batch_norm=True)), 1000)
 
 
 def _resnet50(net: NetBuilder) -> str:
@@ -198,13 +200,12 @@ def _resnet50(net: NetBuilder) -> str:
     for number, (few, blocks) in enumerate(((64, 3), (128, 4), (256, 6), (512, 3))):
         for block in range(blocks):
             stride = 2 if number and not block else 1
-            y = net.conv(
-                net.conv(x, few, 1, stride=stride, batch_norm=True), few, 3, pad=1, batch_norm=True
-            )
+            y = net.conv(x, few, 1, stride=stride, batch_norm=True)
+            y = net.conv(y, few, 3, pad=1, batch_norm=True)
             y = net.conv(y, 4 * few, 1, batch_norm=True, relu=False)
             x = x if block else net.conv(x, 4 * few, 1, stride=stride, batch_norm=True, relu=False)
             x = net.relu(net.add("Eltwise", [x, y]))
-    return net.product(net.pool(x, 0, 1, kind="AVE"), 1000)
+    return net.product(net.average(x), 1000)
 
 
 def _vgg16(net: NetBuilder) -> str:
@@ -213,7 +214,7 @@ def _vgg16(net: NetBuilder) -> str:
         for _ in range(repeats):
             x = net.conv(x, count, 3, pad=1)
         x = net.pool(x, 2, 2)
-    return net.product(net.relu(net.product(net.relu(net.product(x, 4096)), 4096)), 1000)
+    return net.product(net.hidden(net.hidden(x, 4096), 4096), 1000)
 
 
 def _densenet121(net: NetBuilder) -> str:
@@ -222,28 +223,26 @@ def _densenet121(net: NetBuilder) -> str:
     for number, repeats in enumerate((6, 12, 24, 16)):
         if number:
             channels //= 2
-            x = net.pool(
-                net.conv(net.batch_norm_relu(x), channels, 1, relu=False), 2, 2, kind="AVE"
-            )
+            x = net.conv(net.batch_norm_relu(x), channels, 1, relu=False)
+            x = net.pool(x, 2, 2, kind="AVE")
         for _ in range(repeats):
-            y = net.conv(
-                net.conv(net.batch_norm_relu(x), 128, 1, batch_norm=True), 32, 3, pad=1, relu=False
-            )
+            y = net.conv(net.batch_norm_relu(x), 128, 1, batch_norm=True)
+            y = net.conv(y, 32, 3, pad=1, relu=False)
             x, channels = net.add("Concat", [x, y]), channels + 32
-    return net.product(net.pool(net.batch_norm_relu(x), 0, 1, kind="AVE"), 1000)
+    return net.product(net.average(net.batch_norm_relu(x)), 1000)
 
 
 def _unet(net: NetBuilder) -> str:
     x = "data"
-    passed: list[str] = []
+    skips: list[str] = []
     for count in (32, 64, 128, 256):
-        passed.append(net.conv(net.conv(x, count, 3, pad=1), count, 3, pad=1))
-        x = net.pool(passed[-1], 2, 2)
+        skips.append(net.conv(net.conv(x, count, 3, pad=1), count, 3, pad=1))
+        x = net.pool(skips[-1], 2, 2)
     x = net.conv(x, 512, 3, pad=1)
     for count in (256, 128, 64, 32):
         options = f"num_output: {count} kernel_size: 2 stride: 2 {FILLER}"
-        wider = net.add("Deconvolution", [x], f"convolution_param {{ {options} }}")
-        x = net.add("Concat", [wider, passed.pop()])
+        upsampled = net.add("Deconvolution", [x], f"convolution_param {{ {options} }}")
+        x = net.add("Concat", [upsampled, skips.pop()])
         x = net.conv(net.conv(x, count, 3, pad=1), count, 3, pad=1)
     return net.conv(x, 2, 1, relu=False)
 
@@ -252,7 +251,7 @@ def _small(net: NetBuilder) -> str:
     """As the second net of MTCNN, which runs for each face."""
     x = net.pool(net.conv("data", 28, 3), 3, 2)
     x = net.conv(net.pool(net.conv(x, 48, 3), 3, 2), 64, 2)
-    return net.product(net.relu(net.product(x, 128)), 6)
+    return net.product(net.hidden(x, 128), 6)
 
 
 def _three_dimensional(net: NetBuilder) -> str:
@@ -291,7 +290,7 @@ def _lstm(net: NetBuilder) -> str:
 def _lenet(net: NetBuilder) -> str:
     x = net.pool(net.conv("data", 20, 5, relu=False), 2, 2)
     x = net.pool(net.conv(x, 50, 5, relu=False), 2, 2)
-    return net.product(net.relu(net.product(x, 500)), 10)
+    return net.product(net.hidden(x, 500), 10)
 
 
 def _cifar10(net: NetBuilder) -> str:
@@ -305,16 +304,14 @@ def _vgg(net: NetBuilder) -> str:
     x = "data"
     for count in (64, 128):
         x = net.pool(net.conv(net.conv(x, count, 3, pad=1), count, 3, pad=1), 2, 2)
-    return net.product(net.relu(net.product(x, 256)), 10)
+    return net.product(net.hidden(x, 256), 10)
 
 
 def _residual(net: NetBuilder) -> str:
     x = net.conv("data", 32, 3, pad=1, batch_norm=True)
-    y = net.conv(
-        net.conv(x, 32, 3, pad=1, batch_norm=True), 32, 3, pad=1, batch_norm=True, relu=False
-    )
-    x = net.relu(net.add("Eltwise", [x, y]))
-    return net.product(net.pool(x, 0, 1, kind="AVE"), 10)
+    y = net.conv(x, 32, 3, pad=1, batch_norm=True)
+    y = net.conv(y, 32, 3, pad=1, batch_norm=True, relu=False)
+    return net.product(net.average(net.relu(net.add("Eltwise", [x, y]))), 10)
 
 
 # ------------------------------------------------------------------------------ the paper's network
@@ -338,9 +335,8 @@ def hand_training(batch: int) -> Callable[[Path], str]:
                 file["depth"], file["joint"] = hands(2 * batch)
             data.write_text(f"{data.stem}.h5\n", encoding="utf-8")
         net = (ROOT / "prototxt" / "nyu_train_test.prototxt").read_text(encoding="utf-8")
-        return re.sub("data/nyu/[a-z]*.txt", data.as_posix(), net).replace(
-            "batch_size: 512", f"batch_size: {batch}"
-        )
+        net = net.replace("batch_size: 512", f"batch_size: {batch}")
+        return re.sub("data/nyu/[a-z]*.txt", data.as_posix(), net)
 
     return text
 

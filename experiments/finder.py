@@ -53,12 +53,13 @@ from netlib.training.trained import trained
 from tools.common.arguments import add_engine, count, seed
 from tools.common.console import DONE, aligned
 
-WITHIN_MM = 80.0
+WITHIN_MM = 80.0  # maximum distance of a found hand from a labelled one
 RATES = (0.5, 1.0, 2.0)  # false hands a frame
-LOWEST, MOST = 0.01, 12  # presence and number of the answers that are counted
-STEPS = (0.01, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)  # presences of a row
-NEWTON = 20  # iterations, more than enough for two numbers
-MADE = (NYU, KINECT2, SR305)
+DISTANCE_RATE = 1.0  # at which the median distance is measured
+MIN_PRESENCE, MAX_ANSWERS = 0.01, 12  # of the answers of a frame that are counted
+EDGES = (0.01, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)  # between rows of presences
+NEWTON_ITERATIONS = 20  # more than enough for two numbers
+CAMERAS = (NYU, KINECT2, SR305)  # of synthetic recordings
 
 
 class Labelled(NamedTuple):
@@ -149,22 +150,25 @@ def run(args: argparse.Namespace) -> int:
 def cells_of(finder: Finder, frames: Iterator[Labelled]) -> list[str]:
     """Figures of the frames. Raises NetlibError."""
     answers: list[Answer] = []
-    total, number, seconds = 0, 0, 0.0
+    hands, count, seconds = 0, 0, 0.0
     for frame in frames:
         begun = time.process_time()
-        found = finder.hands(frame.depth, frame.camera, LOWEST, MOST)
+        found = finder.hands(frame.depth, frame.camera, MIN_PRESENCE, MAX_ANSWERS)
         seconds += time.process_time() - begun
         answers += judged(found, frame)
-        total += len(frame.hands)
-        number += 1
-    if not number:
+        hands += len(frame.hands)
+        count += 1
+    if not count:
         return ["0"]
-    recalls, threshold = recalls_of(answers, total, number)
-    kept = [one for one in answers if one.true and one.presence >= threshold]
-    off = f"{np.median([one.off_mm for one in kept]):.0f}" if kept else ""
-    found_shares = [f"{recall:.0%}" for recall in recalls]
-    ms = 1000 * seconds / number
-    return [str(number), str(total), *found_shares, off, f"{ms:.0f}"]
+    recalls, threshold = recalls_of(answers, hands, count)
+    off_mm = [answer.off_mm for answer in answers if answer.true and answer.presence >= threshold]
+    return [
+        str(count),
+        str(hands),
+        *(f"{recall:.0%}" for recall in recalls),
+        f"{np.median(off_mm):.0f}" if off_mm else "",
+        f"{1000 * seconds / count:.0f}",
+    ]
 
 
 def answers_of(finder: Finder, frames: Iterator[Labelled]) -> list[Answer]:
@@ -172,7 +176,9 @@ def answers_of(finder: Finder, frames: Iterator[Labelled]) -> list[Answer]:
     return [
         answer
         for frame in frames
-        for answer in judged(finder.hands(frame.depth, frame.camera, LOWEST, MOST), frame)
+        for answer in judged(
+            finder.hands(frame.depth, frame.camera, MIN_PRESENCE, MAX_ANSWERS), frame
+        )
     ]
 
 
@@ -181,10 +187,10 @@ def reliability(answers: dict[str, list[Answer]]) -> list[list[str]]:
     each kind of frames.
     """
     rows = [["presence", *answers]]
-    for low, high in itertools.pairwise(STEPS):
+    for low, high in itertools.pairwise(EDGES):
         cells = []
         for found in answers.values():
-            true = [one.true for one in found if low <= one.presence < high]
+            true = [answer.true for answer in found if low <= answer.presence < high]
             cells.append(f"{np.mean(true):.0%} of {len(true)}" if true else "")
         rows.append([f"{low:.0%} to {high:.0%}", *cells])
     return rows
@@ -195,48 +201,49 @@ def calibration(answers: Sequence[Answer]) -> tuple[float, float]:
     possible the probabilities of hands (Platt, Probabilistic Outputs for Support Vector Machines,
     1999), by Newton's method.
     """
-    said = np.array([one.presence for one in answers])
-    true = np.array([one.true for one in answers], float)
-    features = np.column_stack([np.log(said / (1 - said)), np.ones(len(said))])
+    presence = np.array([answer.presence for answer in answers])
+    true = np.array([answer.true for answer in answers], float)
+    features = np.column_stack([np.log(presence / (1 - presence)), np.ones(len(presence))])
     weights = np.array([1.0, 0.0])
-    for _ in range(NEWTON):
-        chance = 1 / (1 + np.exp(-features @ weights))
-        spread = (chance * (1 - chance))[:, None] * features
-        weights += np.linalg.solve(features.T @ spread, features.T @ (true - chance))
-    return float(weights[0]), float(weights[1])
+    for _ in range(NEWTON_ITERATIONS):
+        probability = 1 / (1 + np.exp(-features @ weights))
+        variance = probability * (1 - probability)
+        hessian = features.T @ (variance[:, None] * features)
+        weights += np.linalg.solve(hessian, features.T @ (true - probability))
+    scale, shift = weights.tolist()
+    return scale, shift
 
 
 def judged(found: Sequence[FoundHand], frame: Labelled) -> list[Answer]:
     """The answers of a frame; of several near one labelled hand, the most certain one is true.
 
-    Doubtful ones go.
+    Those near a doubtful hand do not count.
     """
     left, answers = list(frame.hands), []
     for hand in found:
-        off = [float(np.linalg.norm(hand.middle - place)) for place in left]
-        if off and min(off) < WITHIN_MM:
-            del left[int(np.argmin(off))]
-            answers.append(Answer(hand.presence, True, min(off)))
+        off_mm = [float(np.linalg.norm(hand.middle - place)) for place in left]
+        if off_mm and min(off_mm) < WITHIN_MM:
+            del left[int(np.argmin(off_mm))]
+            answers.append(Answer(hand.presence, True, min(off_mm)))
         elif not any(np.linalg.norm(hand.middle - place) < WITHIN_MM for place in frame.doubtful):
             answers.append(Answer(hand.presence, False))
     return answers
 
 
-def recalls_of(answers: Sequence[Answer], total: int, frames: int) -> tuple[list[float], float]:
-    """Recall at each of ``RATES``, and the least presence of the answers that count
-    at the second.
+def recalls_of(answers: Sequence[Answer], hands: int, frames: int) -> tuple[list[float], float]:
+    """Recall at each of ``RATES``, and the minimum presence of the answers that count at
+    ``DISTANCE_RATE``, above 1 if none does.
     """
-    order = sorted(answers, key=lambda one: -one.presence)
-    false = np.cumsum([not one.true for one in order])
-    true = np.cumsum([one.true for one in order])
-    recalls, threshold = [], 0.0
-    for n, rate in enumerate(RATES):
-        # the last with no more false ones
-        last = int(np.searchsorted(false, rate * frames, side="right")) - 1
-        recalls.append(float(true[last]) / max(total, 1) if last >= 0 else 0.0)
-        if n == 1:
-            threshold = order[last].presence if last >= 0 else 2.0
-    return recalls, threshold
+    order = sorted(answers, key=lambda answer: -answer.presence)
+    false = np.cumsum([not answer.true for answer in order])
+    true = np.cumsum([answer.true for answer in order])
+    # how many answers count: as long as there are no more false ones
+    counts = {rate: int(np.searchsorted(false, rate * frames, side="right")) for rate in RATES}
+    recalls = [
+        float(true[count - 1]) / max(hands, 1) if count else 0.0 for count in counts.values()
+    ]
+    count = counts[DISTANCE_RATE]
+    return recalls, order[count - 1].presence if count else 2.0
 
 
 # ---------------------------------------------------------------------------------- labelled frames
@@ -249,30 +256,33 @@ def things_taken_for_hands(finder: Finder, number: int, scenes: int) -> list[lis
     generator = SceneGenerator(number, "test", prior)
     pixels, false = Counter[str](), Counter[str]()
     names = np.array(generator.names)
-    for block in range(-(-scenes // SCENES_PER_BLOCK)):
-        drawn = generator.block(block)
-        for n in range(min(SCENES_PER_BLOCK, scenes - block * SCENES_PER_BLOCK)):
-            camera = camera_of(drawn, n)
-            shown = np.where(drawn.depth[n] > 0, names[drawn.what[n]], "nothing")
-            pixels.update(shown.ravel().tolist())
-            for hand in finder.hands(drawn.depth[n], camera, most=MOST):
-                u, v, _ = np.rint(camera.project(hand.middle)).astype(int)
-                false[str(shown[v, u])] += 1
-    rows = []
+    for block, n in first_scenes(generator, scenes):
+        camera = camera_of(block, n)
+        shown = np.where(block.depth[n] > 0, names[block.what[n]], "nothing")
+        pixels.update(shown.ravel().tolist())
+        for hand in finder.hands(block.depth[n], camera, most=MAX_ANSWERS):
+            u, v, _ = np.rint(camera.project(hand.middle)).astype(int)
+            false[str(shown[v, u])] += 1
+    rows = [["taken for a hand", "pixels", "times", "a frame"]]
     for name, times in false.most_common():
         share = pixels[name] / pixels.total()
         rows.append([name, f"{share:.1%}", str(times), f"{times / scenes:.3f}"])
-    return [["taken for a hand", "pixels", "times", "a frame"], *rows]
+    return rows
+
+
+def first_scenes(generator: SceneGenerator, count: int) -> Iterator[tuple[Scenes, int]]:
+    """The first scenes of a generator: the block of each, and its index in the block."""
+    blocks = map(generator.block, itertools.count())
+    scenes = ((block, n) for block in blocks for n in range(SCENES_PER_BLOCK))
+    return itertools.islice(scenes, count)
 
 
 def drawn_scenes(number: int, scenes: int) -> Iterator[Labelled]:
     """Scenes of the training's generator that no training saw."""
-    generator = SceneGenerator(number, "test")
-    for block in range(-(-scenes // SCENES_PER_BLOCK)):
-        drawn = generator.block(block)
-        for n in range(min(SCENES_PER_BLOCK, scenes - block * SCENES_PER_BLOCK)):
-            hands, doubtful = drawn.middle[n, drawn.present[n]], drawn.middle[n, drawn.doubtful[n]]
-            yield Labelled(drawn.depth[n], camera_of(drawn, n), [*hands], [*doubtful])
+    for block, n in first_scenes(SceneGenerator(number, "test"), scenes):
+        middle = block.middle[n]
+        hands, doubtful = middle[block.present[n]], middle[block.doubtful[n]]
+        yield Labelled(block.depth[n], camera_of(block, n), [*hands], [*doubtful])
 
 
 def camera_of(scenes: Scenes, n: int) -> Camera:
@@ -289,10 +299,11 @@ def other_scenes(number: int, scenes: int) -> Iterator[Labelled]:
     """
     scripts = list(SCRIPTS)
     for n in range(scenes):
-        script, camera = scripts[n % len(scripts)], MADE[n % len(MADE)]
-        mirrored = n // (len(scripts) * len(MADE)) % 2 == 1
+        script, camera = scripts[n % len(scripts)], CAMERAS[n % len(CAMERAS)]
+        mirrored = n // (len(scripts) * len(CAMERAS)) % 2 == 1
         recording = SyntheticRecording(script, camera, rate=1, seed=number + n, mirrored=mirrored)
-        frame, truth = recording.frame(n % recording.count), recording.truth(n % recording.count)
+        chosen = n % recording.count
+        frame, truth = recording.frame(chosen), recording.truth(chosen)
         partly = [recording.movements[lost.id] for lost in truth.lost if lost.reason == PARTLY]
         hands = [hand.xyz.mean(0) for hand in truth.hands]
         doubtful = [movement.pose_at(frame.time).xyz.mean(0) for movement in partly]
@@ -301,15 +312,16 @@ def other_scenes(number: int, scenes: int) -> Iterator[Labelled]:
 
 def labels_of(words: Sequence[str]) -> dict[Side, Path]:
     """The files of labels on the command line, SIDE=FILE. Raises DataError."""
-    found: dict[Side, Path] = {}
+    sides: dict[str, Side] = {side: side for side in SIDES}
+    paths: dict[Side, Path] = {}
     for word in words:
         side, _, name = word.partition("=")
-        if side not in SIDES or not name:
+        if side not in sides or not name:
             raise DataError(
                 f"--recording: {word!r}, expected left=LABELS.npy or right=LABELS.npy after the frames"
             )
-        found |= {own: Path(name) for own in SIDES if own == side}
-    return found
+        paths[sides[side]] = Path(name)
+    return paths
 
 
 def recorded(source: str, labels: dict[Side, Path], part: str) -> Iterator[Labelled]:

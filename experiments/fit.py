@@ -37,22 +37,26 @@ from handpose.fit.settings import PLANS, FitSettings, Plan
 from handpose.scoring.metrics import mean_errors_14
 from handpose.synthetic import recipes
 from handpose.synthetic.generator import BLOCK, Generator, Scene
-from netlib.blob import Array
+from netlib.blob import Array, divide_up
 from netlib.net import Net
 from netlib.training.trained import trained
 from tools.common.arguments import add_engine, count, seed
 from tools.common.console import DONE, aligned, say
 from tools.common.progress import ProgressBar
 
+ERROR_COLUMNS = ("mean", "median", "failed")
+FIT_COLUMNS = ("auc", "expected", "confidence", "right", "ms")
+
 
 class FitFigures(NamedTuple):
     """The fits of N frames by one plan.
 
-    error        (N,) mean error in mm over NYU's 14 joints
-    expected     (N,) the error that is expected, and the confidence
-    right        (N,) 1 if a frame's fit is less uncertain than its mirror image's, else 0; NaN
-                 if not requested
-    seconds      (N,) time of a frame
+    error       (N,) mean error in mm over NYU's 14 joints
+    expected    (N,) the error that is expected
+    confidence  (N,)
+    right       (N,) 1 if a frame's fit is less uncertain than its mirror image's, else 0; NaN if
+                not requested
+    seconds     (N,) time of a frame
     """
 
     error: Array
@@ -79,7 +83,7 @@ class Figures(NamedTuple):
 
 def scenes_of(generator: Generator, frames: int) -> Iterator[Scene]:
     """The first frames of a generator, at least this many, in blocks."""
-    return map(generator.scene, range(-(-frames // BLOCK)))
+    return map(generator.scene, range(divide_up(frames, BLOCK)))
 
 
 def measure(
@@ -97,26 +101,27 @@ def measure(
     progress  called with the number of further frames done
     """
     fitter_of = functools.cache(fitter_of)
-    networks: list[tuple[Array, Array, Array]] = []
-    fits: dict[str, list[FitFigures]] = {plan.name: [] for plan in plans}
+    of_network: list[tuple[Array, Array, Array]] = []
+    of_plans: dict[str, list[FitFigures]] = {plan.name: [] for plan in plans}
     for scene in scenes:
-        unit = scene.cube_mm / 2
-        fitter, joints = fitter_of(unit), scene.bodies.joints * unit
+        unit_mm = scene.cube_mm / 2
+        fitter, joints = fitter_of(unit_mm), scene.bodies.joints * unit_mm
         x = fit_starts(net, fitter, scene.depth, (0,))[0]
-        truth, limbs = fitter.model.variables_of(scene.bodies.inputs), fitter.model.limbs
+        true, limbs = fitter.model.variables_of(scene.bodies.inputs), fitter.model.limbs
         error_mm = mean_errors_14(fitter.model.joints(x), joints)
-        networks.append((error_mm, (x - truth)[:, limbs], truth[:, limbs]))
+        of_network.append((error_mm, (x - true)[:, limbs], true[:, limbs]))
         for plan in plans:
-            fits[plan.name].append(_fit(net, fitter, scene, joints, plan, hands))
+            of_plans[plan.name].append(_fit(net, fitter, scene, joints, plan, hands))
         progress(len(joints))
-    network, errors, poses = (np.concatenate(parts) for parts in zip(*networks))
-    of_plans = {plan: FitFigures(*map(np.concatenate, zip(*parts))) for plan, parts in fits.items()}
-    return Figures(network, errors, poses, of_plans)
+    network, errors, poses = map(np.concatenate, zip(*of_network))
+    fits = {plan: FitFigures(*map(np.concatenate, zip(*parts))) for plan, parts in of_plans.items()}
+    return Figures(network, errors, poses, fits)
 
 
 def _fit(
     net: Net, fitter: DepthFitter, scene: Scene, joints: Array, plan: Plan, hands: bool
 ) -> FitFigures:
+    """The fits of a block with joints (N, K, 3) in mm; of mirror images, too, if ``hands``."""
     estimator = HandEstimator(net, scene.cube_mm, fitter=fitter)
 
     def candidates(side: Side) -> list[Candidate]:
@@ -124,13 +129,14 @@ def _fit(
         return [Candidate.of_side(side, crop, center, scene.camera) for center, crop in crops]
 
     right, left = map(candidates, SIDES)
+    N = len(joints)
     begun = time.perf_counter()
     found = estimator.estimate(right, scene.camera, plan)
-    seconds = np.full(len(joints), (time.perf_counter() - begun) / len(joints))
-    is_right = np.full(len(joints), np.nan)
+    seconds = np.full(N, (time.perf_counter() - begun) / N)
+    is_right = np.full(N, np.nan)
     if hands:
-        others = estimator.estimate(left, scene.camera, plan)
-        is_right[:] = [hand.uncertainty < other.uncertainty for hand, other in zip(found, others)]
+        mirrored = estimator.estimate(left, scene.camera, plan)
+        is_right[:] = [hand.uncertainty < image.uncertainty for hand, image in zip(found, mirrored)]
     expected, confidence = np.transpose([(hand.error_mm, hand.confidence) for hand in found])
     errors = mean_errors_14(np.stack([hand.joints_mm for hand in found]), joints)
     return FitFigures(errors, expected, confidence, is_right, seconds)
@@ -203,42 +209,30 @@ def run(args: argparse.Namespace) -> int:
     net = trained(model, weights, args.engine)
     skeleton = skeleton_to_fit(net)
     refuse_other_bodies(skeleton, "the recipes are of hands")
-    rows = [
-        [
-            "recipe",
-            "plan",
-            "mean",
-            "median",
-            "failed",
-            "auc",
-            "expected",
-            "confidence",
-            "right",
-            "ms",
-        ]
-    ]
+    fitter_of = functools.partial(DepthFitter.of_file, skeleton, weights)
+    plans = [FitSettings().search.plans[name] for name in args.plans]
+    rows = [["recipe", "plan", *ERROR_COLUMNS, *FIT_COLUMNS]]
     with ProgressBar(args.frames * len(args.recipes)) as progress:
         for recipe in args.recipes:
             scenes = scenes_of(Generator(args.seed, "test", recipes.recipe(recipe)), args.frames)
-            fitter_of = functools.partial(DepthFitter.of_file, skeleton, weights)
-            plans = [FitSettings().search.plans[name] for name in args.plans]
-            found = measure(net, fitter_of, scenes, plans, hands=args.hands, progress=progress)
-            rows.append([recipe, "network", *_errors(found.network), *[""] * 5])
-            rows += [
-                [recipe, plan, *_errors(fit.error), *_others(fit)]
-                for plan, fit in found.fits.items()
-            ]
-    say(f"{len(found.network)} frames per recipe, seed {args.seed}; mm, 14 joints")
+            figures = measure(net, fitter_of, scenes, plans, hands=args.hands, progress=progress)
+            empty = [""] * len(FIT_COLUMNS)
+            rows.append([recipe, "network", *_error_cells(figures.network), *empty])
+            for plan, fit in figures.fits.items():
+                rows.append([recipe, plan, *_error_cells(fit.error), *_fit_cells(fit)])
+    say(f"{len(figures.network)} frames per recipe, seed {args.seed}; mm, 14 joints")
     print(aligned(rows))
     return DONE
 
 
-def _errors(errors: Array) -> list[str]:
+def _error_cells(errors: Array) -> list[str]:
+    """The values of ERROR_COLUMNS."""
     failed = errors > GOOD_MM
     return [f"{errors.mean():.2f}", f"{np.median(errors):.2f}", f"{failed.mean():.1%}"]
 
 
-def _others(fit: FitFigures) -> list[str]:
+def _fit_cells(fit: FitFigures) -> list[str]:
+    """The values of FIT_COLUMNS, empty where there is none."""
     values = (
         ("{:.3f}", auc(fit.expected, fit.error > GOOD_MM)),
         ("{:.2f}", fit.expected.mean()),

@@ -71,29 +71,30 @@ def parts_of_fast() -> dict[str, Part]:
     """All parts by name. Raises ImportError without fast/."""
     from fast import convolution, engine
 
-    found = {FAST: Part(contextlib.nullcontext)}
+    parts = {FAST: Part(contextlib.nullcontext)}
     for place in engine.FAST_CLASSES:
-        name = f"fast {place.rpartition('.')[2]}"
-        found[name] = Part(functools.partial(_without, engine.FAST_CLASSES, place), place)
-    of = [_name_of(algorithm) for algorithm in convolution.ALGORITHMS]
-    for name in dict.fromkeys(of):
-        rest = tuple(other for other, known in zip(convolution.ALGORITHMS, of) if known != name)
-        if name != of[-1]:  # which is for all sizes
-            found[name] = Part(
-                functools.partial(mock.patch.object, convolution, "ALGORITHMS", rest)
-            )
+        off = functools.partial(_without, engine.FAST_CLASSES, place)
+        parts[f"fast {_last(place)}"] = Part(off, place)
+    *names, general = [_name_of(algorithm) for algorithm in convolution.ALGORITHMS]
+    for name in names:
+        others = tuple(other for other in convolution.ALGORITHMS if _name_of(other) != name)
+        if name != general:  # which is for all sizes
+            patch = functools.partial(mock.patch.object, convolution, "ALGORITHMS", others)
+            parts[name] = Part(patch)
     for name, (place, value) in MECHANISMS.items():
-        found[name] = Part(functools.partial(mock.patch, place, value))
-    return found
+        parts[name] = Part(functools.partial(mock.patch, place, value))
+    return parts
+
+
+def _last(place: str) -> str:
+    return place.rpartition(".")[2]
 
 
 def _name_of(algorithm: Any) -> str:
     """The class of an algorithm, or of the one that an adapter uses."""
-    return (
-        _name_of(algorithm.algorithm)
-        if hasattr(algorithm, "algorithm")
-        else type(algorithm).__name__
-    )
+    if hasattr(algorithm, "algorithm"):
+        return _name_of(algorithm.algorithm)
+    return type(algorithm).__name__
 
 
 @contextlib.contextmanager
@@ -117,23 +118,23 @@ def _release(connections: Any) -> None:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
-    usual = [name for name, example in NETS.items() if example.trains or name == "hand-1"]
+    default = [name for name, example in NETS.items() if example.trains or name == "hand-1"]
     parser.add_argument(
         "--nets",
         nargs="+",
         choices=NETS,
-        default=usual,
+        default=default,
         metavar="NAME",
-        help=f"some of {', '.join(NETS)} (default: {' '.join(usual)})",
+        help=f"some of {', '.join(NETS)} (default: {' '.join(default)})",
     )
-    known = parts_of_fast() if netlib.engine.has_fast() else {}
+    parts = parts_of_fast() if netlib.engine.has_fast() else {}
     parser.add_argument(
         "--parts",
         nargs="+",
-        choices=known,
-        default=list(known),
+        choices=parts,
+        default=list(parts),
         metavar="PART",
-        help=f"some of {', '.join(map(repr, known))} (default: all)",
+        help=f"some of {', '.join(map(repr, parts))} (default: all)",
     )
     parser.add_argument(
         "--rounds", type=positive, default=5, metavar="N", help="default: %(default)s"
@@ -153,29 +154,24 @@ def run(args: argparse.Namespace) -> int:
     Raises ImportError without fast/.
     """
     netlib.set_threads(1)
-    known = parts_of_fast()
-    for name in args.nets:
-        example = NETS[name]
+    parts = parts_of_fast()
+    for net in args.nets:
         with tempfile.TemporaryDirectory() as folder:
-            base = Measured(example, Path(folder))
+            base = Measured(NETS[net], Path(folder))
             rows = [["switched off", "time", "memory"]]
-            for part in args.parts:
-                if applies(known[part], base.work):
-                    time_ratio, memory_ratio = base.without(
-                        part, known[part], args.rounds, args.burst
-                    )
-                    rows.append([part, f"{time_ratio:.2f}", f"{memory_ratio:.2f}"])
-            print(
-                f"{name}: {1e3 * base.seconds:.2f} ms, {base.peak / 1e6:.1f} MB\n{aligned(rows)}\n",
-                flush=True,
-            )
+            for name in args.parts:
+                if applies(parts[name], base.work):
+                    ratios = base.without(name, parts[name], args.rounds, args.burst)
+                    rows.append([name, *(f"{ratio:.2f}" for ratio in ratios)])
+            title = f"{net}: {1e3 * base.seconds:.2f} ms, {base.peak / 1e6:.1f} MB"
+            print(f"{title}\n{aligned(rows)}\n", flush=True)
     return DONE
 
 
 def applies(part: Part, work: Workload) -> bool:
     """Whether the net has a layer of the part's type, if it is one of a layer."""
     types = {layer.type for layer in work.net.layers}
-    return not part.place or part.place.rpartition(".")[2] in types
+    return not part.place or _last(part.place) in types
 
 
 class Measured:
@@ -196,16 +192,16 @@ class Measured:
         engine = "plain" if name == FAST else "fast"
         with part.off():
             peak = self._peak_of(engine)
-            other = Workload(self.example, self.folder, engine)
-            other.run()
+            work = Workload(self.example, self.folder, engine)
+            work.run()
         calls = max(1, round(burst / self.seconds))
-        own, off = [], []
+        with_part, without_part = [], []
         for _ in range(rounds):
-            own.append(_seconds(self.work, calls))
+            with_part.append(_seconds(self.work, calls))
             with part.off():
-                off.append(_seconds(other, calls))
-        self.seconds = min(self.seconds, *own)
-        return min(off) / min(own), peak / self.peak
+                without_part.append(_seconds(work, calls))
+        self.seconds = min(self.seconds, *with_part)
+        return min(without_part) / min(with_part), peak / self.peak
 
     def _peak_of(self, engine: str) -> int:
         """The peak size in bytes of a further net's arrays, in a new thread, which has no

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 
 import numpy as np
@@ -20,7 +21,10 @@ Operation = Callable[..., Tensor]
 class TorchNet(nn.Module):
     """The layers of a net in PyTorch. BatchNorm and a Scale behind it are one operation.
 
-    pairs  name of a layer and number of a parameter -> PyTorch's parameter
+    pairs  PyTorch's parameters by a layer's name and the number of its parameter
+    steps  operation, bottoms and tops of each layer, in the order of forward
+
+    The method ``_convolution`` and the like return the operation of a layer of that type.
     """
 
     def __init__(self, net: Net) -> None:
@@ -30,31 +34,31 @@ class TorchNet(nn.Module):
         self.steps: list[tuple[Operation, tuple[str, ...], tuple[str, ...]]] = []
         layers = [layer for layer in net.layers if layer.spec.bottom]
         for before, layer in zip([None, *layers], layers):
-            bottom = layer.spec.bottom
+            bottoms = tuple(layer.spec.bottom)
             if layer.type == "Scale" and before is not None and before.type == "BatchNorm":
-                bottom = self.steps.pop()[1]
-                step = self._norm(before, layer)
+                _, bottoms, _ = self.steps.pop()  # the BatchNorm's
+                operation = self._norm(before, layer)
             else:
-                step = getattr(self, f"_{layer.type.lower()}")(layer)
-            self.steps.append((step, tuple(bottom), tuple(layer.spec.top)))
+                operation = getattr(self, f"_{layer.type.lower()}")(layer)
+            self.steps.append((operation, bottoms, tuple(layer.spec.top)))
 
     def forward(self, **inputs: Tensor) -> Tensor:
         """The net's only output, or the sum of its losses."""
         values = dict(inputs)
-        for step, bottoms, tops in self.steps:
-            result = step(*(values[name] for name in bottoms))
+        for operation, bottoms, tops in self.steps:
+            result = operation(*(values[name] for name in bottoms))
             values.update(dict.fromkeys(tops, result))
-        losses = [values[name] for name in self.outputs]
-        return losses[0] if len(losses) == 1 else torch.stack(losses).sum()
+        outputs = [values[name] for name in self.outputs]
+        return outputs[0] if len(outputs) == 1 else torch.stack(outputs).sum()
 
     def _param(self, layer: Layer, number: int) -> Tensor | None:
         """PyTorch's copy of a parameter, None if the layer has no such parameter."""
         if number >= len(layer.blobs):
             return None
-        found = nn.Parameter(torch.from_numpy(layer.blobs[number].data.copy()))
-        self.register_parameter(f"{layer.name}_{number}", found)
-        self.pairs[layer.name, number] = found
-        return found
+        param = nn.Parameter(torch.from_numpy(layer.blobs[number].data.copy()))
+        self.register_parameter(f"{layer.name}_{number}", param)
+        self.pairs[layer.name, number] = param
+        return param
 
     def _convolution(self, layer: Layer, transposed: bool = False) -> Operation:
         w, b = self._param(layer, 0), self._param(layer, 1)
@@ -105,9 +109,8 @@ class TorchNet(nn.Module):
         """Of sequences that do not end. Caffe's gates are i, f, o, g, PyTorch's i, f, g, o."""
         w, bias, h = (torch.from_numpy(blob.data.copy()) for blob in layer.blobs)
         D = h.shape[1]
-        order = torch.cat(
-            [torch.arange(2 * D), torch.arange(3 * D, 4 * D), torch.arange(2 * D, 3 * D)]
-        )
+        i, f, o, g = torch.arange(4 * D).split(D)
+        order = torch.cat([i, f, g, o])
         module = nn.LSTM(w.shape[1], D)
         with torch.no_grad():
             module.weight_ih_l0.copy_(w[order])
@@ -157,9 +160,8 @@ class TorchHand:
     def __init__(self, skeleton: Skeleton) -> None:
         steps, self.last, offsets = steps_of(skeleton, skeleton.bones)
         depths = np.array([step.depth for step in steps])  # ascending
-        self.levels = [
-            slice(*np.searchsorted(depths, (depth, depth + 1))) for depth in range(depths[-1] + 1)
-        ]
+        edges = np.searchsorted(depths, range(depths[-1] + 2))
+        self.levels = [slice(first, end) for first, end in itertools.pairwise(edges)]
         self.parents = [
             [step.parent - above.start for step in steps[level]]
             for above, level in zip(self.levels, self.levels[1:])

@@ -21,6 +21,7 @@ these fits in frames in which both find the hand.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import itertools
 import time
 from collections.abc import Callable
@@ -31,7 +32,7 @@ import numpy as np
 from handpose import CAMERAS, Camera, Tracker, load_predictor
 from handpose.body.sides import SIDES
 from handpose.frames.recording import DepthFrame
-from handpose.scoring.tracks import BOUND_MM, TrackScores, match, score
+from handpose.scoring.tracks import MAX_MATCH_MM, TrackScores, match, score
 from handpose.sequences.recordings import SCRIPTS, SyntheticRecording
 from handpose.tracking.track import TrackedFrame
 from netlib.blob import Array
@@ -53,21 +54,21 @@ COLUMNS = (
     "jitter",
     "lag",
 )
-# errors (K,) in mm of true hands, by their ids
+# errors (K,) in mm of fits of a single frame, by the ids of the true hands
 Alone = Callable[[DepthFrame, TrackedFrame], dict[int, Array]]
 
 
 class Tracked(NamedTuple):
     """A tracked recording.
 
-    scores   of all hands
-    both     by hand: mean errors in mm (n, 2) of the track and of a single frame, in frames in
-             which both find it
-    seconds  used by the tracker, without rendering the frames
+    scores    of all hands
+    error_mm  by hand: mean errors (n, 2) of the track and of a fit of a single frame, in frames in
+              which both find it
+    seconds   used by the tracker, without rendering the frames
     """
 
     scores: TrackScores
-    both: dict[int, Array]
+    error_mm: dict[int, Array]
     seconds: float
 
 
@@ -85,7 +86,7 @@ def follow(
     progress  called with the number of further frames done
     """
     tracked, true = [], []
-    singles: dict[int, dict[int, Array]] = {}
+    fits: dict[int, dict[int, Array]] = {}
     elapsed = 0.0
     for number in range(recording.count):
         frame, truth = recording.frame(number), recording.truth(number)
@@ -94,18 +95,17 @@ def follow(
         elapsed += time.perf_counter() - begun
         true.append(truth)
         if alone is not None and number % every == 0:
-            singles[number] = alone(frame, truth)
+            fits[number] = alone(frame, truth)
         progress(1)
-    both = {}
+    error_mm = {}
     for id, seen in match(tracked, true)[0].items():
-        errors = []
-        for one in seen:
-            single = singles.get(one.number, {}).get(id)
-            if one.tracked and single is not None:
-                of_track = _error(one.tracked.xyz, one.true.xyz)
-                errors.append((of_track.mean(), single.mean()))
-        both[id] = np.array(errors).reshape(-1, 2)
-    return Tracked(score(tracker.header(recording.name), tracked, true), both, elapsed)
+        errors = [
+            (_error(frame.tracked.xyz, frame.true.xyz).mean(), fits[frame.number][id].mean())
+            for frame in seen
+            if frame.tracked and id in fits.get(frame.number, {})
+        ]
+        error_mm[id] = np.array(errors).reshape(-1, 2)
+    return Tracked(score(tracker.header(recording.name), tracked, true), error_mm, elapsed)
 
 
 def alone_of(camera: Camera, fit: Literal["fast", "accurate"], engine: str | None) -> Alone:
@@ -121,25 +121,25 @@ def alone_of(camera: Camera, fit: Literal["fast", "accurate"], engine: str | Non
     def alone(frame: DepthFrame, true: TrackedFrame) -> dict[int, Array]:
         errors = {}
         for hand in true.hands:
-            try:
-                pose = hand.the_pose
+            pose = hand.the_pose
+            with contextlib.suppress(DataError):  # out of sight
                 found = predictors[pose.side].in_frame(frame.depth, pose.center_uvd)
-            except DataError:  # out of sight
-                continue
-            errors[hand.id] = _error(found.xyz, hand.xyz)
-        return {id: error for id, error in errors.items() if error.mean() <= BOUND_MM}
+                errors[hand.id] = _error(found.xyz, hand.xyz)
+        return {id: error for id, error in errors.items() if error.mean() <= MAX_MATCH_MM}
 
     return alone
 
 
 def _error(xyz: Array, true: Array) -> Array:
+    """Distances (K,) of joints (K, 3)."""
     return np.asarray(np.linalg.norm(xyz - true, axis=1))
 
 
 def cells_of(tracked: Tracked, id: int) -> list[str]:
     """The columns of a hand; empty where a score does not exist."""
     hand = tracked.scores.hands[id]
-    same, alone = tracked.both[id].mean(axis=0) if len(tracked.both[id]) else (np.nan, np.nan)
+    error_mm = tracked.error_mm[id]
+    same, alone = error_mm.mean(axis=0) if len(error_mm) else (np.nan, np.nan)
     found = hand.found / hand.in_sight if hand.in_sight else np.nan
     values = (
         ("{}", hand.in_sight),
@@ -206,25 +206,27 @@ def run(args: argparse.Namespace) -> int:
             script, CAMERAS[camera], rate=args.rate, seconds=args.seconds, seed=number
         )
         recordings.append((script, camera, number, recording))
-    rows, done = [], []
-    with ProgressBar(
-        sum(recording.count for *_, recording in recordings), what="tracking"
-    ) as progress:
+    rows, done = [["script", "camera", "seed", "hand", *COLUMNS]], []
+    frames = sum(recording.count for *_, recording in recordings)
+    with ProgressBar(frames, what="tracking") as progress:
         for script, camera, number, recording in recordings:
-            tracker = Tracker(
-                load_predictor(recording.camera, fit=args.fit, engine=args.engine),
-                smooth=not args.raw,
-                min_confidence=0,
-            )
-            alone = (
-                alone_of(recording.camera, args.fit, args.engine) if args.frame_by_frame else None
-            )
+            predictor = load_predictor(recording.camera, fit=args.fit, engine=args.engine)
+            tracker = Tracker(predictor, smooth=not args.raw, min_confidence=0)
+            alone = None
+            if args.frame_by_frame:
+                alone = alone_of(recording.camera, args.fit, args.engine)
             tracked = follow(recording, tracker, alone, args.frame_by_frame or 1, progress)
             done.append(tracked)
             for id, hand in tracked.scores.hands.items():
                 names = [script, camera, str(number), f"{id} {hand.hand}"]
                 rows.append([*names, *cells_of(tracked, id)])
-    print(aligned([["script", "camera", "seed", "hand", *COLUMNS], *rows]))
+    print(aligned(rows))
+    say(_summary(done))
+    return DONE
+
+
+def _summary(done: list[Tracked]) -> str:
+    """The line about all hands."""
     hands = [hand for tracked in done for hand in tracked.scores.hands.values()]
     found = sum(hand.found for hand in hands)
     in_sight = sum(hand.in_sight for hand in hands)
@@ -232,8 +234,7 @@ def run(args: argparse.Namespace) -> int:
     invented = sum(tracked.scores.invented for tracked in done)
     frames = sum(tracked.scores.frames for tracked in done)
     speed = frames / sum(tracked.seconds for tracked in done)
-    say(
+    return (
         f"{found} of {in_sight} visible hands found, mean error {error:.1f} mm; "
         f"{invented} reported where there is none; {frames} frames, {speed:.0f} per second"
     )
-    return DONE

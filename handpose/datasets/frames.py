@@ -31,18 +31,18 @@ from netlib.errors import DataError
 from netlib.files.hdf5 import File, read_list
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Frames:
-    """n frames; the names are those of the data sets in the files."""
+    """n frames; the names and their order are those of the data sets in the files."""
 
     depth: Floats
     joint: Floats
+    dof: Floats | None = None
+    bones: Floats | None = None
     center: Floats
     center_uvd: Floats
     index: NDArray[np.int64]
     half_cube: Floats
-    dof: Floats | None = None
-    bones: Floats | None = None
 
     @classmethod
     def of(
@@ -56,22 +56,22 @@ class Frames:
         dof: Array | None = None,
         bones: Array | None = None,
     ) -> Frames:
-        """From crops (n, 128, 128), joints (n, K, 3) in half-cubes, centres (n, 3) px, px, mm, and
-        half-cubes in mm.
+        """Frames from arrays of other shapes and types; joints are clipped.
 
-        ``half_cube`` is one number, or (n,).
+        crops       (n, 128, 128) in [-1, 1]
+        joints      (n, K, 3) in half-cubes
+        center_uvd  (n, 3) px, px, mm
+        half_cube   mm: one number, or (n,)
         """
         n, K, _ = joints.shape
         joint = np.clip(joints, -1, 1).reshape(n, 3 * K)
-        center = camera.unproject(center_uvd)
-        half_cubes = np.broadcast_to(half_cube, n)
         return cls(
             depth=np.asarray(crops, np.float32).reshape(n, 1, SIZE, SIZE),
             joint=joint.astype(np.float32),
-            center=center.astype(np.float32),
+            center=camera.unproject(center_uvd).astype(np.float32),
             center_uvd=center_uvd.astype(np.float32),
             index=index,
-            half_cube=half_cubes.astype(np.float32),
+            half_cube=np.broadcast_to(half_cube, n).astype(np.float32),
             dof=None if dof is None else dof.astype(np.float32),
             bones=None if bones is None else bones.astype(np.float32),
         )
@@ -81,15 +81,7 @@ class Frames:
 
     def arrays(self) -> dict[str, Array]:
         """All arrays by name, in the order of the files."""
-        posed = {
-            name: array
-            for name, array in (("dof", self.dof), ("bones", self.bones))
-            if array is not None
-        }
-        others = {
-            name: getattr(self, name) for name in ("center", "center_uvd", "index", "half_cube")
-        }
-        return {"depth": self.depth, "joint": self.joint, **posed, **others}
+        return {name: array for name, array in vars(self).items() if array is not None}
 
     def rows(self, rows: slice) -> Frames:
         """Some of the frames."""
@@ -99,31 +91,28 @@ class Frames:
 # ----------------------------------------------------------------------------------------- examples
 
 
+# A crop (size, size) in [-1, 1]; its joints (3 K) in half-cubes, if known; its file and row.
 Example = tuple[Floats, Array | None, str]
 
 
 def examples_of(path: Path, count: int) -> list[Example]:
     """At most ``count`` frames, spread evenly over a data set, for display. Raises DataError.
 
-    Each is a crop (size, size) in [-1, 1], its joints in half-cubes if the data set has them, and
-    its file and row.
-
     path  a list of HDF5 files, one such file, or a folder of crops
     """
     if path.is_dir():
-        crops = sorted(p for p in path.iterdir() if p.suffix.lower() == ".png")
-        if not crops:
+        pictures = sorted(file for file in path.iterdir() if file.suffix.lower() == ".png")
+        if not pictures:
             raise DataError(f"{path}: no PNG pictures in this folder; expected crops")
-        return [(read_crop(crops[i]), None, str(crops[i])) for i in spread(len(crops), count)]
-    files = [path] if path.suffix == ".h5" else read_list(str(path), None)
-    rows = [(file, row) for file in map(_open, files) for row in range(file.rows)]
+        chosen = [pictures[i] for i in spread(len(pictures), count)]
+        return [(read_crop(picture), None, str(picture)) for picture in chosen]
+    paths = [path] if path.suffix == ".h5" else read_list(str(path), None)
+    rows = [(file, row) for file in map(_open, paths) for row in range(file.rows)]
     return [_example(*rows[i]) for i in spread(len(rows), count)]
 
 
 def spread(total: int, count: int) -> NDArray[np.int_]:
-    """At most ``count`` of ``total`` numbers from 0 on, spread evenly, the first and the
-    last among them.
-    """
+    """At most ``count`` of ``total`` indices, evenly spread, including the first and the last."""
     return np.linspace(0, total - 1, min(total, count)).astype(int)
 
 
@@ -131,8 +120,8 @@ def _open(path: Path) -> File:
     """A file of crops, with joints if it has them. Raises DataError."""
     file = File(path, ("depth",))
     shape = file.datasets[0].shape
-    is_square = len(shape) >= 3 and shape[-1] == shape[-2]
-    if not is_square or math.prod(shape[1:]) != shape[-1] * shape[-2]:
+    are_squares = len(shape) >= 3 and shape[-1] == shape[-2]
+    if not are_squares or math.prod(shape[1:]) != shape[-1] * shape[-2]:
         raise DataError(
             f"{path}: data set 'depth' has shape {shape}, expected square crops (N, 1, size, size)"
         )
@@ -140,9 +129,9 @@ def _open(path: Path) -> File:
 
 
 def _example(file: File, row: int) -> Example:
-    crop, *joints = (dataset[row] for dataset in file.datasets)
-    # other number types; pixels that are not finite are drawn as missing
+    crop, *stored = (dataset[row] for dataset in file.datasets)
+    # The numbers may be of any type. Pixels that are not finite are drawn as missing.
     with np.errstate(all="ignore"):
         depth = crop.reshape(crop.shape[-2:]).astype(np.float32)
-        found = joints[0].astype(np.float64) if joints else None
-    return depth, found, f"{file.path}: frame {row}"
+        joints = stored[0].astype(np.float64) if stored else None
+    return depth, joints, f"{file.path}: frame {row}"

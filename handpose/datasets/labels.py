@@ -23,9 +23,9 @@ from netlib.blob import Array
 from netlib.errors import DataError
 from netlib.files.hdf5 import File
 
-# to the rounding of float32; on the optical axis all cameras agree
-EXACTLY_PX, OFF_AXIS_PX = 0.01, 2.0
-MAX_PX_OR_MM, MIN_MM = 1e6, 1.0  # bounds of a crop centre's coordinates, and of its depth
+MAX_CENTER_ERROR_PX = 0.01  # of a camera that maps the centres: the rounding of float32
+MIN_OFF_AXIS_PX = 2.0  # on the optical axis all cameras agree
+MAX_PX_OR_MM, MIN_DEPTH_MM = 1e6, 1.0  # bounds of a crop centre's coordinates, and of its depth
 
 
 @dataclass(frozen=True)
@@ -57,10 +57,10 @@ def read(path: Path, count: int) -> Labels:
             "joints"
         )
     joints = stored.reshape(file.rows, count, 3)
-    wrong = np.isinf(joints).any(axis=(1, 2))
-    if wrong.any():
+    infinite = np.isinf(joints).any(axis=(1, 2))
+    if infinite.any():
         raise DataError(
-            f"{path}: data set 'joint' is infinite in frame {wrong.argmax()} ({wrong.sum()} such frames), "
+            f"{path}: data set 'joint' is infinite in frame {infinite.argmax()} ({infinite.sum()} such frames), "
             "expected half-cubes from the crop centre, or NaN if unknown"
         )
     return Labels(joints, read_half_cubes(file), file.made_from)
@@ -80,13 +80,13 @@ def read_half_cubes(file: File) -> Array:
             "mm, one number per frame"
         )
     half_cube = stored.reshape(file.rows)
-    least, most = (edge / 2 for edge in CUBES_MM)
-    wrong = ~((half_cube >= least) & (half_cube <= most))
+    low, high = (edge / 2 for edge in CUBES_MM)
+    wrong = ~((half_cube >= low) & (half_cube <= high))
     if wrong.any():
         first = wrong.argmax()
         raise DataError(
             f"{file.path}: data set 'half_cube' is {half_cube[first]:g} in frame {first} ({wrong.sum()} "
-            f"such frames), expected mm, {least:g} to {most:g}"
+            f"such frames), expected mm, {low:g} to {high:g}"
         )
     return half_cube
 
@@ -97,34 +97,34 @@ def read_crop_centers(files: Sequence[File]) -> tuple[Array, Camera]:
     Files have each centre in pixels and in mm, which determines the camera: that of ``CAMERAS``
     which maps them.
     """
-    found = []
-    for file in files:
-        stored = [
-            dataset.numbers() for dataset in File(file.path, ("center_uvd", "center")).datasets
-        ]
-        if any(array.shape != (file.rows, 3) for array in stored):
-            raise DataError(
-                f"{file.path}: centres of shape {stored[0].shape}, expected ({file.rows}, 3)"
-            )
-        found.append(np.stack(stored))
-    uvd, xyz = np.concatenate(found, axis=1)
-    far = np.abs([uvd, xyz]).max(initial=0) > MAX_PX_OR_MM  # their quotients may overflow
-    is_finite = np.isfinite(uvd).all() and np.isfinite(xyz).all()
-    if far or not is_finite or not (xyz[:, 2] > MIN_MM).all():
+    uvd, xyz = np.concatenate([_stored_centers(file) for file in files], axis=1)
+    # the quotients of larger coordinates may overflow
+    are_small = np.abs([uvd, xyz]).max(initial=0) <= MAX_PX_OR_MM  # False for NaN
+    if not are_small or not (xyz[:, 2] > MIN_DEPTH_MM).all():
         raise DataError(
             f"{files[0].path}: crop centres that are not finite, or not before the camera"
         )
-    known = [camera for camera in CAMERAS.values() if _maps(camera, xyz, uvd)]
-    if len(known) != 1:
+    cameras = [camera for camera in CAMERAS.values() if _maps(camera, xyz, uvd)]
+    if len(cameras) != 1:
         raise DataError(
-            f"{files[0].path}: its crop centres in px and in mm fit {len(known) or 'none'} of the cameras "
+            f"{files[0].path}: its crop centres in px and in mm fit {len(cameras) or 'none'} of the cameras "
             f"{', '.join(CAMERAS)}; expected frames of one of them, not all of them in the middle"
         )
-    return uvd, known[0]
+    return uvd, cameras[0]
+
+
+def _stored_centers(file: File) -> Array:
+    """The crop centres (2, n, 3) of a file: px, px, mm, and in mm. Raises DataError."""
+    stored = [dataset.numbers() for dataset in File(file.path, ("center_uvd", "center")).datasets]
+    if any(array.shape != (file.rows, 3) for array in stored):
+        raise DataError(
+            f"{file.path}: centres of shape {stored[0].shape}, expected ({file.rows}, 3)"
+        )
+    return np.stack(stored)
 
 
 def _maps(camera: Camera, xyz: Array, uvd: Array) -> bool:
     """True if a camera maps these points to these pixels, and some of them are off its axis."""
-    miss = np.abs(camera.project(xyz) - uvd)[:, :2]
-    off = np.abs(uvd[:, :2] - (camera.u0, camera.v0))
-    return bool(miss.max() < EXACTLY_PX and off.max(axis=0).min() > OFF_AXIS_PX)
+    error_px = np.abs(camera.project(xyz) - uvd)[:, :2].max()
+    off_axis_px = np.abs(uvd[:, :2] - (camera.u0, camera.v0)).max(axis=0).min()
+    return bool(error_px < MAX_CENTER_ERROR_PX and off_axis_px > MIN_OFF_AXIS_PX)

@@ -54,7 +54,7 @@ from handpose.frames.cameras import Floats
 from handpose.frames.crops import FAR_FACE
 from netlib.blob import Array
 
-_TINY = np.float32(1e-6)
+_TINY = np.float32(1e-6)  # mm or mm², where a division by 0 would occur
 _MIN_SIDE_MM2 = 1e-3  # one of two spheres may contain the other
 POSITION_BITS = 11  # bits of a position of half the cube's edge: 1/8 mm for a hand
 DIRECTION_STEP = np.float32(2.0**-10)
@@ -92,9 +92,9 @@ class Cones(NamedTuple):
     def of(self, belongs: Floats) -> Cones:
         """The capsules of the points given by ``belonging``; a product is faster than indexing."""
         columns = [self.a, self.along, self.radius[:, None], self.wider[:, None]]
-        picked = np.concatenate(columns, axis=1) @ belongs
-        radius, wider = picked[:, 6], picked[:, 7]
-        return Cones(picked[:, :3], picked[:, 3:6], radius, wider)
+        own = np.concatenate(columns, axis=1) @ belongs
+        radius, wider = own[:, 6], own[:, 7]
+        return Cones(own[:, :3], own[:, 3:6], radius, wider)
 
 
 def cones_of(model: CapsuleModel, posed: Posed) -> Cones:
@@ -136,50 +136,58 @@ def nearest_capsules(cones: Cones, seen: Observation) -> NDArray[np.int_]:
     Positions are rounded to about 0.1 mm and directions to 0.001. All products and their sums are
     then exact in float32, so the result does not depend on the order in which a processor sums.
     """
-    mm = np.ldexp(np.float32(1), np.frexp(seen.half)[1] - POSITION_BITS)[:, None, None]
-    p, v, a = _on_grid(seen.points, mm), _on_grid(seen.rays, DIRECTION_STEP), _on_grid(cones.a, mm)
-    N, _, P = p.shape
-    M = a.shape[2]
+    step = np.ldexp(np.float32(1), np.frexp(seen.half)[1] - POSITION_BITS)[:, None, None]
+    p, a = _on_grid(seen.points, step), _on_grid(cones.a, step)
+    v = _on_grid(seen.rays, DIRECTION_STEP)
     length = np.sqrt((cones.along * cones.along).sum(axis=1)) + _TINY
     d = _on_grid(cones.along / length[:, None], DIRECTION_STEP)
+    pa_d, pa_pa, d_v, pa_v = _point_products(p, v, a, d)
+    t = np.maximum(pa_d, 0)
+    np.minimum(t, length[..., None], out=t)
+    # New arrays would take longer than the arithmetic, so all results are in those at hand.
+    pa_d += pa_d
+    pa_d -= t
+    pa_d *= t
+    y_y = np.subtract(pa_pa, pa_d, out=pa_pa)
+    d_v *= t
+    f = np.subtract(pa_v, d_v, out=pa_v)
+    np.maximum(f, 0, out=f)
+    f_f = np.square(f, out=f)
+    rho = np.subtract(y_y, f_f, out=y_y)
+    np.maximum(rho, 0, out=rho)
+    np.sqrt(rho, out=rho)
+    t *= (cones.wider / length)[..., None]
+    rho -= t
+    rho -= cones.radius[..., None]
+    rho *= rho
+    rho += f_f  # the squared residuals of the point
+    return rho.argmin(axis=1)
+
+
+def _point_products(p: Floats, v: Floats, a: Floats, d: Floats) -> list[Floats]:
+    """The products (p - a) . d, |p - a|², d . v and (p - a) . v, (N, M, P) each, of points and
+    rays p, v (N, 3, P) and axes a, d (N, 3, M).
+    """
+    N, _, P = p.shape
+    M = a.shape[2]
     ones = np.ones((N, 1, P), np.float32)
     rows = np.empty((N, 2 * M, 5), np.float32)
     upper, lower = rows[:, :M], rows[:, M:]
-    # (p - a) . d and |p - a|² from the columns (p, 1, |p|²)
+    # the first two, from the columns (p, 1, |p|²)
     upper[:, :, :3] = d.swapaxes(1, 2)
     upper[:, :, 3] = -(a * d).sum(axis=1)
     upper[:, :, 4] = 0
     lower[:, :, :3] = -2 * a.swapaxes(1, 2)
     lower[:, :, 3] = (a * a).sum(axis=1)
     lower[:, :, 4] = 1
-    both = rows @ np.concatenate([p, ones, (p * p).sum(axis=1, keepdims=True)], axis=1)
-    along, across = both[:, :M], both[:, M:]
-    # d . v and (p - a) . v from the columns (v, p . v)
+    of_points = rows @ np.concatenate([p, ones, (p * p).sum(axis=1, keepdims=True)], axis=1)
+    # the last two, from the columns (v, p . v)
     upper[:, :, 3] = 0
     lower[:, :, :3] = -a.swapaxes(1, 2)
     lower[:, :, 3] = 1
     columns = np.concatenate([v, (p * v).sum(axis=1, keepdims=True)], axis=1)
-    both = rows[:, :, :4] @ columns
-    away, behind = both[:, :M], both[:, M:]
-    t = np.maximum(along, 0)
-    np.minimum(t, length[..., None], out=t)
-    along += along
-    along -= t
-    along *= t
-    across -= along  # |y|²
-    away *= t
-    behind -= away
-    np.maximum(behind, 0, out=behind)
-    behind *= behind  # f²
-    across -= behind
-    np.maximum(across, 0, out=across)
-    np.sqrt(across, out=across)  # rho
-    t *= (cones.wider / length)[..., None]
-    across -= t
-    across -= cones.radius[..., None]
-    across *= across
-    across += behind
-    return across.argmin(axis=1)
+    of_rays = rows[:, :, :4] @ columns
+    return [*np.split(of_points, 2, axis=1), *np.split(of_rays, 2, axis=1)]
 
 
 def _on_grid(values: Floats, step: np.float32 | Floats) -> Floats:
@@ -238,45 +246,54 @@ def sphere_residuals(
     capsule = np.broadcast_to(spheres, (N, R))
     place = np.ones((N, R), np.float32)
     c, radius = Cones(*(values[..., spheres] for values in cones)).at(place)
-    at = c + seen.center[:, :, None]
-    z = at[:, 2]
-    far = seen.center[:, 2:]
-    pixel = seen.factor[:, :, None] * at[:, :2] / z[:, None]  # per column and per row
+    xyz = c + seen.center[:, :, None]
+    xy, z = xyz[:, :2], xyz[:, 2]
+    center_z = seen.center[:, 2:]
+    pixel = seen.factor[:, :, None] * xy / z[:, None]  # column and row
     pixel += seen.offset[:, :, None]
-    shown = ((pixel >= 0) & (pixel < S - 1)).all(axis=1) & (z > 0)
-    pixel = np.where(shown[:, None], pixel, 0)
-    corner = pixel.astype(np.int64)
-    right, down = (pixel - corner).swapaxes(0, 1)
-    crop = seen.frame[:, None] * (S * S)
-    first = corner[:, 1] * S + corner[:, 0] + crop
-    neighbours = np.array([0, 1, S, S + 1])
-    F = seen.outside.reshape(-1)[first + neighbours[:, None, None]]
-    across_upper, across_lower = F[1] - F[0], F[3] - F[2]
-    upper, lower = F[0] + right * across_upper, F[2] + right * across_lower
-    falls = lower - upper
-    outside = upper + down * falls
-    slopes = np.stack([across_upper + down * (across_lower - across_upper), falls], axis=1)
-
+    is_inside = ((pixel >= 0) & (pixel < S - 1)).all(axis=1) & (z > 0)
+    pixel = np.where(is_inside[:, None], pixel, 0)
+    F, slopes = _interpolated(seen.outside, seen.frame, pixel)
     # F is measured at the centre's depth, so F z / z_0 is used, and a pixel there is z / factor mm.
-    slopes *= seen.factor[:, :, None] / far[:, None]
+    slopes *= seen.factor[:, :, None] / center_z[:, None]
     direction = np.zeros((N, 3, 2, R), np.float32)
     direction[:, :2, 0] = slopes
-    sideways = (slopes * at[:, :2]).sum(axis=1)
-    direction[:, 2, 0] = outside / far - sideways / z
+    direction[:, 2, 0] = F / center_z - (slopes * xy).sum(axis=1) / z
     direction[:, 2, 1] = -1
     column, row = np.rint(pixel).astype(np.int64).swapaxes(0, 1)
-    surface = seen.nearest.reshape(-1)[row * S + column + crop]
-    leaves = outside * z / far + radius
+    surface = seen.nearest[seen.frame[:, None], row, column]
+    outside = F * z / center_z + radius
     in_front = surface - c[:, 2] + radius
-    value = np.stack([leaves, in_front], axis=1)
+    value = np.stack([outside, in_front], axis=1)
     value -= np.float32(slack)
-    active = value > 0
-    active &= shown[:, None]
-    active[:, 1] &= surface < FAR_FACE * seen.half[:, None]
-    on = active.astype(np.float32)
-    value *= on  # inactive residuals are 0, with derivative 0
-    direction *= on[:, None]
-    return Residuals(capsule, place, direction, radius[:, None] * on, value)
+    is_active = value > 0
+    is_active &= is_inside[:, None]
+    is_active[:, 1] &= surface < FAR_FACE * seen.half[:, None]
+    active = is_active.astype(np.float32)
+    value *= active  # inactive residuals are 0, with derivative 0
+    direction *= active[:, None]
+    return Residuals(capsule, place, direction, radius[:, None] * active, value)
+
+
+def _interpolated(images: Floats, frame: NDArray[np.int_], pixel: Floats) -> tuple[Floats, Floats]:
+    """The values (N, R) between the pixels of images (.., S, S), and their slopes (N, 2, R) by
+    column and row.
+
+    frame  (N,) the image of each row of pixels
+    pixel  (N, 2, R) column and row, from 0 to S - 1
+    """
+    S = images.shape[-1]
+    corner = pixel.astype(np.int64)
+    right, down = (pixel - corner).swapaxes(0, 1)
+    column, row = corner.swapaxes(0, 1)
+    first = (frame[:, None] * S + row) * S + column
+    neighbours = np.array([0, 1, S, S + 1])
+    F = images.reshape(-1)[first + neighbours[:, None, None]]
+    upper_slope, lower_slope = F[1] - F[0], F[3] - F[2]
+    upper, lower = F[0] + right * upper_slope, F[2] + right * lower_slope
+    slope_down = lower - upper
+    slope_right = upper_slope + down * (lower_slope - upper_slope)
+    return upper + down * slope_down, np.stack([slope_right, slope_down], axis=1)
 
 
 def normal_equations(

@@ -10,25 +10,29 @@ import contextlib
 import json
 import re
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 from handpose.frames.camera_keys import is_known
 from netlib.errors import DataError
 
+# Parts of patterns
 NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
 # in any brackets, as print writes them
 NUMBERS = rf"[\[\](),;\s]*{NUMBER}(?:[\[\](),;\s]+{NUMBER})*[\[\](),;\s]*"
 KEY = r"""("[^"]+"|'[^']+'|(?<!\w)[A-Za-z_][\w./ \t]{0,60}?(?:\([^)]*\))?)\s*"""
 TEXT = r"""("[^"]*"|'[^']*'|(?![^,;]*[:=])[^\s\[{"'!,;][^,;{}\[\]<>()]*)"""
+
+# The beginnings of texts of each form
 TABLE = re.compile(NUMBERS)
-# KEY: VALUE or KEY = VALUE; a line may have several
-PAIR = re.compile(rf"{KEY}[:=]\s*(?:(?:array)?({NUMBERS})(?![\w.])|{TEXT})")
-# KEY VALUE, or KEY, VALUE: a whole line
-COLUMNS = re.compile(rf"^\s*{KEY}(?:[\s,]\s*({NUMBERS})(?:px|pixels)?|,\s*{TEXT})\s*$")
 JSON = re.compile(r'\s*(\{\s*["}]|\[\s*[\[{"]|$)')
 PYTHON = re.compile(r"\s*\{'")  # a dictionary as Python prints it
 XML = re.compile(r"\s*<(\?xml|opencv)")
-EDGES = " \t<({[]\"'"  # of a name
+
+# What lines contain. KEY: VALUE or KEY = VALUE; a line may have several
+PAIR = re.compile(rf"{KEY}[:=]\s*(?:(?:array)?({NUMBERS})(?![\w.])|{TEXT})")
+# KEY VALUE, or KEY, VALUE: a whole line
+COLUMNS = re.compile(rf"^\s*{KEY}(?:[\s,]\s*({NUMBERS})(?:px|pixels)?|,\s*{TEXT})\s*$")
+NAME_EDGES = " \t<({[]\"'"  # characters around the name of a section
 
 COMMENT = re.compile(r"(?:^|(?<=\s))#.*|^%.*")
 DASH = re.compile(r"(?<!\S)-(?!\S)")  # of an element of a list
@@ -50,11 +54,10 @@ END_OF_DOCUMENT = ("---", "...")
 
 
 def parse_document(text: str, where: str) -> Any:
-    """The value of a text, which its content decides: of a table the list of its numbers.
+    """The value of a text whose form is recognised by its content: of a table the list of its
+    numbers, otherwise an object. Raises DataError.
 
-    ``where`` begins errors.
-
-    Raises DataError.
+    where  begins errors
     """
     plain = _plain(text)
     if TABLE.fullmatch(plain):
@@ -73,29 +76,28 @@ def parse_document(text: str, where: str) -> Any:
 def parse_json(text: str, where: str) -> Any:
     """The value of a JSON text without repeated keys. Raises DataError."""
 
-    def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        found: dict[str, Any] = {}
+    def object_of(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        values: dict[str, Any] = {}
         for key, value in pairs:
-            if key in found:
+            if key in values:
                 raise DataError(f"{where}: has {key!r} twice")
-            found[key] = value
-        return found
+            values[key] = value
+        return values
 
     try:
-        return json.loads(text, object_pairs_hook=unique)
+        return json.loads(text, object_pairs_hook=object_of)
     except RecursionError:
         raise DataError(f"{where}: JSON of too many levels") from None
-    # of a text that is cut, or of integers of thousands of digits
+    # The text is cut, or an integer has thousands of digits.
     except ValueError as error:
         raise DataError(f"{where}: not whole JSON: {error}") from None
 
 
 def _plain(text: str) -> str:
-    """The first document of a text, with numbers in the line that they continue."""
-    plain = DASH.sub(" ", "\n".join(_first_document(text)))
-    plain = PYREALSENSE.sub(PYREALSENSE_KEYS, plain)
+    """The first document of a text, each list of numbers in one line."""
+    first = DASH.sub(" ", "\n".join(_first_document(text)))
     lines: list[str] = []
-    for line in plain.split("\n"):
+    for line in PYREALSENSE.sub(PYREALSENSE_KEYS, first).split("\n"):
         stripped = line.lstrip(" \t")
         if lines and CONTINUATION.match(stripped):
             lines[-1] += f" {stripped}"
@@ -116,48 +118,54 @@ def _first_document(text: str) -> Iterator[str]:
             yield line
 
 
+class _Item(NamedTuple):
+    """A name in a line, and its value; None for a name without one, such as that of a section."""
+
+    column: int  # -1 for a section, which contains all lines up to the next one
+    name: str
+    value: Any
+
+
 def _parse_lines(text: str, where: str) -> dict[str, Any]:
     """The keys and values in lines. Raises DataError for a known key given twice.
 
-    A name without a value is that of the object of what begins in a later column, or of all lines
-    of a section. Blocks of the same name differ by spaces.
+    A name without a value is the key of an object: of the items that begin in a later column.
+    Spaces are added to the keys of objects of the same name.
     """
     document: dict[str, Any] = {}
-    # the items around the next one: the column and the object of each, and its key there
-    around = [(-2, {"": document}, "")]
-    for column, name, value in _items(text):
-        while around[-1][0] >= column:
-            around.pop()
-        _, inside, key = around[-1]
-        above = inside[key]
-        if above is None:
-            above = inside[key] = {}
-        if isinstance(above, dict):
-            inside = above
-        key = name
-        while key in inside:
-            if value is not None and is_known(name):
-                raise DataError(f"{where}: has {name!r} twice")
+    # For each item that may contain the next one: its column, the object that it is in, its key.
+    open_items = [(-2, {"": document}, "")]
+    for item in _items(text):
+        while open_items[-1][0] >= item.column:
+            open_items.pop()
+        _, parent, parent_key = open_items[-1]
+        if parent[parent_key] is None:
+            parent[parent_key] = {}
+        if isinstance(parent[parent_key], dict):
+            parent = parent[parent_key]
+        key = item.name
+        while key in parent:
+            if item.value is not None and is_known(item.name):
+                raise DataError(f"{where}: has {item.name!r} twice")
             key += " "
-        inside[key] = value
-        around.append((column, inside, key))
+        parent[key] = item.value
+        open_items.append((item.column, parent, key))
     if not document:
         raise DataError(f"{where}: not the parameters of a camera")
     return document
 
 
-def _items(text: str) -> Iterator[tuple[int, str, Any]]:
-    """The column, name and value of what is in each line: a section or another name, with None;
-    keys with their values, after the name before them.
-    """
+def _items(text: str) -> Iterator[_Item]:
+    """The items of each line: the name before all keys, if there is one; then keys and values."""
     for line in text.splitlines():
-        found = list(PAIR.finditer(line)) or list(COLUMNS.finditer(line))
-        head = line[: found[0].start(1)] if found else line
-        name = re.split("[:=]", head)[0].strip(EDGES)
+        pairs = list(PAIR.finditer(line)) or list(COLUMNS.finditer(line))
+        head = line[: pairs[0].start(1)] if pairs else line
+        name = re.split("[:=]", head)[0].strip(NAME_EDGES)
         if name and not TABLE.fullmatch(name):
-            yield -1 if head.startswith("[") else len(head) - len(head.lstrip()), name, None
-        for pair in found:
-            yield pair.start(1), pair[1].strip("\"'"), _value(pair[2] or pair[3])
+            indent = len(head) - len(head.lstrip())
+            yield _Item(-1 if head.startswith("[") else indent, name, None)
+        for pair in pairs:
+            yield _Item(pair.start(1), pair[1].strip("\"'"), _value(pair[2] or pair[3]))
 
 
 def _value(text: str) -> Any:

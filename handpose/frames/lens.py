@@ -26,14 +26,14 @@ from netlib.blob import Array
 from netlib.errors import DataError, did_you_mean
 
 COUNTS = (4, 5, 8)  # allowed numbers of coefficients
-MAX_INVERSE_ITERATIONS = 30  # of the inverse, whose steps at least halve for any real lens
+INVERSE_ITERATIONS = 30  # of a fixed point, whose steps at least halve for any real lens
 MAX_SLOPE_ERROR = 1e-5  # maximum error of the inverse; 0.01 px for a focal length of 1,000 px
-STEPS = 4096  # number of steps from the middle to the corner
+RADII = 4096  # number of radii, from the middle to the corner, at which a fold is looked for
 MIN_SHOWN = 0.25  # minimum share of the image that remains; with less, the coefficients are wrong
 
-# Other names of the models, in lower case and with single spaces. RealSense uses "modified
-# Brown Conrady" for colour cameras. Fisheye models are not supported, because depth cameras
-# do not use them.
+# Names of the models, in lower case and with single spaces. RealSense uses "modified Brown
+# Conrady" for colour cameras, which is not supported; nor are fisheye models, because depth
+# cameras do not use them.
 FORWARD = {
     "brown conrady",
     "plumb bob",
@@ -76,43 +76,48 @@ class Lens:
         Raises DataError for an inverse lens that cannot be inverted there.
         """
         with np.errstate(all="ignore"):
-            if self.model == "brown_conrady":
-                u, v = self._formula(x, y)
-                folded = np.hypot(x, y) >= self._fold(float(np.hypot(x, y).max(initial=0)))
-                return np.where(folded, np.nan, u), np.where(folded, np.nan, v)
-            a, b = x, y
-            for _ in range(MAX_INVERSE_ITERATIONS):
-                u, v = self._formula(a, b)
-                a, b = a + (x - u), b + (y - v)
-            u, v = self._formula(a, b)
-            if not (np.hypot(u - x, v - y) < MAX_SLOPE_ERROR).all():
-                raise DataError(
-                    f"distortion {self.coefficients} cannot be inverted over the picture; check it"
-                )
-            return a, b
+            if self.model == "inverse_brown_conrady":
+                return self._inverse_formula(x, y)
+            u, v = self._formula(x, y)
+            r = np.hypot(x, y)
+            folded = r >= self._fold(float(r.max(initial=0)))
+            return np.where(folded, np.nan, u), np.where(folded, np.nan, v)
 
-    def _fold(self, farthest: float) -> float:
-        """The slope beyond which the formula folds back towards the middle; no light
-        arrives beyond.
+    def _fold(self, max_radius: float) -> float:
+        """The radius beyond which the formula folds back towards the middle; no light arrives
+        from there. Infinite without a fold up to ``max_radius``.
         """
-        r = np.linspace(0, farthest, STEPS)
+        r = np.linspace(0, max_radius, RADII)
         k1, k2, _, _, *others = self.coefficients or (0.0,) * 4
-        shown, _ = replace(self, coefficients=(k1, k2, 0.0, 0.0, *others))._formula(
-            r, np.zeros_like(r)
-        )
-        back = ~(np.diff(shown) > 0)
-        return float(r[np.argmax(back)]) if farthest and back.any() else np.inf
+        radial = replace(self, coefficients=(k1, k2, 0.0, 0.0, *others))
+        distorted, _ = radial._formula(r, np.zeros_like(r))
+        falls = ~(np.diff(distorted) > 0)
+        return float(r[np.argmax(falls)]) if max_radius and falls.any() else np.inf
 
     def _formula(self, x: Array, y: Array) -> tuple[Array, Array]:
+        """The slopes x' and y' of the module's docstring."""
         missing = max(COUNTS) - len(self.coefficients)
         k1, k2, p1, p2, k3, k4, k5, k6 = (*self.coefficients, *[0.0] * missing)
-        r = x * x + y * y
-        numerator = 1 + r * (k1 + r * (k2 + r * k3))
-        denominator = 1 + r * (k4 + r * (k5 + r * k6))
+        r2 = x * x + y * y
+        numerator = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        denominator = 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
         q = numerator / denominator
-        u = x * q + 2 * p1 * x * y + p2 * (r + 2 * x * x)
-        v = y * q + 2 * p2 * x * y + p1 * (r + 2 * y * y)
+        u = x * q + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+        v = y * q + 2 * p2 * x * y + p1 * (r2 + 2 * y * y)
         return u, v
+
+    def _inverse_formula(self, u: Array, v: Array) -> tuple[Array, Array]:
+        """The slopes x and y that the formula maps to u and v. Raises DataError."""
+        x, y = u, v
+        for _ in range(INVERSE_ITERATIONS):
+            mapped_x, mapped_y = self._formula(x, y)
+            x, y = x + (u - mapped_x), y + (v - mapped_y)
+        mapped_x, mapped_y = self._formula(x, y)
+        if not (np.hypot(mapped_x - u, mapped_y - v) < MAX_SLOPE_ERROR).all():
+            raise DataError(
+                f"distortion {self.coefficients} cannot be inverted over the picture; check it"
+            )
+        return x, y
 
 
 def lens_of(model: str, coefficients: Sequence[float], where: str) -> Lens:

@@ -1,9 +1,12 @@
 """Scores of a track against the truth: errors, missed and false hands, identities,
 sides, jitter, lag.
 
-# recording: a SyntheticRecording
-scores = score(tracker.header, tracker.follow(recording), recording.truths())
-scores.hands[0].lag_ms
+    header = tracker.header(recording.name)  # of a SyntheticRecording
+    scores = score(header, tracker.follow(recording), recording.truths())
+    scores.hands[0].lag_ms
+
+The arrays of a hand are ``numbers`` (N,) and ``times`` (N,), in s, of the frames in which it is
+found, and its ``tracked`` and ``true`` joints (N, K, 3), in mm.
 """
 
 from __future__ import annotations
@@ -27,6 +30,8 @@ WINDOW_S = 0.5  # window; slower errors are drift, not jitter
 MOVING_MM_S = 100.0  # minimum mean speed of the joints of a moving hand
 LAGS_S = np.arange(-0.1, 0.3001, 0.005)  # lags tried; the best is refined by a parabola
 ROUNDING_S = 1e-9  # of differences of times
+MIN_SPLINE_FRAMES = 4
+MAX_MATCH_MM = 100.0  # maximum mean error of the joints of a matched hand; a hand is twice as long
 NAN = float("nan")
 
 
@@ -35,16 +40,21 @@ def jitter(numbers: Array, times: Array, tracked: Array, true: Array) -> float:
 
     It is the root mean square of the distances from their mean over windows of about ``WINDOW_S``:
     the standard deviation of all three coordinates together. The mean is removed window by window,
-    which is a high-pass filter: a wrong length of a bone is an error, but no jitter. Frames (N,)
-    have numbers; a missing frame ends a rest.
+    which is a high-pass filter: a wrong length of a bone is an error, but no jitter. A missing
+    frame ends a rest.
     """
     squares = 0.0
     freedom = 0
     for window in _windows(numbers, times, true):
-        off = tracked[window] - true[window]
-        squares += float(((off - off.mean(axis=0)) ** 2).sum())
-        freedom += (len(window) - 1) * off.shape[1]
+        error = tracked[window] - true[window]
+        squares += _squares_about_mean(error)
+        freedom += (len(window) - 1) * error.shape[1]
     return float(np.sqrt(squares / freedom)) if freedom else NAN
+
+
+def _squares_about_mean(error: Array) -> float:
+    """The sum of the squared differences from the mean over frames."""
+    return float(((error - error.mean(axis=0)) ** 2).sum())
 
 
 def _windows(numbers: Array, times: Array, true: Array) -> list[NDArray[np.int_]]:
@@ -52,23 +62,21 @@ def _windows(numbers: Array, times: Array, true: Array) -> list[NDArray[np.int_]
     about ``WINDOW_S``.
     """
     windows = []
-    for first, last in rests(numbers, true):
-        begin = first + int(
-            np.searchsorted(times[first:last], times[first] + SETTLE_S - ROUNDING_S)
-        )
-        parts = round((times[last - 1] - times[begin]) / WINDOW_S) if begin < last else 0
+    for first, end in rests(numbers, true):
+        settled = times[first] + SETTLE_S - ROUNDING_S
+        start = first + int(np.searchsorted(times[first:end], settled))
+        parts = round((times[end - 1] - times[start]) / WINDOW_S) if start < end else 0
         if parts:
-            windows += np.array_split(np.arange(begin, last), parts)
+            windows += np.array_split(np.arange(start, end), parts)
     return [window for window in windows if len(window) > 1]
 
 
 def rests(numbers: Array, true: Array) -> list[tuple[int, int]]:
-    """Runs of frames, from and to (exclusive), in which the hand does not move."""
+    """Runs of frames, first and end (exclusive), in which the hand does not move."""
     if len(true) < 2:
         return []
-    moved_mm = np.linalg.norm(np.diff(true, axis=0), axis=2).max(axis=1)
-    still = (moved_mm <= REST_MM) & (np.diff(numbers) == 1)
-    return [(first, last + 1) for first, last in _runs(still)]
+    step_mm = np.linalg.norm(np.diff(true, axis=0), axis=2).max(axis=1)
+    return _runs((step_mm <= REST_MM) & (np.diff(numbers) == 1))
 
 
 def lag_s(numbers: Array, times: Array, tracked: Array, true: Array) -> float:
@@ -78,24 +86,11 @@ def lag_s(numbers: Array, times: Array, tracked: Array, true: Array) -> float:
     constant error in a run of frames does not count as lag: it is removed. NaN without movement, or
     without a minimum within ``LAGS_S``.
     """
-    from scipy.interpolate import CubicSpline  # imported here: it takes a third of a second
-
     squares = np.zeros(len(LAGS_S))
-    for first, last in [(a, b + 1) for a, b in _runs(np.diff(numbers) == 1)]:
-        t = times[first:last]
-        truth = true[first:last]
-        if last - first < 4:
-            continue
-        spline = CubicSpline(t, truth)
-        fast = np.linalg.norm(spline(t, 1), axis=2).mean(axis=1) >= MOVING_MM_S
-        is_after = t - LAGS_S[-1] >= t[0] - ROUNDING_S
-        is_before = t - LAGS_S[0] <= t[-1] + ROUNDING_S
-        used = fast & is_after & is_before  # the spline is known at all lags
-        if not used.any():
-            continue
-        for n, lag in enumerate(LAGS_S):
-            off = tracked[first:last][used] - spline(t[used] - lag)
-            squares[n] += float(((off - off.mean(axis=0)) ** 2).sum())
+    for first, end in _runs(np.diff(numbers) == 1):
+        if end - first >= MIN_SPLINE_FRAMES:
+            run = slice(first, end)
+            squares += _squares_by_lag(times[run], tracked[run], true[run])
     best = int(squares.argmin())
     if not squares.any() or best in (0, len(LAGS_S) - 1):
         return NAN
@@ -106,13 +101,29 @@ def lag_s(numbers: Array, times: Array, tracked: Array, true: Array) -> float:
     return float(LAGS_S[best] + step * (before - after) / (2 * curvature))
 
 
-def _runs(good: Array) -> list[tuple[int, int]]:
-    """Runs of truth, from and to (exclusive)."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(int)))
-    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+def _squares_by_lag(times: Array, tracked: Array, true: Array) -> Array:
+    """The squared differences, at each of ``LAGS_S``, of a run of frames; 0 without movement."""
+    from scipy.interpolate import CubicSpline  # imported here: it takes a third of a second
+
+    spline = CubicSpline(times, true)
+    moves = np.linalg.norm(spline(times, 1), axis=2).mean(axis=1) >= MOVING_MM_S
+    # the spline is known at all lags
+    is_after_start = times - LAGS_S[-1] >= times[0] - ROUNDING_S
+    is_before_end = times - LAGS_S[0] <= times[-1] + ROUNDING_S
+    used = moves & is_after_start & is_before_end
+    if not used.any():
+        return np.zeros(len(LAGS_S))
+    errors = (tracked[used] - spline(times[used] - lag) for lag in LAGS_S)
+    return np.array([_squares_about_mean(error) for error in errors])
 
 
-BOUND_MM = 100.0  # maximum mean error of the joints of a matched hand; a hand is twice as long
+def _runs(links: Array) -> list[tuple[int, int]]:
+    """Runs of N frames, first and end (exclusive), in which each is linked (N - 1,) to the next."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], links, [False]]).astype(int)))
+    return [(int(first), int(last) + 1) for first, last in edges.reshape(-1, 2)]
+
+
+# ----------------------------------------------------------------------------------------- matching
 
 
 class Seen(NamedTuple):
@@ -143,18 +154,18 @@ def match(
     hands: dict[int, list[Seen]] = {}
     invented = 0
     for number, frame in sorted(true_frames.items()):
-        other = tracked_frames.get(number, TrackedFrame(number, frame.time, ()))
-        pairs = _pairs(frame.hands, other.hands)
+        reported = tracked_frames[number].hands if number in tracked_frames else ()
+        matches = _matches(frame.hands, reported)
         for n, hand in enumerate(frame.hands):
-            found = other.hands[pairs[n]] if n in pairs else None
+            found = reported[matches[n]] if n in matches else None
             hands.setdefault(hand.id, []).append(Seen(number, frame.time, hand, found))
-        partly = sum(lost.reason.startswith(PARTLY) for lost in frame.lost)
-        invented += max(len(other.hands) - len(pairs) - partly, 0)
+        partly_visible = sum(lost.reason.startswith(PARTLY) for lost in frame.lost)
+        invented += max(len(reported) - len(matches) - partly_visible, 0)
     return dict(sorted(hands.items())), invented
 
 
-def _pairs(true: tuple[TrackedHand, ...], tracked: tuple[TrackedHand, ...]) -> dict[int, int]:
-    """The tracked hands matched to true ones, by index."""
+def _matches(true: tuple[TrackedHand, ...], tracked: tuple[TrackedHand, ...]) -> dict[int, int]:
+    """The indices of tracked hands by those of the true ones that they are matched to."""
     from scipy.optimize import linear_sum_assignment  # imported here: it takes a third of a second
 
     if not true or not tracked:
@@ -165,20 +176,22 @@ def _pairs(true: tuple[TrackedHand, ...], tracked: tuple[TrackedHand, ...]) -> d
                 f"a track of joints {hand.xyz.shape}, its truth has {true[0].xyz.shape}; "
                 "expected one skeleton"
             )
-    apart = np.array(
+    error_mm = np.array(
         [[np.linalg.norm(a.xyz - b.xyz, axis=1).mean() for b in tracked] for a in true]
     )
-    rows, columns = linear_sum_assignment(np.minimum(apart, 10 * BOUND_MM))
-    return {int(n): int(m) for n, m in zip(rows, columns) if apart[n, m] <= BOUND_MM}
+    # errors of ten times the maximum or more count as equal
+    pairs = zip(*linear_sum_assignment(np.minimum(error_mm, 10 * MAX_MATCH_MM)))
+    return {int(n): int(m) for n, m in pairs if error_mm[n, m] <= MAX_MATCH_MM}
 
 
 def _by_number(frames: Iterable[TrackedFrame], what: str) -> dict[int, TrackedFrame]:
-    found: dict[int, TrackedFrame] = {}
+    """The frames by their numbers. Raises DataError if two have the same."""
+    by_number: dict[int, TrackedFrame] = {}
     for frame in frames:
-        if frame.number in found:
+        if frame.number in by_number:
             raise DataError(f"the {what} has two frames {frame.number}; expected one")
-        found[frame.number] = frame
-    return found
+        by_number[frame.number] = frame
+    return by_number
 
 
 @dataclass(frozen=True)
@@ -186,7 +199,7 @@ class HandScores:
     """The scores of one true hand; NaN where there were no such frames.
 
     in_sight        number of frames in which it is visible
-    found           of these, those in which it is tracked, no farther than the bound
+    found           of these, those in which it is tracked, no farther than ``MAX_MATCH_MM``
     error_mm        mean over all joints, where it is found
     id_switches     number of changes of the tracked id
     wrong_side      frames in which it is tracked as the other hand
@@ -235,41 +248,41 @@ def score(
 ) -> TrackScores:
     """Compare a track with the truth of the same recording.
 
-    Frames missing from the track have no hands.
+    Frames missing from the track have no hands. Frames in which a true hand is partly visible are
+    not scored (``handpose.tracking.track``). Raises DataError.
 
     header  of the track
-
-    Frames in which a true hand is partly visible are not scored (``handpose.tracking.track``).
-    Raises DataError.
     """
     true = list(truth)
     hands, invented = match(frames, true)
+    joints = len(header.skeleton.joint_names)
     return TrackScores(
-        len(true), {id: _scores(header, seen) for id, seen in hands.items()}, invented
+        len(true), {id: _scores(joints, seen) for id, seen in hands.items()}, invented
     )
 
 
-def _scores(header: TrackHeader, seen: list[Seen]) -> HandScores:
+def _scores(joints: int, seen: list[Seen]) -> HandScores:
     """The scores of one true hand in the frames in which it is visible."""
     side = seen[0].true.the_pose.side
-    found = [(one, one.tracked) for one in seen if one.tracked is not None]
-    numbers = np.array([one.number for one, _ in found])
-    times = np.array([one.time for one, _ in found])
-    shape = (len(found), len(header.skeleton.joint_names), 3)
-    xyz = np.array([other.xyz for _, other in found]).reshape(shape)
-    true = np.array([one.true.xyz for one, _ in found]).reshape(shape)
-    right = [other.hand == side for _, other in found]
-    error_mm = float(np.linalg.norm(xyz - true, axis=2).mean()) if found else NAN
+    found = [frame for frame in seen if frame.tracked is not None]
+    hands = [frame.tracked for frame in seen if frame.tracked is not None]
+    numbers = np.array([frame.number for frame in found])
+    times = np.array([frame.time for frame in found])
+    shape = (len(found), joints, 3)
+    tracked = np.array([hand.xyz for hand in hands]).reshape(shape)
+    true = np.array([frame.true.xyz for frame in found]).reshape(shape)
+    error_mm = float(np.linalg.norm(tracked - true, axis=2).mean()) if found else NAN
+    is_right_side = [hand.hand == side for hand in hands]
     return HandScores(
         hand=side,
         in_sight=len(seen),
         found=len(found),
         error_mm=error_mm,
-        id_switches=_changes([other.id for _, other in found]),
-        wrong_side=right.count(False),
-        side_switches=_changes(right),
-        jitter_mm=jitter(numbers, times, xyz, true),
-        lag_ms=1000 * lag_s(numbers, times, xyz, true),
+        id_switches=_changes([hand.id for hand in hands]),
+        wrong_side=is_right_side.count(False),
+        side_switches=_changes(is_right_side),
+        jitter_mm=jitter(numbers, times, tracked, true),
+        lag_ms=1000 * lag_s(numbers, times, tracked, true),
     )
 
 

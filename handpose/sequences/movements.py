@@ -63,8 +63,8 @@ class Person:
         hand, surface, prior = sampler.draw(rng, 1), sampler.surface, PERSON_SURFACE
         size = float(hand.scale[0])
         unit_mm = sampler.cube_mm / 2
-        radii = surface.radii * size * (1 + prior.thickness_std * cut_normal(rng, (), prior.clip))
-        radii *= 1 + prior.radius_std * cut_normal(rng, radii.shape, prior.clip)
+        radii = surface.radii * size * cut_normal(rng, 1, prior.thickness_std, (), prior.clip)
+        radii *= cut_normal(rng, 1, prior.radius_std, radii.shape, prior.clip)
         radii[surface.limbs] *= rng.uniform(*prior.limb)
         worn = rng.random() < prior.sleeve
         sleeve = (rng.uniform(*prior.sleeve_from), worn * rng.uniform(*prior.sleeve_mm) / unit_mm)

@@ -31,8 +31,13 @@ from netlib.blob import Array, Blobs
 
 IGNORE_LABEL = -1
 TEST_BLOCKS = 16
-LONGEST_VOTE = 2.5  # a farther surface is an error of the sensor
-HEAT_STD_MM = 22.0  # deviation of the heat around a hand's middle
+CLASS_STEP, HEAT_STEP = 2, 4  # px of the frame for a pixel of the classes, and of the other tops
+CHANNELS, STEPS = (4, 1, 1, 3, 3), (1, CLASS_STEP, HEAT_STEP, HEAT_STEP, HEAT_STEP)  # of the tops
+MAX_VOTE = 2.5  # a farther surface is an error of the sensor
+HEAT_STD_MM = 22.0  # standard deviation of the heat around a hand's middle, ...
+MIN_STD_PX, MAX_STD_PX = 0.7, 4.0  # ... and its bounds in pixels of the heat
+MIN_DEPTH_MM = 100.0  # of the middles of hands
+MIN_HEAT = 0.05  # around a doubtful hand, pixels with less are not ignored
 
 
 class FinderScenes(Layer):
@@ -53,9 +58,8 @@ class FinderScenes(Layer):
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         """Shape the tops for a block of scenes."""
-        channels, steps = (4, 1, 1, 3, 3), (1, 2, 4, 4, 4)
-        for blob, count, step in zip(top, channels, steps):
-            blob.reshape(SCENES_PER_BLOCK, count, HEIGHT // step, WIDTH // step)
+        for blob, channels, step in zip(top, CHANNELS, STEPS):
+            blob.reshape(SCENES_PER_BLOCK, channels, HEIGHT // step, WIDTH // step)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         """Draw the next block."""
@@ -77,27 +81,38 @@ class FinderScenes(Layer):
 
 def targets_of(scenes: Scenes) -> tuple[Array, Array, Array, Array]:
     """The class, heat, vote and own of the layer's tops."""
-    half = scenes.depth[:, ::2, ::2] > 0
-    classes = np.where(half, scenes.classes[:, ::2, ::2], IGNORE_LABEL)[:, None]
-    depth = scenes.depth[:, ::4, ::4]
-    which = scenes.which[:, ::4, ::4]
-    row, column = np.indices(depth.shape[1:])
-    heat = np.zeros(depth.shape)
+    labels = np.where(scenes.depth > 0, scenes.classes, IGNORE_LABEL)
+    classes = labels[:, None, ::CLASS_STEP, ::CLASS_STEP]
+    return classes, _heat(scenes), *_votes(scenes)
+
+
+def _heat(scenes: Scenes) -> Array:
+    """The top heat."""
+    row, column = np.indices((HEIGHT // HEAT_STEP, WIDTH // HEAT_STEP))
+    heat = np.zeros((len(scenes.depth), *row.shape))
     for k in range(2):
-        u, v = (np.round(scenes.middle_px[:, k, axis, None, None] / 4) for axis in (0, 1))
-        z = np.maximum(scenes.middle[:, k, 2], 100)
-        wide = np.clip(FOCAL_PX * HEAT_STD_MM / z / 4, 0.7, 4)[:, None, None]
+        u, v = np.round(scenes.middle_px[:, k].T / HEAT_STEP)[..., None, None]
+        z = np.maximum(scenes.middle[:, k, 2], MIN_DEPTH_MM)
+        std_px = np.clip(FOCAL_PX * HEAT_STD_MM / z / HEAT_STEP, MIN_STD_PX, MAX_STD_PX)
         squares = (column - u) ** 2 + (row - v) ** 2
-        near = np.exp(-squares / (2 * wide**2))
-        heat = np.where(scenes.present[:, k, None, None], np.maximum(heat, near), heat)
-        heat = np.where(scenes.doubtful[:, k, None, None] & (near > 0.05), IGNORE_LABEL, heat)
-    forward = np.ones((*depth.shape, 1))
-    rays = np.concatenate([scenes.slopes[:, ::4, ::4], forward], axis=-1)
+        own = np.exp(-squares / (2 * std_px[:, None, None] ** 2))
+        heat = np.where(scenes.present[:, k, None, None], np.maximum(heat, own), heat)
+        ignored = scenes.doubtful[:, k, None, None] & (own > MIN_HEAT)
+        heat = np.where(ignored, IGNORE_LABEL, heat)
+    return heat[:, None]
+
+
+def _votes(scenes: Scenes) -> tuple[Array, Array]:
+    """The tops vote and own."""
+    depth, which, slopes = (
+        values[:, ::HEAT_STEP, ::HEAT_STEP]
+        for values in (scenes.depth, scenes.which, scenes.slopes)
+    )
+    rays = np.concatenate([slopes, np.ones((*depth.shape, 1))], axis=-1)
     points = rays * depth[..., None]
     frame = np.arange(len(depth))[:, None, None]
     hand = np.maximum(which - 1, 0)
     vote = (scenes.middle[frame, hand] - points) / VOTE_MM
-    is_close = np.linalg.norm(vote, axis=-1) < LONGEST_VOTE
-    own = (which > 0) & (depth > 0) & is_close
-    every = np.repeat(own[:, None], 3, axis=1)
-    return classes, heat[:, None], np.moveaxis(vote, -1, 1) * every, every
+    is_close = np.linalg.norm(vote, axis=-1) < MAX_VOTE
+    own = np.repeat(((which > 0) & (depth > 0) & is_close)[:, None], 3, axis=1)
+    return np.moveaxis(vote, -1, 1) * own, own

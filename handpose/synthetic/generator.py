@@ -59,21 +59,21 @@ class Subject:
     """Another person than the skeleton file's, always the same."""
 
     cube_mm: float  # edge of the crops: smaller for a smaller person
-    bone_std: float  # normal: deviation of each bone, in addition to the size ...
-    seed: int  # ... by these random numbers
+    bone_std: float  # normal: deviation of each bone, in addition to the size
+    seed: int  # of these deviations
 
 
 @dataclass(frozen=True)
 class Recipe:
     """All numbers that frames depend on, except for the seed.
 
-    A block of frames has one of the views.
-
+    flesh   of the surfaces; the name is that in the data's files
+    views   cameras, of which each block of frames has one at random
     others  people in the test split only, in turn with the skeleton file's
     """
 
     prior: PosePrior = field(default_factory=prior_file.load)
-    flesh: SurfacePrior = DEFAULT_SURFACE  # the name in the data's files
+    flesh: SurfacePrior = DEFAULT_SURFACE
     views: tuple[SyntheticCamera, ...] = (SyntheticCamera(),)
     others: tuple[Subject, ...] = ()
 
@@ -88,10 +88,10 @@ class Scene(NamedTuple):
     cube_mm: float  # edge of the crops
 
 
-def numbers_of(seed: int, split: Split, *block: int) -> np.random.Generator:
+def rng_of(seed: int, split: Split, *block: int) -> np.random.Generator:
     """The random generator of a block, which depends on nothing else; seeds are less than 2^32."""
-    source = np.random.SeedSequence([seed, get_args(Split).index(split), *block])
-    return np.random.Generator(np.random.SFC64(source))
+    entropy = np.random.SeedSequence([seed, get_args(Split).index(split), *block])
+    return np.random.Generator(np.random.SFC64(entropy))
 
 
 class Generator:
@@ -106,7 +106,7 @@ class Generator:
         self.seed, self.split, self.recipe = seed, split, recipe or Recipe()
         self.sampler = BodySampler(self.recipe.prior)
         others = self.recipe.others if split == "test" else ()
-        self._samplers = [self.sampler, *(self._another(subject) for subject in others)]
+        self._samplers = [self.sampler, *map(self._sampler_of, others)]
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle the arguments only; a worker process builds its own tables."""
@@ -115,77 +115,77 @@ class Generator:
     def block(self, number: int) -> Frames:
         """Frames ``number * BLOCK`` and following; the result depends on the number only."""
         scene = self.scene(number)
-        index = np.arange(number * BLOCK, (number + 1) * BLOCK)
-        own = len(self.sampler.skeleton.joint_names)
+        bodies = scene.bodies
         return Frames.of(
-            scene.depth,
-            scene.bodies.joints,
-            scene.center_uvd,
-            scene.camera,
-            scene.cube_mm / 2,
-            index,
-            scene.bodies.inputs,
-            scene.bodies.bones[:, :own],
+            crops=scene.depth,
+            joints=bodies.joints,
+            center_uvd=scene.center_uvd,
+            camera=scene.camera,
+            half_cube=scene.cube_mm / 2,
+            index=np.arange(number * BLOCK, (number + 1) * BLOCK),
+            dof=bodies.inputs,
+            bones=bodies.bones[:, : len(self.sampler.skeleton.joint_names)],
         )
 
     def scene(self, number: int) -> Scene:
         """The bodies, crops and labels of a block."""
-        rng = numbers_of(self.seed, self.split, number)
+        rng = rng_of(self.seed, self.split, number)
         sampler = self._samplers[number % len(self._samplers)]
         cube_mm = sampler.cube_mm
-        half = sampler.cube_mm / 2
+        half = cube_mm / 2
         camera, sensor = self.recipe.views[rng.integers(len(self.recipe.views))]
         bodies = sampler.draw(rng, BLOCK)
         center_uvd = sampler.centers(rng, BLOCK, camera)
         center = camera.unproject(center_uvd)
+        z = center_uvd[:, 2]
         capsules = draw_capsules(rng, self.recipe.flesh, sampler.surface, bodies, half, center)
         depth = render_crop(capsules, center_uvd, cube_mm, camera)
         if sensor is not None:
-            pixel = SIZE * center_uvd[:, 2] / (cube_mm * camera.fx)
-            depth = sense(rng, depth, center_uvd[:, 2] + half, sensor, camera, pixel)
+            pixel = SIZE * z / (cube_mm * camera.fx)
+            depth = sense(rng, depth, z + half, sensor, camera, pixel)
             _blank_outside(depth, center_uvd, camera, cube_mm)
-        depth = normalise_depth(depth, center_uvd[:, 2], cube_mm)
-        return Scene(bodies, camera, center_uvd, depth, cube_mm)
+        return Scene(bodies, camera, center_uvd, normalise_depth(depth, z, cube_mm), cube_mm)
 
     def columns(self) -> dict[str, Array]:
         """Arrays without rows, of the shapes and types of the frames'."""
         K, D = len(self.sampler.skeleton.joint_names), len(self.sampler.skeleton.dof_names)
-        none = np.zeros(0)
         return Frames.of(
-            np.zeros((0, SIZE, SIZE)),
-            np.zeros((0, K, 3)),
-            np.zeros((0, 3)),
-            NYU,
-            none,
-            np.zeros(0, np.int64),
-            np.zeros((0, D)),
-            np.zeros((0, K)),
+            crops=np.zeros((0, SIZE, SIZE)),
+            joints=np.zeros((0, K, 3)),
+            center_uvd=np.zeros((0, 3)),
+            camera=NYU,
+            half_cube=0.0,
+            index=np.zeros(0, np.int64),
+            dof=np.zeros((0, D)),
+            bones=np.zeros((0, K)),
         ).arrays()
 
     def made_from(self, *rows: int) -> dict[str, object]:
         """Everything that the frames depend on, as JSON values; the same for all ``rows``."""
-        views = [[asdict(part) if part else None for part in v] for v in self.recipe.views]
+        views = [
+            [asdict(part) if part else None for part in view]  # camera and sensor
+            for view in self.recipe.views
+        ]
         recipe = asdict(self.recipe) | {"views": views}
         skeleton = self.sampler.skeleton
-        body = hashlib.sha256(text_of(skeleton.param, skeleton.name, "").encode()).hexdigest()[:16]
+        text = text_of(skeleton.param, skeleton.name, "")
+        body = hashlib.sha256(text.encode()).hexdigest()[:16]
         return {"version": VERSION, "seed": self.seed, "split": self.split, "body": body, **recipe}
 
-    def _another(self, subject: Subject) -> BodySampler:
-        """Draws another person."""
-        skeleton = self.sampler.skeleton
+    def _sampler_of(self, subject: Subject) -> BodySampler:
+        prior, skeleton = self.recipe.prior, self.sampler.skeleton
         rng = np.random.Generator(np.random.SFC64(subject.seed))
-        differ = 1 + subject.bone_std * cut_normal(
-            rng, skeleton.bones.shape, self.recipe.prior.scale_clip
-        )
-        other = skeleton.with_numbers(skeleton.param.dof, skeleton.bones * differ)
-        return BodySampler(self.recipe.prior, subject.cube_mm, other)
+        bones = skeleton.bones
+        factors = cut_normal(rng, 1, subject.bone_std, bones.shape, prior.scale_clip)
+        own = skeleton.with_numbers(skeleton.param.dof, bones * factors)
+        return BodySampler(prior, subject.cube_mm, own)
 
 
 def _blank_outside(depth: Floats, center_uvd: Array, camera: Camera, cube_mm: float) -> None:
     """Make crop pixels without an image pixel background again, after ragged edges moved there."""
-    picked = window(center_uvd, cube_mm, camera)
-    columns = picked.columns < 0
-    rows = picked.rows < 0
+    pixels = window(center_uvd, cube_mm, camera)
+    columns = pixels.columns < 0
+    rows = pixels.rows < 0
     for n in np.flatnonzero(columns.any(axis=1) | rows.any(axis=1)):
         far = center_uvd[n, 2] + cube_mm / 2
         depth[n][:, columns[n]] = far

@@ -5,6 +5,7 @@ For their surfaces see ``surface_prior``.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable
 from typing import NamedTuple
 
@@ -14,7 +15,13 @@ from numpy.typing import NDArray
 from handpose.body.model import Surface
 from handpose.frames.cameras import Camera
 from handpose.synthetic import prior_file
-from handpose.synthetic.prior_file import BendParameter, PoseParameter, PosePrior, TurnParameter
+from handpose.synthetic.prior_file import (
+    BendParameter,
+    NormalParameter,
+    PoseParameter,
+    PosePrior,
+    TurnParameter,
+)
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 
@@ -53,44 +60,38 @@ class BodySampler:
         self.surface = Surface(self.skeleton)
         self.rotation = self._dofs(turn.dof for turn in prior.turn)
         self.translation = self._translation()
-        self._bent = [[self._dofs(chain.dof) for chain in bend.chain] for bend in prior.bend]
-        self._proportions = [
-            [self.skeleton.joint_names.index(name) for name in p.joint] for p in prior.proportion
-        ]
+        # DoFs, in the order of the prior's messages
+        self._chains = [[self._dofs(chain.dof) for chain in bend.chain] for bend in prior.bend]
         self._spread = [self._dofs(spread.dof) for spread in prior.spread]
         self._between = [self._dofs(between.dof) for between in prior.between]
-        drawn = [dofs for chains in self._bent for dofs in chains] + self._spread + self._between
+        drawn = [*itertools.chain(*self._chains), *self._spread, *self._between]
         self.limbs = np.sort(np.concatenate([*drawn, np.zeros(0, int)]))
+        index = self.skeleton.joint_names.index
+        self._groups = [[index(name) for name in group.joint] for group in prior.proportion]
         self.poses = {pose.name: self._inputs_of(pose) for pose in prior.pose}
 
     def draw(self, rng: np.random.Generator, count: int) -> Bodies:
         """Draw ``count`` bodies in poses without collisions of their parts."""
-        p, sk, surface = self.prior, self.skeleton, self.surface
-        scale = p.scale_mean + p.scale_std * cut_normal(rng, (count,), p.scale_clip)
-        own = surface.whole.bones
-        differ = 1 + p.bone_std * cut_normal(rng, (count, len(own)), p.scale_clip)
-        bones = own * scale[:, None] * differ
-        for group, own_bones in zip(p.proportion, self._proportions):
-            bones[:, own_bones] *= 1 + group.std * cut_normal(rng, (count, 1), p.scale_clip)
+        skeleton, surface = self.skeleton, self.surface
+        scale, bones = self._draw_sizes(rng, count)
         inputs = np.zeros((count, len(surface.whole.initial)))
-        inputs[:, self.rotation] = self.rotations(rng, count) - sk.initial[self.rotation]
+        inputs[:, self.rotation] = self.rotations(rng, count) - skeleton.initial[self.rotation]
         todo = np.arange(count)
-        depth = np.full(count, np.inf)
-        for _ in range(p.redraws):
+        least = np.full(count, np.inf)
+        for _ in range(self.prior.redraws):
             trial = inputs[todo]
             self._draw_limbs(rng, trial)
-            ends = surface.ends(surface.kinematics.forward(trial, bones[todo]), scale[todo])
-            penetration = surface.penetration(ends, surface.radii * scale[todo, None, None])
-            found = penetration * (self.cube_mm / 2)
-            better = found < depth[todo]
-            inputs[todo[better]] = trial[better]
-            depth[todo[better]] = found[better]
-            todo = np.flatnonzero(depth > p.penetration)
+            penetration = self._penetration_mm(trial, bones[todo], scale[todo])
+            is_better = penetration < least[todo]
+            better = todo[is_better]
+            inputs[better] = trial[is_better]
+            least[better] = penetration[is_better]
+            todo = np.flatnonzero(least > self.prior.penetration)
             if not len(todo):
                 break
         self._place(rng, inputs, bones, scale)
-        joints = surface.kinematics.joints(inputs, bones)[:, : len(sk.joint_names)]
-        return Bodies(inputs[:, : len(sk.initial)], bones, joints, scale)
+        joints = surface.kinematics.joints(inputs, bones)[:, : len(skeleton.joint_names)]
+        return Bodies(inputs[:, : len(skeleton.initial)], bones, joints, scale)
 
     def rotations(self, rng: np.random.Generator, count: int) -> Array:
         """Draw the angles (count, T) of the turns in radians."""
@@ -101,8 +102,8 @@ class BodySampler:
         """Crop centres (count, 3): px, px, mm; exact in float32, as the labels store them."""
         p = self.prior
         z = rng.uniform(p.depth.low, p.depth.high, count)
-        x = (p.lateral_x.mean + p.lateral_x.std * rng.standard_normal(count)) * z
-        y = (p.lateral_y.mean + p.lateral_y.std * rng.standard_normal(count)) * z
+        x = _normal(rng, p.lateral_x, count) * z
+        y = _normal(rng, p.lateral_y, count) * z
         uvd = camera.project(np.stack([x, y, z], axis=1))
         return uvd.astype(np.float32).astype(np.float64)
 
@@ -112,10 +113,27 @@ class BodySampler:
         c = self.prior.center
         return np.array([c.x, c.y, c.z] if c else [0.0, 0.0, 0.0]) / (self.prior.cube_mm / 2)
 
+    def _draw_sizes(self, rng: np.random.Generator, count: int) -> tuple[Array, Array]:
+        """The scale (count,) of bodies, and their bones (count, K)."""
+        p = self.prior
+        bones = self.surface.whole.bones
+        scale = cut_normal(rng, p.scale_mean, p.scale_std, (count,), p.scale_clip)
+        factors = cut_normal(rng, 1, p.bone_std, (count, len(bones)), p.scale_clip)
+        drawn = bones * scale[:, None] * factors
+        for group, joints in zip(p.proportion, self._groups):
+            drawn[:, joints] *= cut_normal(rng, 1, group.std, (count, 1), p.scale_clip)
+        return scale, drawn
+
+    def _penetration_mm(self, inputs: Array, bones: Array, scale: Array) -> Array:
+        """The penetration (N,) of parts of bodies into each other."""
+        surface = self.surface
+        ends = surface.ends(surface.kinematics.forward(inputs, bones), scale)
+        return surface.penetration(ends, surface.radii * scale[:, None, None]) * (self.cube_mm / 2)
+
     def _draw_limbs(self, rng: np.random.Generator, inputs: Array) -> None:
         """Set the limbs in ``inputs`` (N, D), within their limits."""
         N, lower, upper = len(inputs), self.skeleton.lower, self.skeleton.upper
-        for bend, chains in zip(self.prior.bend, self._bent):
+        for bend, chains in zip(self.prior.bend, self._chains):
             self._bend(rng, inputs, bend, chains)
         for spread, d in zip(self.prior.spread, self._spread):
             values = spread.noise * rng.standard_normal((N, len(d))) * (upper - lower)[d]
@@ -157,22 +175,19 @@ class BodySampler:
 
     def _place(self, rng: np.random.Generator, inputs: Array, bones: Array, scale: Array) -> None:
         """Move the bodies so that their crop centres, except for the jitter, are at the origin."""
-        p = self.prior
-        half = self.cube_mm / 2
+        p, kinematics = self.prior, self.surface.kinematics
         if p.center is None:
             return
-        wide = rng.random((len(inputs), 1)) < p.wide
-        jitter = rng.standard_normal((len(inputs), 3)) * np.where(
-            wide, p.center_jitter_wide, p.center_jitter
-        )
+        is_wide = rng.random((len(inputs), 1)) < p.wide
+        std_mm = np.where(is_wide, p.center_jitter_wide, p.center_jitter)
+        jitter_mm = rng.standard_normal((len(inputs), 3)) * std_mm
         joint = self.skeleton.joint_names.index(p.center.joint)
-        frame = self.surface.kinematics.rotation_of(
-            self.surface.kinematics.forward(inputs, bones), joint
-        )
-        own = (p.center.x, p.center.y, p.center.z)
+        rotation = kinematics.rotation_of(kinematics.forward(inputs, bones), joint)
+        in_joint_mm = (p.center.x, p.center.y, p.center.z)
         size = scale[:, None] * (self.cube_mm / p.cube_mm)
-        center = np.einsum("nij,j->ni", frame, own) * size + jitter
-        inputs[:, self.translation] = -center / half - self.skeleton.initial[self.translation]
+        center_mm = np.einsum("nij,j->ni", rotation, in_joint_mm) * size + jitter_mm
+        center = center_mm / (self.cube_mm / 2)
+        inputs[:, self.translation] = -center - self.skeleton.initial[self.translation]
 
     def _inputs_of(self, pose: PoseParameter) -> Array:
         """The inputs (D,) of a named pose."""
@@ -180,15 +195,15 @@ class BodySampler:
         inputs = np.zeros(len(lower))
         chains = {
             chain.name: (bend, dofs)
-            for bend, own in zip(self.prior.bend, self._bent)
-            for chain, dofs in zip(bend.chain, own)
+            for bend, dofs_of_chains in zip(self.prior.bend, self._chains)
+            for chain, dofs in zip(bend.chain, dofs_of_chains)
         }
         for part in pose.bend:
-            bend, d = chains[part.of]
-            inputs[d] = self._bent_by(bend, d, np.full(len(d), part.part))
+            bend, dofs = chains[part.of]
+            inputs[dofs] = self._bent_by(bend, dofs, np.full(len(dofs), part.part))
         for part in pose.at:
-            i = self.skeleton.dof_names.index(part.of)
-            inputs[i] = lower[i] + part.part * (upper - lower)[i]
+            d = self.skeleton.dof_names.index(part.of)
+            inputs[d] = lower[d] + part.part * (upper - lower)[d]
         return inputs
 
     def _bent_by(self, bend: BendParameter, dofs: NDArray[np.int_], part: Array) -> Array:
@@ -210,19 +225,25 @@ class BodySampler:
         return np.array([along[axis] for axis in range(3)], dtype=int)  # the file was checked
 
 
+def _normal(rng: np.random.Generator, normal: NormalParameter | TurnParameter, count: int) -> Array:
+    return normal.mean + normal.std * rng.standard_normal(count)
+
+
 def _angles(rng: np.random.Generator, turn: TurnParameter, count: int) -> Array:
     """Angles (count,) of a turn in degrees."""
     if turn.any is None:
-        angles = turn.mean + turn.std * rng.standard_normal(count)
+        angles = _normal(rng, turn, count)
     else:
-        anywhere = rng.random(count) < turn.any
-        angles = rng.uniform(-180, 180, count)
+        is_any = rng.random(count) < turn.any
+        anywhere = rng.uniform(-180, 180, count)
         if turn.evenly:
-            angles = np.rad2deg(np.arcsin(angles / 180))
-        angles = np.where(anywhere, angles, turn.mean + turn.std * rng.standard_normal(count))
+            anywhere = np.rad2deg(np.arcsin(anywhere / 180))
+        angles = np.where(is_any, anywhere, _normal(rng, turn, count))
     return np.clip(angles, -turn.most, turn.most)
 
 
-def cut_normal(rng: np.random.Generator, shape: tuple[int, ...], cut: float) -> Array:
-    """Standard normal numbers clipped at ``cut``."""
-    return np.clip(rng.standard_normal(shape), -cut, cut)
+def cut_normal(
+    rng: np.random.Generator, mean: float, std: float, shape: tuple[int, ...], cut: float
+) -> Array:
+    """Normal numbers clipped at ``cut`` standard deviations from the mean."""
+    return mean + std * np.clip(rng.standard_normal(shape), -cut, cut)

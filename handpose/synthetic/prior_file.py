@@ -6,12 +6,12 @@ of ``turn`` are in degrees and of the whole DoF (input + initial); all other val
 fractions of the range between the limits of its input, 0 at the lower and 1 at the upper.
 Lengths are in mm.
 
-    turn     orientation of the body as a whole: normal, or for a fraction of bodies any angle
+    turn        orientation of the body as a whole: normal, or for a fraction of bodies any angle
     proportion  bones that are longer or shorter together, such as all of a limb
-    bend     chains of DoFs that bend together, such as the joints of a limb
-    spread   DoFs about their initial value: normal
-    between  DoFs anywhere between their limits: Beta
-    pose     poses with a name; ``blend`` of all bodies are somewhere between two of them
+    bend        chains of DoFs that bend together, such as the joints of a limb
+    spread      DoFs about their initial value: normal
+    between     DoFs anywhere between their limits: Beta
+    pose        poses with a name; ``blend`` of all bodies are somewhere between two of them
 """
 
 from __future__ import annotations
@@ -66,16 +66,20 @@ class BetaParameter:
 
 @dataclass(frozen=True)
 class TurnParameter:
-    """A ``turn { ... }``: an angle of the whole body, degrees."""
+    """A ``turn { ... }``: an angle of the whole body, degrees.
+
+    any     fraction of bodies with any angle instead of a normal one
+    evenly  such angles are from -90 to 90, with a uniform sine. As the second of three turns that
+            are any, every direction is then as likely as any other
+    most    largest absolute value
+    """
 
     dof: str
     mean: Double = 0.0
     std: Double = 0.0
-    any: Double | None = None  # this fraction of bodies: any angle ...
-    # ... from -90 to 90 with a uniform sine: as the second of three turns that are any, every
+    any: Double | None = None
     evenly: bool = False
-    # direction is then as likely as any other
-    most: Double = np.inf  # largest absolute value
+    most: Double = np.inf
 
 
 @dataclass(frozen=True)
@@ -88,14 +92,21 @@ class ChainParameter:
 
 @dataclass(frozen=True)
 class BendParameter:
-    """A ``bend { ... }``: chains whose DoFs share how far they are bent, 0 straight to 1."""
+    """A ``bend { ... }``: chains whose DoFs share how far they are bent, 0 straight to 1.
+
+    straight     the limit at which a DoF is straight
+    shared       how far all chains of a body are bent
+    independent  fraction of bodies with another number for each chain
+    own          how far each of their chains is bent
+    noise        normal, of each DoF about its chain's
+    """
 
     chain: tuple[ChainParameter, ...]
-    straight: Literal["LOWER", "UPPER"] = "LOWER"  # the limit at which a DoF is straight
-    shared: BetaParameter = BetaParameter()  # how far all chains of a body are bent; but ...
-    independent: Double = 0.0  # ... this fraction of bodies has ...
-    own: BetaParameter = BetaParameter()  # ... another number for each chain
-    noise: Double = 0.0  # normal, of each DoF about its chain's
+    straight: Literal["LOWER", "UPPER"] = "LOWER"
+    shared: BetaParameter = BetaParameter()
+    independent: Double = 0.0
+    own: BetaParameter = BetaParameter()
+    noise: Double = 0.0
 
 
 @dataclass(frozen=True)
@@ -160,8 +171,8 @@ class PosePrior:
     camera: str = "nyu"  # name of the frames' camera
     center: CenterParameter | None = None  # none: the origin of the skeleton
     center_jitter: Double = 0.0  # normal, each axis
-    center_jitter_wide: Double = 0.0  # the same ...
-    wide: Double = 0.0  # ... for this fraction
+    center_jitter_wide: Double = 0.0  # the same for the fraction ``wide``
+    wide: Double = 0.0
     lateral_x: NormalParameter = NormalParameter()  # x / z of the centre
     lateral_y: NormalParameter = NormalParameter()  # y / z of the centre
     turn: tuple[TurnParameter, ...] = ()
@@ -169,17 +180,17 @@ class PosePrior:
     spread: tuple[SpreadParameter, ...] = ()
     between: tuple[BetweenParameter, ...] = ()
     pose: tuple[PoseParameter, ...] = ()
-    # this fraction of bodies is between two poses, at a uniform part of the way ...
+    # fraction of bodies that are between two poses, at a uniform part of the way
     blend: Double = 0.0
-    blend_noise: Double = 0.0  # ... but for this: normal, of each DoF's range
+    blend_noise: Double = 0.0  # normal, of each DoF of these, relative to its range
     penetration: Double = np.inf  # maximum penetration of parts; deeper ones are drawn again
     redraws: int = 8  # maximum number of draws
-    scale_mean: Double = 1.0  # normal: the whole body, relative to the skeleton ...
+    scale_mean: Double = 1.0  # normal: size of the whole body, relative to the skeleton
     scale_std: Double = 0.0
-    # ... groups of bones, relative to the body's size ...
+    # groups of bones, relative to the body's size
     proportion: tuple[ProportionParameter, ...] = ()
-    bone_std: Double = 0.0  # ... and each bone independently
-    scale_clip: Double = 2.5  # all are clipped at this many standard deviations
+    bone_std: Double = 0.0  # normal: each bone independently
+    scale_clip: Double = 2.5  # sizes are clipped at this many standard deviations
 
     def turned(self, dof: str, **changes: float | None) -> PosePrior:
         """A copy with other numbers of one ``turn``."""
@@ -213,10 +224,10 @@ def _load(path: Path, whole_path: Path) -> PosePrior:
 
 
 class Bounds(NamedTuple):
-    """The least and the largest value of a number, and both in words."""
+    """The lowest and the highest value of a number, and both in words."""
 
-    least: float
-    largest: float
+    low: float
+    high: float
     in_words: str
 
 
@@ -248,7 +259,7 @@ BOUNDS = {
 def _check(prior: PosePrior) -> None:
     """Raise PrototxtError for invalid numbers and unknown names."""
     skeleton = prior.body()
-    _known(prior, "camera", prior.camera, CAMERAS)
+    _expect_known(prior, "camera", prior.camera, CAMERAS)
     for message in messages(prior):
         _check_numbers(message)
     _check_sizes(prior, skeleton)
@@ -272,10 +283,10 @@ def _check_numbers(message: Any) -> None:
     for name, bounds in BOUNDS.items():
         value = getattr(message, name, None)
         if value is not None:
-            expect(message, name, bounds.least <= value <= bounds.largest, bounds.in_words)
+            expect(message, name, bounds.low <= value <= bounds.high, bounds.in_words)
     if isinstance(message, RangeParameter):
-        right = 0 < message.low <= message.high <= MAX_DISTANCE_MM
-        expect(message, "low", right, f"0 < low <= high <= {MAX_DISTANCE_MM:g}, in mm")
+        is_range = 0 < message.low <= message.high <= MAX_DISTANCE_MM
+        expect(message, "low", is_range, f"0 < low <= high <= {MAX_DISTANCE_MM:g}, in mm")
     elif isinstance(message, (BetaParameter, BetweenParameter)):
         expect(message, "a", 0 < message.a < np.inf and 0 < message.b < np.inf, "a and b > 0")
 
@@ -288,14 +299,14 @@ def _check_sizes(prior: PosePrior, skeleton: Skeleton) -> None:
         _check_above_zero(group, "std", 1.0, prior)
     for group in prior.proportion:
         for joint in group.joint:
-            _known(group, "joint", joint, skeleton.joint_names)
+            _expect_known(group, "joint", joint, skeleton.joint_names)
 
 
 def _check_above_zero(message: object, name: str, mean: float, prior: PosePrior) -> None:
     """Check that numbers with this mean, and the deviation in a field, are above 0."""
     std = getattr(message, name)
-    is_above = not std or std * prior.scale_clip < mean
-    expect(message, name, is_above, "less than 1 / scale_clip, so that none is below 0")
+    are_above = not std or std * prior.scale_clip < mean
+    expect(message, name, are_above, "less than 1 / scale_clip, so that none is below 0")
 
 
 def _check_center(prior: PosePrior, skeleton: Skeleton) -> None:
@@ -304,35 +315,37 @@ def _check_center(prior: PosePrior, skeleton: Skeleton) -> None:
         for name in ("center_jitter", "center_jitter_wide"):
             expect(prior, name, not getattr(prior, name), "a center { ... } to be away from")
         return
-    _known(prior.center, "joint", prior.center.joint, skeleton.joint_names)
+    _expect_known(prior.center, "joint", prior.center.joint, skeleton.joint_names)
     joint = skeleton.joint_names.index(prior.center.joint)
-    carries = skeleton.parents[joint] < 0 and len(translations(skeleton, joint)) == 3
-    expect(prior.center, "joint", carries, "one without a parent that translates along X, Y and Z")
+    moves_body = skeleton.parents[joint] < 0 and len(translations(skeleton, joint)) == 3
+    expected = "one without a parent that translates along X, Y and Z"
+    expect(prior.center, "joint", moves_body, expected)
 
 
 def translations(skeleton: Skeleton, joint: int) -> dict[int, int]:
     """The free DoFs that move a joint along x, y, z (0, 1, 2) of its parent."""
-    own = skeleton.motions[joint]
-    return {m.axis: m.dof for m in own if m.kind == "translate" and m.sign > 0 and m.row >= 0}
+    return {
+        motion.axis: motion.dof
+        for motion in skeleton.motions[joint]
+        if motion.kind == "translate" and motion.sign > 0 and motion.row >= 0
+    }
 
 
 def _check_dofs(prior: PosePrior, skeleton: Skeleton) -> None:
     """Check that every DoF exists and is drawn once, and that those that need limits have them."""
     chains = [chain for bend in prior.bend for chain in bend.chain]
-    several: list[Any] = [*chains, *prior.spread, *prior.between]
+    limbs: list[Any] = [*chains, *prior.spread, *prior.between]
     drawn: list[tuple[Any, str]] = [(turn, turn.dof) for turn in prior.turn]
-    drawn += [(message, dof) for message in several for dof in message.dof]
+    drawn += [(message, dof) for message in limbs for dof in message.dof]
     seen: set[str] = set()
     for message, dof in drawn:
-        _known(message, "dof", dof, skeleton.dof_names)
+        _expect_known(message, "dof", dof, skeleton.dof_names)
         expect(message, "dof", dof not in seen, f"DoF {dof!r} once")
         d = skeleton.dof_names.index(dof)
         expect(message, "dof", not skeleton.fixed[d], f"no fixed DoF such as {dof!r}")
-        is_bounded = bool(np.isfinite([skeleton.lower[d], skeleton.upper[d]]).all())
-        needs_none = isinstance(message, TurnParameter)
-        expect(
-            message, "dof", needs_none or is_bounded, f"limits of DoF {dof!r} in {prior.skeleton}"
-        )
+        if not isinstance(message, TurnParameter):
+            is_bounded = bool(np.isfinite([skeleton.lower[d], skeleton.upper[d]]).all())
+            expect(message, "dof", is_bounded, f"limits of DoF {dof!r} in {prior.skeleton}")
         seen.add(dof)
 
 
@@ -354,18 +367,18 @@ def _check_parts(parts: Sequence[PosePartParameter], known: Collection[str]) -> 
     """Check that the parts of a pose are of known names, each once."""
     names: set[str] = set()
     for part in parts:
-        _known(part, "of", part.of, known)
+        _expect_known(part, "of", part.of, known)
         expect(part, "of", part.of not in names, f"{part.of!r} once in a pose")
         names.add(part.of)
 
 
-def expect(message: object, field: str, true: bool, expected: str) -> None:
-    """Raise PrototxtError at a message's field, with what was expected, unless it is ``true``."""
-    if not true:
+def expect(message: object, field: str, holds: bool, expected: str) -> None:
+    """Raise PrototxtError at a message's field, with what was expected, unless it ``holds``."""
+    if not holds:
         raise PrototxtError(schema.position_of(message, field), f"{field}: expected {expected}")
 
 
-def _known(message: object, field: str, name: str, known: Collection[str]) -> None:
+def _expect_known(message: object, field: str, name: str, known: Collection[str]) -> None:
     if name not in known:
         advice = did_you_mean(name, known) or f"; expected one of {', '.join(known)}"
         raise PrototxtError(schema.position_of(message, field), f"unknown {field} {name!r}{advice}")

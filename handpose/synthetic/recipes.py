@@ -18,9 +18,10 @@ from handpose.synthetic.sensor import CODED_LIGHT, KINECT, NOISY_KINECT, TIME_OF
 from handpose.synthetic.surface_prior import PERSON_SURFACE, SurfacePrior
 from netlib.errors import NetlibError
 
+MAX_OUT_OF_VIEW = 0.5  # share of joints, and of frames
 ONE_THICKNESS = SurfacePrior(thickness_std=0.0)
 # like NYU's second subject: smaller, with other proportions
-SECOND = Subject(cube_mm=261.0, bone_std=0.04, seed=2)
+SECOND_SUBJECT = Subject(cube_mm=261.0, bone_std=0.04, seed=2)
 # Hands of all ages, seen from all sides; the surface of their skeleton has the median thickness. An
 # arm may come from the camera's side.
 PEOPLE_SURFACE = SurfacePrior(
@@ -39,8 +40,9 @@ def any_roll() -> PosePrior:
     """Hands in front of any camera: every roll, so that hands pointing down are as common as
     others, near and far.
     """
-    wide = prior_file.load().turned("palm_rot_z", any=0.6).turned("palm_rot_x", std=36.0)
-    return wide.but(depth=RangeParameter(250.0, 1200.0), center_jitter=4.0, center_jitter_wide=10.0)
+    turned = prior_file.load().turned("palm_rot_z", any=0.6).turned("palm_rot_x", std=36.0)
+    depth = RangeParameter(250.0, 1200.0)
+    return turned.but(depth=depth, center_jitter=4.0, center_jitter_wide=10.0)
 
 
 def like_nyu() -> PosePrior:
@@ -95,7 +97,7 @@ _RECIPES: dict[str, Callable[[], Recipe]] = {
     "cameras": _cameras,  # any person, any camera
     "people": _people,  # adults and children, seen from any side
     "one_hand": lambda: Recipe(
-        like_nyu().but(scale_std=0.0, bone_std=0.0), ONE_THICKNESS, others=(SECOND,)
+        like_nyu().but(scale_std=0.0, bone_std=0.0), ONE_THICKNESS, others=(SECOND_SUBJECT,)
     ),
     "many_hands": lambda: Recipe(like_nyu()),
 }
@@ -127,11 +129,11 @@ def check_in_view(recipe: Recipe, seed: int) -> None:
     """
     frames = Generator(seed, "train", recipe).block(0)
     outside = float((np.abs(frames.joint) >= 1).mean())  # the labels are clipped
-    unseen = float((np.ptp(frames.depth, axis=(1, 2, 3)) == 0).mean())
-    if max(outside, unseen) > 0.5:
-        found = f"{outside:.0%} of the joints lie outside the crops, {unseen:.0%} of the frames show nothing"
+    empty = float((np.ptp(frames.depth, axis=(1, 2, 3)) == 0).mean())
+    if max(outside, empty) > MAX_OUT_OF_VIEW:
         prior = recipe.prior
+        shown = f"{outside:.0%} of the joints lie outside the crops, {empty:.0%} of the frames show nothing"
         raise NetlibError(
-            f"skeleton {prior.skeleton}: {found}; expected lengths in half-cubes, {prior.cube_mm / 2:g} mm, and a "
+            f"skeleton {prior.skeleton}: {shown}; expected lengths in half-cubes, {prior.cube_mm / 2:g} mm, and a "
             f"cube_mm, center, depth and lateral_x, lateral_y that bring the body into view"
         )

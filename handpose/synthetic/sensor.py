@@ -4,9 +4,10 @@
 
 The errors are applied in the order in which they arise: near surfaces cover what is behind their
 edges (``_spread``), matching takes the depth of a neighbour (``_shift``), light from both sides of
-an edge gives a depth between them (``_fly``), disparity or time is noisy and rounded
-(``_measure``), and some pixels at depth steps have no reading (``_drop``). After a change of this
-code synthetic frames differ: increase ``handpose.synthetic.generator.VERSION``.
+an edge gives a depth between them (``_fly``), disparity or depth is noisy and rounded
+(``_quantise_disparity``, ``_quantise_depth``), and some pixels at depth steps have no reading
+(``_drop``). After a change of this code synthetic frames differ: increase
+``handpose.synthetic.generator.VERSION``.
 
 ``measure_frame`` adds what only whole frames show. Filters of stereo cameras smooth neighbouring
 surfaces together, so that fingers merge. At the edges of near surfaces, one of the two cameras does
@@ -127,9 +128,9 @@ def sense(
         if sensor.flying[1]:
             _fly(rng, out[chunk], limits[chunk], sensor)
         if sensor.baseline:
-            _measure(rng, out[chunk], limits[chunk], sensor, camera.fx * sensor.baseline)
+            _quantise_disparity(rng, out[chunk], limits[chunk], sensor, camera.fx * sensor.baseline)
         else:
-            _time(rng, out[chunk], limits[chunk], sensor)
+            _quantise_depth(rng, out[chunk], limits[chunk], sensor)
         _drop(rng, out[chunk], limits[chunk], sensor)
     return out
 
@@ -167,47 +168,48 @@ def _shift(rng: np.random.Generator, depth: Floats, sensor: Sensor) -> Floats:
     by_pixel = _draw(rng, sensor.pixel_shift, N) / np.float32(_BYTE_STD)
     by_block = _draw(rng, sensor.block_shift, N)
     coarse = N, divide_up(H, 4), divide_up(W, 4)
-    position = []
-    for axis, length in ((0, W), (1, H)):
+    columns, rows = np.arange(W, dtype=np.float32), np.arange(H, dtype=np.float32)[:, None]
+    shifted = []
+    for positions in (columns, rows):
         blocks = rng.standard_normal(coarse, dtype=np.float32) * by_block
         x = _noise(rng, (N, H, W)) * by_pixel
-        rows = np.repeat(blocks, 4, axis=2)[:, :, :W]
-        x += np.repeat(rows, 4, axis=1)[:, :H]
-        x += np.arange(length, dtype=np.float32).reshape((-1, 1) if axis else (1, -1))
+        wide = np.repeat(blocks, 4, axis=2)[:, :, :W]
+        x += np.repeat(wide, 4, axis=1)[:, :H]
+        x += positions
         np.rint(x, out=x)
-        position.append(np.clip(x, 0, length - 1, out=x))
-    position[1] += np.arange(N, dtype=np.float32)[:, None, None] * H
-    position[1] *= W  # below 2^24, so exact
-    position[1] += position[0]
-    return depth.reshape(-1)[position[1].astype(np.int32)]
+        shifted.append(np.clip(x, 0, positions.size - 1, out=x))
+    column, index = shifted
+    index += np.arange(N, dtype=np.float32)[:, None, None] * H
+    index *= W  # below 2^24, so exact
+    index += column
+    return depth.reshape(-1)[index.astype(np.int32)]
 
 
-def _measure(
+def _quantise_disparity(
     rng: np.random.Generator, depth: Floats, far: Floats, sensor: Sensor, focal_baseline: float
 ) -> None:
     """Noise and rounding of the disparity, in place."""
-    seen, true, deviation = _read(rng, depth, far, sensor.disparity_noise)
+    seen, true, deviation = _readings(rng, depth, far, sensor.disparity_noise)
     disparity = np.float32(focal_baseline) / true
-    noise = _noise(rng, (2, len(seen)))
     # the sum of two uniform numbers approximates a normal one
-    both = np.add(noise[0], noise[1], dtype=np.int16)
-    unit = np.float32(1 / (_BYTE_STD * 2**0.5))
-    disparity += both * (deviation * unit)
+    noise = np.add(*_noise(rng, (2, len(seen))), dtype=np.int16)
+    scale = np.float32(1 / (_BYTE_STD * 2**0.5))
+    disparity += noise * (deviation * scale)
     disparity *= np.float32(1 / sensor.disparity_step)
     np.rint(disparity, out=disparity)
     depth.reshape(-1)[seen] = np.float32(focal_baseline / sensor.disparity_step) / disparity
 
 
-def _time(rng: np.random.Generator, depth: Floats, far: Floats, sensor: Sensor) -> None:
+def _quantise_depth(rng: np.random.Generator, depth: Floats, far: Floats, sensor: Sensor) -> None:
     """Noise and rounding of the depth, in place."""
-    seen, true, deviation = _read(rng, depth, far, sensor.depth_noise)
+    seen, true, deviation = _readings(rng, depth, far, sensor.depth_noise)
     noise = rng.standard_normal(len(seen), dtype=np.float32) * deviation
     step = np.float32(sensor.depth_step)
     noisy = true + noise * (true / 1000) ** 2
     depth.reshape(-1)[seen] = np.rint(noisy / step) * step
 
 
-def _read(
+def _readings(
     rng: np.random.Generator, depth: Floats, far: Floats, noise: tuple[float, float]
 ) -> tuple[NDArray[np.int64], Floats, Floats]:
     """Flat indices of the pixels before the background, their depths, and the deviation of each,
@@ -223,20 +225,18 @@ def _fly(rng: np.random.Generator, depth: Floats, far: Floats, sensor: Sensor) -
     behind ``far``.
     """
     _, H, W = depth.shape
-    where = _some(rng, depth, _at_edges(depth, sensor), sensor.flying)
-    frame, pixel = np.divmod(where, H * W)
-    step = rng.integers(0, 4, len(where))
-    down = np.array([-1, 1, 0, 0])[step]
-    right = np.array([0, 0, -1, 1])[step]
-    row = np.clip(pixel // W + down, 0, H - 1)
-    column = np.clip(pixel % W + right, 0, W - 1)
-    own, other = depth.reshape(-1)[where], depth[frame, row, column]
-    # the rest of the mixture is the neighbour's
-    part = rng.random(len(where), dtype=np.float32) / 2
-    mixed = own + part * (other - own)
+    flying = _chosen(rng, depth, _at_edges(depth, sensor), sensor.flying)
+    frame, row, column = np.unravel_index(flying, depth.shape)
+    direction = rng.integers(0, 4, len(flying))
+    down = np.array([-1, 1, 0, 0])[direction]
+    right = np.array([0, 0, -1, 1])[direction]
+    row, column = np.clip(row + down, 0, H - 1), np.clip(column + right, 0, W - 1)
+    own, other = depth.reshape(-1)[flying], depth[frame, row, column]
+    share = rng.random(len(flying), dtype=np.float32) / 2  # of the neighbour
+    mixed = own + share * (other - own)
     limit = far[frame, 0, 0]
     are_surfaces = (own < limit) & (other < limit)
-    depth.reshape(-1)[where] = np.where(are_surfaces, mixed, own)
+    depth.reshape(-1)[flying] = np.where(are_surfaces, mixed, own)
 
 
 def _at_edges(depth: Floats, sensor: Sensor) -> NDArray[np.int64]:
@@ -251,21 +251,21 @@ def _at_edges(depth: Floats, sensor: Sensor) -> NDArray[np.int64]:
     return np.flatnonzero(edge)
 
 
-def _some(
-    rng: np.random.Generator, depth: Floats, where: NDArray[np.int64], share: tuple[float, float]
+def _chosen(
+    rng: np.random.Generator, depth: Floats, pixels: NDArray[np.int64], share: tuple[float, float]
 ) -> NDArray[np.int64]:
     """Some of the pixels with these flat indices: of each frame a share between two bounds."""
-    frame = where // depth[0].size
-    chosen = rng.random(len(where)) < _draw(rng, share, len(depth))[frame, 0, 0]
-    return where[chosen]
+    frame = pixels // depth[0].size
+    is_chosen = rng.random(len(pixels)) < _draw(rng, share, len(depth))[frame, 0, 0]
+    return pixels[is_chosen]
 
 
 def _drop(rng: np.random.Generator, depth: Floats, far: Floats, sensor: Sensor) -> None:
     """Pixels and small holes at edges that are not read, in place."""
     _, H, W = depth.shape
-    where = _at_edges(depth, sensor)
-    dropped = _some(rng, depth, where, sensor.dropout)
-    holes = _some(rng, depth, where, sensor.holes)
+    at_edges = _at_edges(depth, sensor)
+    dropped = _chosen(rng, depth, at_edges, sensor.dropout)
+    holes = _chosen(rng, depth, at_edges, sensor.holes)
     n, row, column = (index[:, None] for index in np.unravel_index(holes, depth.shape))
     down, right = np.arange(9) // 3 - 1, np.arange(9) % 3 - 1
     rows = np.clip(row + down, 0, H - 1)
@@ -282,7 +282,7 @@ def sensor_of(camera: Camera) -> Sensor:
 # ------------------------------------------------------------------------------------- whole frames
 
 NO_READING_MM = 8000.0  # the depth of pixels of a whole frame without a reading
-CLOSE_MM = 60.0  # surfaces nearer together are smoothed into one
+MERGED_MM = 60.0  # surfaces nearer together are smoothed into one
 STEREO = Sensor(
     pixel_shift=(0.0, 0.4),
     block_shift=(0.0, 0.7),
@@ -293,20 +293,26 @@ STEREO = Sensor(
     holes=(0.0, 0.01),
     spread=(0.0, 1.5),
 )
-# Shares of frames with an error, and what each frame draws between two bounds.
-SMOOTHED, SMOOTH_PX = 0.8, (0.6, 2.2)  # of cameras that smooth; deviation of the filter
-SHORT, SHORT_MM, LONG_MM = 0.4, (900.0, 2500.0), 6000.0  # range of the camera; of the others
-SHADOWED, BASELINE_MM = 0.7, (20.0, 75.0)  # behind edges, of stereo cameras
-HOLED, LEVEL, IN_HANDS = 0.5, (1.0, 2.2), 0.35  # where smooth noise is above a level; also in hands
-STRIPED, STRIP_PX = 0.3, 25  # the strip that one of the cameras does not see; its largest width
-SPECKED, SPECKS, SPECK_MM = 0.3, (0.0, 0.004), (200, 1500)  # share of pixels, and their depth
-DIM = 0.35  # share of frames in which dark things are not read, ...
-UNEVEN = 0.15  # deviation of the logarithm of the depth up to which they are, from place to place
-# share of frames in which what is far away is read in islands, of these sizes in px, where smooth
-# noise is above a number between these
-ISLANDS, GRAINS, SEA = 0.3, (8, 28), (-0.3, 1.3)
-REACHES = (1.05, 4.0)  # that is far: from this part of the farthest hand's depth on (logarithm) ...
-HANDS_AT_MM = (300.0, 1200.0)  # ... or, in frames without hands, of this one
+# A frame has each error with a probability P_..., and draws its numbers between two bounds.
+P_SMOOTH = 0.8  # of cameras that smooth
+SMOOTH_STD_PX = (0.6, 2.2)  # of the filter
+P_SHORT_RANGE = 0.4
+SHORT_RANGE_MM, LONG_RANGE_MM = (900.0, 2500.0), 6000.0
+P_SHADOW = 0.7  # behind edges, of cameras with a baseline
+SHADOW_BASELINE_MM = (20.0, 75.0)
+P_HOLES, P_HOLES_IN_HANDS = 0.5, 0.35  # where smooth noise is above ...
+HOLE_LEVEL = (1.0, 2.2)  # ... a level
+P_STRIP = 0.3  # at the left, which one of the cameras does not see
+MAX_STRIP_PX = 25
+P_SPECKS = 0.3  # pixels with a wrong depth
+SPECK_SHARE, SPECK_MM = (0.0, 0.004), (200, 1500)
+P_DIM = 0.35  # dark things are not read beyond a depth, ...
+DIM_STD = 0.15  # ... whose logarithm has this deviation from place to place
+P_ISLANDS = 0.3  # what is far away is read only where smooth noise is above ...
+ISLAND_LEVEL, ISLAND_PX = (-0.3, 1.3), (8, 28)  # ... a level; with a grain of this size
+# Far away begins at the farthest hand's depth, or without hands at this one, times a factor.
+NO_HAND_MM, FAR_FACTOR = (300.0, 1200.0), (1.05, 4.0)
+# sensors with equal probability, and whether the camera smooths
 FRAME_SENSORS = (
     (KINECT, False),
     (NOISY_KINECT, False),
@@ -314,7 +320,9 @@ FRAME_SENSORS = (
     (TIME_OF_FLIGHT, False),
     (STEREO, True),
     (STEREO, True),
-)  # and whether the camera smooths
+)
+MAX_SHADOW_PX = 20  # exclusive
+SHADOW_MARGIN_PX = 0.3  # a pixel is hidden from this distance before the edge on
 
 
 def measure_frame(
@@ -334,58 +342,66 @@ def measure_frame(
     fine = Camera("fine", 3 * focal, 3 * focal, 0, 0, 3 * width, 3 * height)
     clean = np.minimum(depth, np.float32(NO_READING_MM))
     out = sense(rng, clean[None], np.array([NO_READING_MM]), sensor.settled(rng), fine)[0]
-    if smooths and rng.random() < SMOOTHED:
-        out = _merged(out, rng.uniform(*SMOOTH_PX))
-    range_mm = rng.uniform(*SHORT_MM) if rng.random() < SHORT else LONG_MM
+    if smooths and rng.random() < P_SMOOTH:
+        out = _merged(out, rng.uniform(*SMOOTH_STD_PX))
+    has_short_range = rng.random() < P_SHORT_RANGE
+    range_mm = rng.uniform(*SHORT_RANGE_MM) if has_short_range else LONG_RANGE_MM
     lost = out >= range_mm
-    if sensor.baseline and rng.random() < SHADOWED:
-        lost |= _shadow(rng, clean, focal * rng.uniform(*BASELINE_MM))
-    if rng.random() < HOLED:
-        hole = _patches(rng, depth) > rng.uniform(*LEVEL)
-        lost |= hole if rng.random() < IN_HANDS else hole & ~hand
-    far = _behind(rng, clean, hand)
-    if rng.random() < DIM:
-        farthest = far * np.sqrt(reflects) * np.exp(UNEVEN * _patches(rng, clean))
-        lost |= ~hand & (clean > farthest)
-    if rng.random() < ISLANDS:
-        grain = int(rng.integers(*GRAINS))
-        sea = _patches(rng, clean, grain) < rng.uniform(*SEA)
-        lost |= ~hand & (clean > far) & sea
-    if rng.random() < STRIPED:
-        lost[:, : rng.integers(STRIP_PX)] = True
+    if sensor.baseline and rng.random() < P_SHADOW:
+        lost |= _shadow(rng, clean, focal * rng.uniform(*SHADOW_BASELINE_MM))
+    if rng.random() < P_HOLES:
+        hole = _smooth_noise(rng, depth) > rng.uniform(*HOLE_LEVEL)
+        lost |= hole if rng.random() < P_HOLES_IN_HANDS else hole & ~hand
+    lost |= ~hand & _lost_far_away(rng, clean, _far_mm(rng, clean, hand), reflects)
+    if rng.random() < P_STRIP:
+        lost[:, : rng.integers(MAX_STRIP_PX)] = True
     out = np.where(lost, np.float32(0), np.round(out))
-    if rng.random() < SPECKED:
-        speck = rng.random(out.shape) < rng.uniform(*SPECKS)
+    if rng.random() < P_SPECKS:
+        speck = rng.random(out.shape) < rng.uniform(*SPECK_SHARE)
         out[speck] = rng.integers(*SPECK_MM, int(speck.sum()))
     return np.asarray(out, np.float32)
 
 
-def _behind(rng: np.random.Generator, depth: Floats, hand: NDArray[np.bool_]) -> float:
+def _far_mm(rng: np.random.Generator, depth: Floats, hand: NDArray[np.bool_]) -> float:
     """A depth in mm behind all hands, from which a camera may read less."""
-    farthest = float(depth[hand].max()) if hand.any() else rng.uniform(*HANDS_AT_MM)
-    return farthest * float(np.exp(rng.uniform(*np.log(REACHES))))
+    farthest = float(depth[hand].max()) if hand.any() else rng.uniform(*NO_HAND_MM)
+    return farthest * float(np.exp(rng.uniform(*np.log(FAR_FACTOR))))
+
+
+def _lost_far_away(
+    rng: np.random.Generator, depth: Floats, far_mm: float, reflects: Floats
+) -> NDArray[np.bool_]:
+    """Pixels (H, W) without a reading because they are dark, or outside islands of readings."""
+    lost = np.zeros(depth.shape, bool)
+    if rng.random() < P_DIM:
+        max_mm = far_mm * np.sqrt(reflects) * np.exp(DIM_STD * _smooth_noise(rng, depth))
+        lost |= depth > max_mm
+    if rng.random() < P_ISLANDS:
+        noise = _smooth_noise(rng, depth, int(rng.integers(*ISLAND_PX)))
+        lost |= (depth > far_mm) & (noise < rng.uniform(*ISLAND_LEVEL))
+    return lost
 
 
 def _merged(depth: Floats, sigma: float) -> Floats:
-    """Depth smoothed within surfaces that are close together, with the gaps between
-    fingers filled.
+    """Depth smoothed by a Gaussian filter of ``sigma`` px within surfaces that are close together,
+    with the gaps between fingers filled.
     """
     # far gaps take the near depth
     closed = cv2.morphologyEx(depth, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
-    filled = np.where(depth - closed < CLOSE_MM, np.minimum(depth, closed), depth)
-    total, weight = np.zeros_like(filled), np.zeros_like(filled)
-    reach = int(np.ceil(2 * sigma))
-    around = cv2.copyMakeBorder(filled, reach, reach, reach, reach, cv2.BORDER_REPLICATE)
+    filled = np.where(depth - closed < MERGED_MM, np.minimum(depth, closed), depth)
+    total, weights = np.zeros_like(filled), np.zeros_like(filled)
+    radius = int(np.ceil(2 * sigma))
+    padded = cv2.copyMakeBorder(filled, radius, radius, radius, radius, cv2.BORDER_REPLICATE)
     height, width = depth.shape
-    for i in range(2 * reach + 1):
-        for j in range(2 * reach + 1):
-            other = around[i : i + height, j : j + width]
-            near = np.abs(other - filled) < CLOSE_MM
-            squares = (i - reach) ** 2 + (j - reach) ** 2
-            own = near * np.exp(-squares / (2 * sigma * sigma))
-            total += own * other
-            weight += own
-    return np.asarray(total / weight, np.float32)
+    for i in range(2 * radius + 1):
+        for j in range(2 * radius + 1):
+            other = padded[i : i + height, j : j + width]
+            is_near = np.abs(other - filled) < MERGED_MM
+            squares = (i - radius) ** 2 + (j - radius) ** 2
+            weight = is_near * np.exp(-squares / (2 * sigma * sigma))
+            total += weight * other
+            weights += weight
+    return np.asarray(total / weights, np.float32)
 
 
 def _shadow(rng: np.random.Generator, depth: Floats, baseline_px: float) -> NDArray[np.bool_]:
@@ -396,13 +412,13 @@ def _shadow(rng: np.random.Generator, depth: Floats, baseline_px: float) -> NDAr
     if mirrored := rng.random() < 0.5:
         disparity = disparity[:, ::-1]
     hidden = np.zeros(depth.shape, bool)
-    for k in range(1, 20):
-        further = disparity[:, k:] - disparity[:, :-k]
-        hidden[:, :-k] |= further > k - 0.3
+    for k in range(1, MAX_SHADOW_PX):
+        rise = disparity[:, k:] - disparity[:, :-k]
+        hidden[:, :-k] |= rise > k - SHADOW_MARGIN_PX
     return hidden[:, ::-1] if mirrored else hidden
 
 
-def _patches(rng: np.random.Generator, depth: Floats, grain: int = 8) -> Floats:
+def _smooth_noise(rng: np.random.Generator, depth: Floats, grain: int = 8) -> Floats:
     """Smooth noise of the shape (H, W) of a depth image, with a grain in px."""
     height, width = depth.shape
     coarse = rng.standard_normal((height // grain + 1, width // grain + 1), dtype=np.float32)

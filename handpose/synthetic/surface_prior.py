@@ -30,16 +30,15 @@ class SurfacePrior:
     # uniform: factor of the file's offsets of capsules from their joints
     offsets: tuple[float, float] = (1.0, 1.0)
     limb: tuple[float, float] = (1.0, 1.0)  # uniform: radii of limbs, of the file's
-    # maximum component of a limb's direction towards the camera, otherwise ...
+    # maximum component of a limb's direction towards the camera
     towards_camera: float = 0.35
-    # ... its angles are drawn again this many times, from the file's deviations to ...
-    redraws: int = 12
-    redraw_wider: float = 3.0  # ... this factor of those; the best of all draws is kept
-    cut: float = 0.0  # this fraction of limbs ends early (outside the image, or masked) ...
-    cut_at: tuple[float, float] = (0.1, 0.9)  # ... uniform: at this part of its length
-    sleeve: float = 0.0  # this fraction of limbs wears one ...
-    sleeve_from: tuple[float, float] = (0.0, 0.5)  # ... uniform: from this part of its length on
-    sleeve_mm: tuple[float, float] = (2.0, 15.0)  # ... uniform: additional thickness
+    redraws: int = 12  # maximum number of further draws of a limb's angles for it
+    redraw_wider: float = 3.0  # factor of the file's deviations that the last draw reaches
+    cut: float = 0.0  # fraction of limbs that end early (outside the image, or masked)
+    cut_at: tuple[float, float] = (0.1, 0.9)  # uniform: the fraction of their length where they do
+    sleeve: float = 0.0  # fraction of limbs with a sleeve
+    sleeve_from: tuple[float, float] = (0.0, 0.5)  # uniform: fraction of the length where it starts
+    sleeve_mm: tuple[float, float] = (2.0, 15.0)  # uniform: additional thickness
 
 
 DEFAULT_SURFACE = SurfacePrior()
@@ -59,43 +58,45 @@ def draw_capsules(
 ) -> Capsules:
     """The capsules of N bodies and their limbs, in mm, camera axes.
 
-    bodies   whose DoFs of the surface alone are drawn
+    bodies   N bodies, of which the DoFs of the surface alone are still to be drawn
     unit_mm  length unit
     origin   (N, 3) mm, origin of the inputs
     """
     N = len(bodies.scale)
     offset = rng.uniform(*prior.offsets, N)
-    ends = _least_towards_camera(rng, prior, surface, bodies, offset)
+    ends = _draw_ends(rng, prior, surface, bodies, offset)
     radii = _draw_radii(rng, prior, surface, bodies.scale) * unit_mm
     a = origin[:, None] + ends[:, surface.start] * unit_mm
     b = origin[:, None] + ends[:, surface.end] * unit_mm
-    cut = np.where(rng.random(N) < prior.cut, rng.uniform(*prior.cut_at, N), 1.0)
-    worn = rng.random(N) < prior.sleeve
-    sleeve_from = rng.uniform(*prior.sleeve_from, N)
-    thicker = np.where(worn, rng.uniform(*prior.sleeve_mm, N), 0.0)
-    sleeves = []
-    for m in np.flatnonzero(surface.limbs):
-        start, end, r = a[:, m], b[:, m], radii[:, m]  # views
-        start[:], end[:], r[:] = _piece(start, end, r, np.zeros(N), cut)
-        if prior.sleeve:  # bodies without one have a second arm in the same place
-            sleeve = r + thicker[:, None]
-            piece = _piece(start, end, sleeve, sleeve_from * worn, np.ones(N))
-            sleeves.append(_capsules(*(values[:, None] for values in piece)))
-    return in_front(joined([_capsules(a, b, radii, surface.facets), *sleeves]))
+    length = np.where(rng.random(N) < prior.cut, rng.uniform(*prior.cut_at, N), 1.0)
+    has_sleeve = rng.random(N) < prior.sleeve
+    sleeve_from = rng.uniform(*prior.sleeve_from, N) * has_sleeve
+    sleeve_mm = np.where(has_sleeve, rng.uniform(*prior.sleeve_mm, N), 0.0)
+    limbs = surface.limbs
+    cut = _piece(a[:, limbs], b[:, limbs], radii[:, limbs], np.zeros(N), length)
+    a[:, limbs], b[:, limbs], radii[:, limbs] = cut
+    whole = _capsules(a, b, radii, surface.facets)
+    if not prior.sleeve:
+        return in_front(whole)
+    # bodies without a sleeve have a second limb in the same place
+    start, end, limb_radii = cut
+    thicker = limb_radii + sleeve_mm[:, None, None]
+    sleeves = _capsules(*_piece(start, end, thicker, sleeve_from, np.ones(N)))
+    return in_front(joined([whole, sleeves]))
 
 
 def _draw_radii(
     rng: np.random.Generator, prior: SurfacePrior, surface: Surface, scale: Array
 ) -> Array:
     """The radii (N, M, 2) of bodies of these sizes (N,)."""
-    N, M = len(scale), len(surface.radii)
-    thickness = prior.thickness_mean + prior.thickness_std * cut_normal(rng, (N,), prior.clip)
+    N = len(scale)
+    thickness = cut_normal(rng, prior.thickness_mean, prior.thickness_std, (N,), prior.clip)
     radii = surface.radii * (scale * thickness)[:, None, None]
     if (prior.trunk_mean, prior.trunk_std) != (1.0, 0.0):
-        thicker = prior.trunk_mean + prior.trunk_std * cut_normal(rng, (N, 1, 1), prior.clip)
-        radii[:, surface.trunk] *= thicker
+        trunk = cut_normal(rng, prior.trunk_mean, prior.trunk_std, (N, 1, 1), prior.clip)
+        radii[:, surface.trunk] *= trunk
     if prior.radius_std:
-        radii *= 1 + prior.radius_std * cut_normal(rng, (N, M, 2), prior.clip)
+        radii *= cut_normal(rng, 1, prior.radius_std, radii.shape, prior.clip)
     radii[:, surface.limbs] *= rng.uniform(*prior.limb, (N, 1, 1))
     return radii
 
@@ -105,47 +106,56 @@ def _capsules(a: Array, b: Array, radii: Array, facets: NDArray[np.int_] = NO_FA
     return Capsules(a, b, radii[:, :, 0], radii[:, :, 1], facets)
 
 
-def _least_towards_camera(
+def _draw_ends(
     rng: np.random.Generator, prior: SurfacePrior, surface: Surface, bodies: Bodies, offset: Array
 ) -> Array:
-    """Ends (N, K, 3) with drawn limbs: of the first draw that does not point at the
-    camera, or the best.
+    """The capsules' ends (N, K, 3) with limbs that do not point at the camera; of the draw in
+    which they do so least, if they do in all.
+
+    offset  (N,) factor of the file's offsets of capsules from their joints
     """
     whole = surface.whole
     own = len(surface.skeleton.initial)
     free = own + np.flatnonzero(~whole.fixed[own:] & np.isfinite(surface.deviation[own:]))
     N = len(offset)
-    posed = np.zeros((N, len(whole.initial)))
-    posed[:, :own] = bodies.inputs
+    inputs = np.zeros((N, len(whole.initial)))
+    inputs[:, :own] = bodies.inputs
     least = np.full(N, np.inf)
     best = np.zeros((N, len(whole.joint_names), 3))
     todo = np.arange(N)
-    for wider in np.linspace(1, prior.redraw_wider, 1 + prior.redraws):
-        trial = posed[todo]
-        drawn = wider * surface.deviation[free] * rng.standard_normal((len(todo), len(free)))
+    for factor in np.linspace(1, prior.redraw_wider, 1 + prior.redraws):
+        trial = inputs[todo]
+        drawn = factor * surface.deviation[free] * rng.standard_normal((len(todo), len(free)))
         trial[:, free] = np.clip(drawn, whole.lower[free], whole.upper[free])
         pose = surface.kinematics.forward(trial, bodies.bones[todo])
         ends = surface.ends(pose, bodies.scale[todo], offset[todo])
-        limb = ends[:, surface.end[surface.limbs]] - ends[:, surface.start[surface.limbs]]
-        cosines = -limb[..., 2] / np.linalg.norm(limb, axis=-1)
-        towards = cosines.max(axis=1, initial=-1.0)
-        better = towards < least[todo]
-        best[todo[better]], least[todo[better]] = ends[better], towards[better]
+        towards = _towards_camera(surface, ends)
+        is_better = towards < least[todo]
+        better = todo[is_better]
+        best[better] = ends[is_better]
+        least[better] = towards[is_better]
         todo = np.flatnonzero(least > prior.towards_camera)
         if not len(todo):
             break
     return best
 
 
+def _towards_camera(surface: Surface, ends: Array) -> Array:
+    """The largest component (N,) of the limbs' directions towards the camera; -1 without limbs."""
+    limb = ends[:, surface.end[surface.limbs]] - ends[:, surface.start[surface.limbs]]
+    component = -limb[..., 2] / np.linalg.norm(limb, axis=-1)
+    return component.max(axis=1, initial=-1.0)
+
+
 def _piece(
     a: Array, b: Array, radii: Array, first: Array, last: Array
 ) -> tuple[Array, Array, Array]:
-    """The capsule (N, 3), (N, 3), (N, 2) from the part ``first`` (N,) of its length to the
-    part ``last``.
+    """The ends (N, M, 3) and radii (N, M, 2) of the parts of capsules from the fraction ``first``
+    (N,) of their length to the fraction ``last``.
     """
-    along, wider = b - a, radii[:, 1] - radii[:, 0]
-    start = a + first[:, None] * along
-    end = a + last[:, None] * along
-    at_start = radii[:, 0] + first * wider
-    at_end = radii[:, 0] + last * wider
-    return start, end, np.stack([at_start, at_end], axis=1)
+    along, wider = b - a, radii[:, :, 1] - radii[:, :, 0]
+    start = a + first[:, None, None] * along
+    end = a + last[:, None, None] * along
+    at_start = radii[:, :, 0] + first[:, None] * wider
+    at_end = radii[:, :, 0] + last[:, None] * wider
+    return start, end, np.stack([at_start, at_end], axis=2)

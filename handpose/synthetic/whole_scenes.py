@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from handpose.frames.cameras import Floats
 from handpose.synthetic import prior_file
-from handpose.synthetic.generator import Split, numbers_of
+from handpose.synthetic.generator import Split, rng_of
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.scenes import prior as scene_prior
 from handpose.synthetic.scenes.cameras import HEIGHT, WIDTH, draw_cameras, slopes_of
@@ -110,7 +110,7 @@ class SceneGenerator:
 
     def block(self, number: int) -> Scenes:
         """Scenes ``number * SCENES_PER_BLOCK`` and following, as a camera measures them."""
-        rng = numbers_of(self.seed, self.split, number, STREAM)
+        rng = rng_of(self.seed, self.split, number, STREAM)
         scenes, focal, reflects = draw_scenes(rng, self.prior, self.sampler, SCENES_PER_BLOCK)
         depth = np.stack(
             [

@@ -274,10 +274,10 @@ def test_a_track_compared_with_single_frames() -> None:
     assert (found.scores.frames, found.scores.invented, done) == (4, 1, [1, 1, 1, 1])
     assert found.seconds > 0
     (id,) = found.scores.hands
-    assert found.both[id] == pytest.approx(np.array([[3, 2], [3, 2]]))
+    assert found.error_mm[id] == pytest.approx(np.array([[3, 2], [3, 2]]))
     assert cells_of(found, id)[:5] == ["3", "66.7%", "3.0", "3.0", "2.0"]
     every_third = follow(MadeRecording(), MadeTracker(), alone, every=3)  # type: ignore[arg-type]
-    assert len(every_third.both[id]) == 1
+    assert len(every_third.error_mm[id]) == 1
     assert cells_of(follow(MadeRecording(), MadeTracker()), id)[3:5] == ["", ""]  # type: ignore[arg-type]
 
 

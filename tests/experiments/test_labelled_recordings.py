@@ -257,7 +257,7 @@ def test_recalls_at_numbers_of_false_hands() -> None:
     """Two frames, four hands: 1, 2 and 4 false ones are allowed."""
     true = [True, False, True, False, True, False, False, False, True]
     answers = [Answer(1 - n / 10, one) for n, one in enumerate(true)]
-    recalls, threshold = recalls_of(answers, total=4, frames=2)
+    recalls, threshold = recalls_of(answers, hands=4, frames=2)
     assert recalls == [0.5, 0.75, 0.75] and threshold == pytest.approx(0.6)
     assert recalls_of([], 4, 2) == ([0, 0, 0], 2.0)
 

@@ -47,13 +47,13 @@ from netlib import files
 from netlib.errors import DataError
 from netlib.files.pictures import MAX_PIXELS
 
-WHAT = "the depth frames"
+CONTENT = "the depth frames"  # in errors
 EXPECTED_AXES = {
     False: "(frames, height, width)",
     True: "(height, width); a file with several frames is opened by its name",
 }
-READERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
-PARAMETERS = "biufSU"  # their kinds: numbers and texts
+HEADER_READERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
+PARAMETER_KINDS = "biufSU"  # numbers and texts
 
 
 class StackRecording(Recording):
@@ -90,7 +90,7 @@ class StackRecording(Recording):
         if times is None and count > 1:
             self._assume_rate()
         self.warnings = not_used(
-            [name for name in frames.names if _last(name) not in fields and name != times]
+            [name for name in frames.names if _base_name(name) not in fields and name != times]
         )
 
     def __iter__(self) -> Iterator[DepthFrame]:
@@ -100,24 +100,24 @@ class StackRecording(Recording):
             yield DepthFrame(number, time, self._decode(raw, f"{self.name}: frame {number}"))
 
 
-def arrays_in(path: Path, is_single: bool = False) -> _Npy | _Npz:
+def arrays_in(path: Path, is_single: bool = False) -> _NpyFrames | _NpzFrames:
     """The frames of an .npy or .npz file, of which there is one if it ``is_single``.
 
     Raises NotDepthError for arrays that cannot be depth, and another DataError for a damaged file.
     """
-    return (_Npy if path.suffix.lower() == ".npy" else _Npz)(path, is_single)
+    return (_NpyFrames if path.suffix.lower() == ".npy" else _NpzFrames)(path, is_single)
 
 
-class _Npy:
-    """The frames of an .npy file, mapped into memory. The members are those of _Npz."""
+class _NpyFrames:
+    """The frames of an .npy file, mapped into memory. The members are those of _NpzFrames."""
 
     others: Mapping[str, NDArray[Any]] = {}
     names: Sequence[str] = ()
 
     def __init__(self, path: Path, is_single: bool) -> None:
         with (
-            errors_of(str(path), WHAT, "cut, or not an array as NumPy writes it"),
-            files.opened(path, WHAT),
+            errors_of(str(path), CONTENT, "cut, or not an array as NumPy writes it"),
+            files.opened(path, CONTENT),
         ):
             array = npy.open_memmap(path, mode="r")
         self.shape = _checked_shape(array.shape, array.dtype, str(path), is_single)
@@ -136,7 +136,7 @@ class _Header(NamedTuple):
     dtype: np.dtype[Any]
 
 
-class _Npz:
+class _NpzFrames:
     """The frames of an .npz file. Raises DataError, also while they are read.
 
     shape   (frames, height, width)
@@ -157,34 +157,34 @@ class _Npz:
             shape, by_columns, self.dtype = headers.pop(self._name)
             self.shape = _checked_shape(shape, self.dtype, str(path), is_single)
             self._order: Literal["F", "C"] = "F" if by_columns else "C"
-            if by_columns and len(shape) > 1 < self.shape[0]:
+            if by_columns and self.shape[0] > 1:
                 raise DataError(
                     f"{path}: an array in Fortran's order; write it with numpy.ascontiguousarray"
                 )
             self.names = list(headers)
             self.others = {}
             for name, header in headers.items():
-                is_used = is_known(name) or TIMES.fullmatch(_last(name)) or name == CAMERA_TEXT
-                if is_used and header.dtype.kind in PARAMETERS:
+                is_used = is_known(name) or TIMES.fullmatch(_base_name(name)) or name == CAMERA_TEXT
+                if is_used and header.dtype.kind in PARAMETER_KINDS:
                     with archive.open(f"{name}.npy") as stream:
                         self.others[name] = npy.read_array(stream, allow_pickle=False)
 
     def __iter__(self) -> Iterator[NDArray[Any]]:
-        count = math.prod(self.shape[1:]) * self.dtype.itemsize
+        frame_bytes = math.prod(self.shape[1:]) * self.dtype.itemsize
         with self._opened() as archive, archive.open(f"{self._name}.npy") as stream:
             _header(stream)
             for _ in range(self.shape[0]):
-                content = stream.read(count)
-                if len(content) < count:
+                content = stream.read(frame_bytes)
+                if len(content) < frame_bytes:
                     raise EOFError("it ends within a frame")
                 yield np.frombuffer(content, self.dtype).reshape(self.shape[1:], order=self._order)
             stream.read(1)  # the checksum is verified at the end
 
     @contextlib.contextmanager
     def _opened(self) -> Iterator[zipfile.ZipFile]:
-        damaged = errors_of(str(self._path), WHAT, "a damaged .npz file")
+        damaged = errors_of(str(self._path), CONTENT, "a damaged .npz file")
         with (
-            BufferedReader(files.opened(self._path, WHAT)) as stream,
+            BufferedReader(files.opened(self._path, CONTENT)) as stream,
             damaged,
             zipfile.ZipFile(stream) as archive,
         ):
@@ -199,28 +199,29 @@ def _header(stream: IO[bytes]) -> _Header:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # headers written by Python 2
         version = npy.read_magic(stream)
-        if version not in READERS:
+        if version not in HEADER_READERS:
             raise ValueError(f"the version of an array is {version[0]}.{version[1]}")
-        return _Header(*READERS[version](stream))
+        return _Header(*HEADER_READERS[version](stream))
 
 
 def _name_of_depth(headers: Mapping[str, _Header], where: str, is_single: bool) -> str:
     """The name of the array of frames. Raises NotDepthError without one, and for several."""
-    axes = [
-        name for name, header in headers.items() if len(header.shape) == (2 if is_single else 3)
-    ]
-    by_itself = [name for name in axes if "depth" in _last(name).lower()]
-    by_group = [name for name in axes if "depth" in name.lower()]
-    for named in (["depth"] if "depth" in headers else []), axes, by_itself, by_group:
-        if len(named) == 1:
-            return named[0]
+    if "depth" in headers:
+        return "depth"
+    axes = 2 if is_single else 3
+    images = [name for name, header in headers.items() if len(header.shape) == axes]
+    by_itself = [name for name in images if "depth" in _base_name(name).lower()]
+    by_group = [name for name in images if "depth" in name.lower()]
+    for candidates in images, by_itself, by_group:
+        if len(candidates) == 1:
+            return candidates[0]
     content = ", ".join(f"{name} {header.shape}" for name, header in headers.items()) or "nothing"
     raise NotDepthError(
         f"{where}: holds {content}; expected an array depth {EXPECTED_AXES[is_single]}"
     )
 
 
-def _last(name: str) -> str:
+def _base_name(name: str) -> str:
     """The name of an array without those of the groups around it."""
     return name.rpartition(".")[2]
 
@@ -232,45 +233,43 @@ def _checked_shape(
 
     Raises NotDepthError unless it may be frames, or a single one.
     """
-    found = shape
+    frames = shape
     advice = ""
     if is_single and len(shape) == 2:
-        found = (1, *shape)
+        frames = (1, *shape)
     elif is_single and shape[2:] == (1,):
-        found = (1, *shape[:2])
+        frames = (1, *shape[:2])
     elif is_single and shape[:1] != (1,):
-        found = ()
-    elif len(shape) == 3 and 4 * shape[2] < min(shape[:2]):
+        frames = ()
+    elif len(shape) == 3 and 4 * shape[2] < min(shape[:2]):  # the frames are the last axis
         advice = ": np.moveaxis(array, 2, 0)"
-    is_image = len(found) == 3 and min(found) > 0
-    if advice or not is_image or math.prod(found[1:]) > MAX_PIXELS:
+    has_pixels = len(frames) == 3 and min(frames) > 0
+    if advice or not has_pixels or math.prod(frames[1:]) > MAX_PIXELS:
         raise NotDepthError(
             f"{where}: an array of shape {shape}; expected {EXPECTED_AXES[is_single]}{advice}"
         )
     check_values(dtype, where)
-    return found
+    return frames
 
 
 # ------------------------------------------------------------------------------------- other arrays
 
-ENDINGS = {
-    word: unit
-    for unit, words in {
-        "s": "s sec secs second seconds",
-        "ms": "ms msec millis milliseconds",
-        "us": "us usec micros microseconds",
-        "ns": "ns nsec nanos nanoseconds",
-    }.items()
-    for word in words.split()
+UNIT_WORDS = {
+    "s": "s sec secs second seconds",
+    "ms": "ms msec millis milliseconds",
+    "us": "us usec micros microseconds",
+    "ns": "ns nsec nanos nanoseconds",
 }
+UNITS = {word: unit for unit, words in UNIT_WORDS.items() for word in words.split()}
 TIMES = re.compile(
-    rf"(?:depth_|frame_)?(?:t|ts|times?|time_?stamps?|stamps?)(?:_({'|'.join(ENDINGS)}))?", re.I
+    rf"(?:depth_|frame_)?(?:t|ts|times?|time_?stamps?|stamps?)(?:_({'|'.join(UNITS)}))?", re.I
 )
 # the one name whose times are seconds unless they are times since 1970 in another unit
 IN_SECONDS = "time"
-OF_ANYTHING = ("name", "model", *SIZE)  # ambiguous keys, used only with a camera
+AMBIGUOUS = ("name", "model", *SIZE)  # keys that are used only with a camera
 CAMERA_TEXT = "camera"  # the name of the whole text of a camera.json
 MAX_VALUES = 1000  # in an array of parameters
+MAX_CAMERA_VALUES = 16  # in an array of the parameters by which a camera is recognised: 4 x 4
 
 
 def not_used(names: list[str]) -> tuple[str, ...]:
@@ -287,36 +286,41 @@ def not_used(names: list[str]) -> tuple[str, ...]:
 
 
 def parameters_in(
-    found: Mapping[str, NDArray[Any]], where: str, given: CameraInfo
+    arrays: Mapping[str, NDArray[Any]], where: str, given: CameraInfo
 ) -> tuple[CameraInfo, dict[str, str], list[str]]:
-    """The parameters in arrays, the field of CameraInfo for each array that is used, and a remark.
+    """The parameters in arrays, the field of CameraInfo for each array that is used, and a remark
+    about those that are not ``given``.
 
     Raises DataError.
     """
-    small = {name: value.tolist() for name, value in found.items() if value.size <= 16}
-    has_own = has_camera(small)
+    found = camera_file.find(_nested(arrays, where), where, given.camera is not None)
+    info, fields = found.info, found.fields
+    if CAMERA_TEXT in arrays:
+        text = str(_plain(arrays[CAMERA_TEXT], f"{where}: camera"))
+        info = info.or_else(camera_file.parse(text, f"{where}: camera"))
+        fields = {**fields, CAMERA_TEXT: "parameters"}
+    overridden = {field for field, value in vars(given).items() if value is not None}
+    if given.camera:
+        overridden.add("lens")
+    used = [repr(name) for name, field in fields.items() if field not in overridden]
+    return info, fields, [f"parameters from {', '.join(used)}"] if used else []
+
+
+def _nested(arrays: Mapping[str, NDArray[Any]], where: str) -> dict[str, Any]:
+    """The values of arrays with known names, in an object for each group. Raises DataError."""
+    small = {
+        name: value.tolist() for name, value in arrays.items() if value.size <= MAX_CAMERA_VALUES
+    }
+    is_camera = has_camera(small)
     nested: dict[str, Any] = {}
-    for name, value in found.items():
-        if is_known(name) and (has_own or name not in OF_ANYTHING):
-            *groups, last = name.split(".")
+    for name, value in arrays.items():
+        if is_known(name) and (is_camera or name not in AMBIGUOUS):
+            *groups, key = name.split(".")
             inner = nested
             for group in groups:
                 inner = inner.setdefault(group, {})
-            inner[last] = _plain(value, f"{where}: {name}")
-    said = camera_file.find(nested, where, given.camera is not None)
-    info = said.info
-    fields = said.fields
-    if CAMERA_TEXT in found:
-        text = str(_plain(found[CAMERA_TEXT], f"{where}: camera"))
-        info = info.or_else(camera_file.parse(text, f"{where}: camera"))
-        fields = {**fields, CAMERA_TEXT: "parameters"}
-    unused = {"lens"} if given.camera else set()
-    used = [
-        name
-        for name, field in fields.items()
-        if getattr(given, field, None) is None and field not in unused
-    ]
-    return info, fields, [f"parameters from {', '.join(map(repr, used))}"] if used else []
+            inner[key] = _plain(value, f"{where}: {name}")
+    return nested
 
 
 def _plain(value: NDArray[Any], where: str) -> Any:
@@ -328,24 +332,26 @@ def _plain(value: NDArray[Any], where: str) -> Any:
     return plain.decode("utf-8", "replace") if isinstance(plain, bytes) else plain
 
 
-def name_of_times(found: Mapping[str, NDArray[Any]], count: int) -> str | None:
+def name_of_times(arrays: Mapping[str, NDArray[Any]], count: int) -> str | None:
     """The array of times: ``time``, otherwise the first whose name has a unit, otherwise the first.
 
     A single number may be the date of the recording, and a ``t`` of another length a translation.
     """
-    named = {name: value for name, value in found.items() if TIMES.fullmatch(_last(name))}
+    named = {name: value for name, value in arrays.items() if TIMES.fullmatch(_base_name(name))}
     possible = [
         name
         for name, value in named.items()
         if name == IN_SECONDS or value.size == count or (value.ndim and name != "t")
     ]
-    return min(possible, key=lambda name: (name != IN_SECONDS, _ending(name) is None), default=None)
+    return min(
+        possible, key=lambda name: (name != IN_SECONDS, _unit_in(name) is None), default=None
+    )
 
 
-def _ending(name: str) -> str | None:
+def _unit_in(name: str) -> str | None:
     """The unit at the end of a name."""
-    match = TIMES.fullmatch(_last(name))
-    return ENDINGS[match[1].lower()] if match and match[1] else None
+    match = TIMES.fullmatch(_base_name(name))
+    return UNITS[match[1].lower()] if match and match[1] else None
 
 
 def checked_times(times: NDArray[Any], count: int, where: str) -> NDArray[np.float64]:
@@ -355,11 +361,11 @@ def checked_times(times: NDArray[Any], count: int, where: str) -> NDArray[np.flo
             f"{where} is {times.dtype} {times.shape}, expected ({count},): a time for each frame"
         )
     numbers = times.astype(np.float64).ravel()
-    bad = ~(np.diff(numbers, prepend=-np.inf) > 0) | ~np.isfinite(numbers)
-    if bad.any():
-        at = int(np.argmax(bad))
+    wrong = ~(np.diff(numbers, prepend=-np.inf) > 0) | ~np.isfinite(numbers)
+    if wrong.any():
+        first = int(np.argmax(wrong))
         raise DataError(
-            f"{where}[{at}] is {numbers[at]:g}; expected finite times, each after the one before"
+            f"{where}[{first}] is {numbers[first]:g}; expected finite times, each after the one before"
         )
     return numbers
 
@@ -372,13 +378,20 @@ def unit_of_times(
     own: CameraInfo,
     camera_json: CameraInfo,
 ) -> tuple[str, str]:
-    """The unit of times, and how it is known. Raises DataError if it is unknown."""
-    for unit, how in (
+    """The unit of times, and how it is known. Raises DataError if it is unknown.
+
+    name         of their array
+    given        the unit that the user gives
+    own          parameters in the file of the times
+    camera_json  parameters next to that file
+    """
+    sources = (
         (given, "as given"),
-        (_ending(name), "by its name"),
+        (_unit_in(name), "by its name"),
         (own.time_unit, "as the file says"),
         (camera_json.time_unit, "by camera.json"),
-    ):
+    )
+    for unit, how in sources:
         if unit is not None:
             return unit, f"in {unit} {how}"
     if unit := since_1970(times.tolist()):

@@ -3,21 +3,25 @@
 The message of a frame for the page is binary; numbers are little-endian:
 
     uint32              size in bytes of the JSON that follows
-    JSON                record (the frame as JSON lines have it, without hands that the finder
-                        no longer sees), middle and spread
-                        (mm, of the contrast), window (left, top, width and height of the part to
-                        show, px), grid (left, top, step, columns, rows of the depth), capsules
-                        (how many of each hand); spaces fill it up to a multiple of 4
+    JSON                see below; spaces fill it up to a multiple of 4 bytes
     uint16              depth in mm, 0 where nothing was read: every ``step``-th row and column of a
                         part of the frame that contains the window and the crops; a last 0 fills it
                         up to a multiple of 4 bytes
     float32             8 of each capsule, the hands one after the other: a (x, y, z), b (x, y, z)
                         in mm, camera axes, and the radii at both in mm
+
+The JSON is an object:
+
+    record              the frame as JSON lines have it, without hands that the finder no longer
+                        sees
+    middle, spread      of the contrast, mm
+    window              left, top, width and height of the part to show, px
+    grid                left, top, step, columns and rows of the depth
+    capsules            how many of each hand
 """
 
 from __future__ import annotations
 
-import math
 import struct
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -36,6 +40,7 @@ from netlib.blob import divide_up
 LINES_PATH, VIEWS_PATH = "/frames", "/view"
 MAX_SAMPLES = 320  # maximum side of the depth image sent to the page
 _MAX_SAMPLE = np.iinfo(np.uint16).max
+_ALIGNMENT = 4  # bytes
 
 
 class Grid(NamedTuple):
@@ -51,8 +56,8 @@ class Grid(NamedTuple):
 
     def of(self, depth: NDArray[np.floating]) -> NDArray[np.floating]:
         """The samples (rows, columns) of a frame."""
-        rows = slice(self.top, self.top + self.rows * self.step, self.step)
-        return depth[rows, self.left : self.left + self.columns * self.step : self.step]
+        part = depth[self.top :: self.step, self.left :: self.step]
+        return part[: self.rows, : self.columns]
 
 
 def grid_of(camera: Camera, viewport: Viewport, hands: Sequence[TrackedHand]) -> Grid:
@@ -62,12 +67,13 @@ def grid_of(camera: Camera, viewport: Viewport, hands: Sequence[TrackedHand]) ->
     right, bottom = viewport.left + viewport.width, viewport.top + viewport.height
     boxes = [(viewport.left, viewport.top, right, bottom)]
     edges = np.array(boxes + [box_of(hand, camera) for hand in hands])
-    size = np.array([camera.width, camera.height])
-    low = np.floor(np.clip(edges[:, :2].min(axis=0), 0, size)).astype(int)
-    high = np.ceil(np.clip(edges[:, 2:].max(axis=0), low, size)).astype(int)
-    step = max(1, math.ceil(int((high - low).max()) / MAX_SAMPLES))
-    columns, rows = -(-(high - low) // step)
-    return Grid(int(low[0]), int(low[1]), step, int(columns), int(rows))
+    image = np.array([camera.width, camera.height])
+    low = np.floor(np.clip(edges[:, :2].min(axis=0), 0, image)).astype(int)
+    high = np.ceil(np.clip(edges[:, 2:].max(axis=0), low, image)).astype(int)
+    left, top = low.tolist()
+    width, height = (high - low).tolist()
+    step = max(1, divide_up(max(width, height), MAX_SAMPLES))
+    return Grid(left, top, step, divide_up(width, step), divide_up(height, step))
 
 
 class Messages:
@@ -98,8 +104,7 @@ class Messages:
         """The message for the page."""
         viewport = self._view.see(depth, frame)
         grid = grid_of(self._camera, viewport, frame.hands)
-        surfaces = [hand.the_pose.capsules for hand in frame.hands]
-        counts = [0 if surface is None else surface.a.shape[1] for surface in surfaces]
+        capsules = [_capsule_rows(hand) for hand in frame.hands]
         unseen = {hand.id for hand in frame.every if not hand.is_seen}
         shown = [hand for hand in record["hands"] if hand["id"] not in unseen]
         values = {
@@ -108,19 +113,20 @@ class Messages:
             "spread": self._view.contrast.spread,
             "window": [round(edge, 2) for edge in viewport],
             "grid": list(grid),
-            "capsules": counts,
+            "capsules": [len(rows) for rows in capsules],
         }
         text = to_text(values).encode()
-        samples = np.clip(grid.of(depth), 0, _MAX_SAMPLE).astype("<u2")
-        size = 4 * divide_up(len(text), 4)
-        padding = bytes(2 * (samples.size % 2))
-        parts = [struct.pack("<I", size), text.ljust(size), samples.tobytes(), padding]
-        for surface in surfaces:
-            if surface is not None:
-                radii = surface.radius_a[0, :, None], surface.radius_b[0, :, None]
-                parts.append(
-                    np.concatenate([surface.a[0], surface.b[0], *radii], axis=1)
-                    .astype("<f4")
-                    .tobytes()
-                )
-        return b"".join(parts)
+        size = _ALIGNMENT * divide_up(len(text), _ALIGNMENT)
+        samples = np.clip(grid.of(depth), 0, _MAX_SAMPLE).astype("<u2").tobytes()
+        padding = bytes(-len(samples) % _ALIGNMENT)
+        parts = [struct.pack("<I", size), text.ljust(size), samples, padding]
+        return b"".join([*parts, *(rows.tobytes() for rows in capsules)])
+
+
+def _capsule_rows(hand: TrackedHand) -> NDArray[np.float32]:
+    """The numbers (M, 8) of a hand's capsules; none without a surface."""
+    capsules = hand.the_pose.capsules
+    if capsules is None:
+        return np.empty((0, 8), "<f4")
+    radii = capsules.radius_a[0, :, None], capsules.radius_b[0, :, None]
+    return np.concatenate([capsules.a[0], capsules.b[0], *radii], axis=1).astype("<f4")

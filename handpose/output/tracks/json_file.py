@@ -7,8 +7,7 @@ null or missing:
     header   format, version, source, camera, unit_mm, skeleton ...; in a document with ``frames``
              and ``complete``
     frame    number, time_s, hands, lost
-    hands    those that are there, by id; those whose confidence is below the minimum have a
-             reason and no joints
+    hands    by id; those whose confidence is below the minimum have a reason and no joints
 
 Lengths are in mm, angles in rad, times in s; the axes are the camera's: x right, y up, z away.
 ``joint_values`` has the keys of other formats of joints.
@@ -44,36 +43,37 @@ def read_track(path: str | Path) -> Track:
     Capsules are not in a track, and inputs that move nothing are 0.
     """
     text = files.read_text(path, "a track")
-    first, _, rest = text.partition("\n")
-    head = _value_or_none(first)
-    if isinstance(head, dict) and "frames" not in head:
-        return _read_lines(path, Fields(head, f"{path}:1"), rest)
+    first_line, _, rest = text.partition("\n")
+    first = _value_or_none(first_line)
+    if isinstance(first, dict) and "frames" not in first:
+        return _read_lines(path, Fields(first, f"{path}:1"), rest)
     document = Fields(parse_json(text, str(path)), str(path))
     header = header_of(document)
-    values = FrameValues(header)
-    frames = [values.frame(frame) for frame in document.parts("frames")]
+    decoder = FrameValues(header)
+    frames = [decoder.frame(values) for values in document.parts("frames")]
     return Track(header, frames, "" if document.truth("complete") else "the tracker was stopped")
 
 
-def _read_lines(path: str | Path, head: Fields, text: str) -> Track:
-    header = header_of(head)
-    values = FrameValues(header)
+def _read_lines(path: str | Path, header_fields: Fields, text: str) -> Track:
+    """The track of a header and the lines after it, of which the last may be cut."""
+    header = header_of(header_fields)
+    decoder = FrameValues(header)
+    lines = text.split("\n")
+    cut = ""
+    if _value_or_none(lines[-1]) is None:
+        last = lines.pop()
+        if last:  # otherwise the text ends with a complete line
+            cut = f"{path}:{len(lines) + 2}: the line is cut after {len(last)} characters"
     frames = []
-    *lines, last = text.split("\n")
     for number, line in enumerate(lines, 2):
         where = f"{path}:{number}"
-        frames.append(values.frame(Fields(parse_json(line, where), where)))
-    if not last:
-        return Track(header, frames)
-    where = f"{path}:{len(lines) + 2}"
-    whole = _value_or_none(last)
-    if whole is None:
-        return Track(header, frames, f"{where}: the line is cut after {len(last)} characters")
-    return Track(header, [*frames, values.frame(Fields(whole, where))])
+        frames.append(decoder.frame(Fields(parse_json(line, where), where)))
+    return Track(header, frames, cut)
 
 
-def _value_or_none(line: str) -> Any:
+def _value_or_none(text: str) -> Any:
+    """The value of a JSON text; None if it is cut."""
     try:
-        return parse_json(line, "")
+        return parse_json(text, "")
     except DataError:
         return None

@@ -13,20 +13,25 @@ from handpose.synthetic.scenes.prior import ViewParameter
 from handpose.synthetic.scenes.solids import Rays
 from netlib.blob import Array
 
-HEIGHT, WIDTH = 128, 160
+HEIGHT, WIDTH = 128, 160  # px of the frames
+MIN_DEPTH_MM = 50.0  # nearer points are projected as if they were at this depth
 
 
 class Cameras(NamedTuple):
-    """The cameras of N frames: focal lengths and principal points in px, (N,) each; and where
-    they are.
+    """The cameras of N frames.
+
+    focal, u0, v0  (N,) px
+    on_head        (N,) whether a person wears it on the head
+    facing         (N,) whether it is in front of the person
+    up             (N, 3) the direction upwards
     """
 
     focal: Array
     u0: Array
     v0: Array
     on_head: NDArray[np.bool_]
-    facing: NDArray[np.bool_]  # in front of the person
-    up: Array  # (N, 3) the direction upwards
+    facing: NDArray[np.bool_]
+    up: Array
 
     def rays(self) -> Rays:
         """Slopes of the columns (N, WIDTH), and of the rows (N, HEIGHT), downwards."""
@@ -36,11 +41,11 @@ class Cameras(NamedTuple):
 
     def pixels(self, xyz: Array) -> Array:
         """Columns and rows (N, ..., 2) of points (N, ..., 3)."""
-        z = np.maximum(xyz[..., 2], 50)
-        each = (-1, *[1] * (xyz.ndim - 2))
-        f, u0, v0 = (value.reshape(each) for value in (self.focal, self.u0, self.v0))
-        u = u0 + f * xyz[..., 0] / z
-        v = v0 - f * xyz[..., 1] / z
+        x, y, z = np.moveaxis(xyz, -1, 0)
+        per_frame = (-1, *[1] * (z.ndim - 1))
+        f, u0, v0 = (value.reshape(per_frame) for value in (self.focal, self.u0, self.v0))
+        z = np.maximum(z, MIN_DEPTH_MM)
+        u, v = u0 + f * x / z, v0 - f * y / z
         return np.stack([u, v], axis=-1)
 
     def at(self, u: Array, v: Array, z: Array) -> Array:
@@ -61,15 +66,14 @@ def draw_cameras(rng: np.random.Generator, prior: ViewParameter, count: int) -> 
     focal = FOCAL_PX * prior.focal.draw(rng, count)
     u0 = WIDTH / 2 + rng.uniform(-prior.shift_x, prior.shift_x, count)
     v0 = HEIGHT / 2 + rng.uniform(-prior.shift_y, prior.shift_y, count)
-    where = rng.random(count)
-    on_head, facing = where < prior.on_head, where > 1 - prior.facing
+    kind = rng.random(count)
+    on_head, facing = kind < prior.on_head, kind > 1 - prior.facing
     pitch = np.where(on_head, prior.pitch_on_head.draw(rng, count), prior.pitch.draw(rng, count))
     any_roll = rng.random(count) < np.where(on_head, prior.any_roll_on_head, prior.any_roll)
     roll = np.where(any_roll, rng.uniform(-180, 180, count), prior.roll * rng.normal(size=count))
-    down, turned = np.deg2rad(pitch), np.deg2rad(roll)
-    level = np.cos(down)
-    x, y = level * np.sin(turned), level * np.cos(turned)
-    up = np.stack([x, y, -np.sin(down)], axis=1)
+    pitch, roll = np.deg2rad(pitch), np.deg2rad(roll)
+    x, y = np.cos(pitch) * np.sin(roll), np.cos(pitch) * np.cos(roll)
+    up = np.stack([x, y, -np.sin(pitch)], axis=1)
     return Cameras(focal, u0, v0, on_head, facing, up)
 
 

@@ -19,27 +19,38 @@ SURFACE = SurfacePrior(
     thickness_std=0.1, trunk_std=0.08, radius_std=0.06, offsets=(0.4, 1.6), towards_camera=1.0
 )
 FINGERS = ("index", "middle", "ring", "little")
-SKIN_MM = 15.0  # from the palm's middle to its surface
-FINGER_MM = 9.0  # radius of a fingertip
-LEAST_MM = 8.0  # radius of the thinnest thing that is held
+PALM_RADIUS_MM = 15.0  # from the palm's middle to its surface
+FINGERTIP_RADIUS_MM = 9.0
+MIN_HELD_RADIUS_MM = 8.0  # of things that are held
+HELD_AXIS_STD = 0.15  # deviation of a held thing's axis from the row of knuckles
+HELD_SHIFT = 0.7  # maximum shift of a held thing along its axis, relative to its half length
 
 
 class Hands(NamedTuple):
-    """One hand for each of N frames: capsules, and places (N, 3) about the palm's middle before
-    they are placed.
+    """One hand for each of N frames; before they are placed, the palm's middle is at the origin.
+
+    own                     capsules
+    wrist, elbow            (N, 3) mm, the ends of the forearm
+    arm_radii               (N, 2) mm, of the forearm at both
+    palmar, across, distal  (N, 3) directions: away from the palm, along the row of knuckles, from
+                            the wrist to the knuckles
+    tips                    (N, 4, 3) mm, of the fingers
+    middle                  (N, 3) mm, of the joints without the wrist
+    scale                   (N,) size relative to the skeleton's
+    side                    (N,) 1 for a right hand, -1 for a left one
     """
 
     own: Capsules
     wrist: Array
     elbow: Array
-    arm_radii: Array  # (N, 2)
-    palmar: Array  # the palm's direction
-    across: Array  # along the row of knuckles
-    distal: Array  # from the wrist to the knuckles
-    tips: Array  # (N, 4, 3)
-    middle: Array  # of the joints without the wrist
-    scale: Array  # (N,)
-    side: Array  # (N,)
+    arm_radii: Array
+    palmar: Array
+    across: Array
+    distal: Array
+    tips: Array
+    middle: Array
+    scale: Array
+    side: Array
 
     def placed(self, rotation: Array, place: Array) -> Hands:
         """The hands turned by (N, 3, 3) and moved by (N, 3)."""
@@ -66,24 +77,24 @@ def draw_hands(rng: np.random.Generator, sampler: BodySampler, side: Array) -> H
     bodies = sampler.draw(rng, count)
     unit_mm = sampler.cube_mm / 2
     far = np.tile((0.0, 0.0, 10 * sampler.cube_mm), (count, 1))  # so that none is cut at the camera
-    whole = draw_capsules(rng, SURFACE, surface, bodies, unit_mm, far)
+    capsules = draw_capsules(rng, SURFACE, surface, bodies, unit_mm, far)
     row = {name: n for n, name in enumerate(sampler.skeleton.joint_names)}
     mirror = np.stack([side, np.ones(count), np.ones(count)], axis=1)
     palm = bodies.joints[:, row["palm"]] * unit_mm
-    whole = whole.moved(-far - palm).mirrored(mirror)
+    capsules = capsules.moved(-far - palm).mirrored(mirror)
     joints = (bodies.joints * unit_mm - palm[:, None]) * mirror[:, None]
     wrist, index, little, middle = (
         joints[:, row[name]] for name in ("wrist_middle", "index_mcp", "little_mcp", "middle_mcp")
     )
-    limb = int(np.flatnonzero(surface.limbs)[0])
+    arm = int(np.flatnonzero(surface.limbs)[0])
     normal = unit(np.cross(index - wrist, little - wrist))
     tips = [row[f"{finger}_tip"] for finger in FINGERS]
     without_wrist = [not name.startswith("wrist") for name in row]
     return Hands(
-        own=whole.chosen(~surface.limbs),
-        wrist=whole.a[:, limb],
-        elbow=whole.b[:, limb],
-        arm_radii=np.stack([whole.radius_a[:, limb], whole.radius_b[:, limb]], axis=1),
+        own=capsules.chosen(~surface.limbs),
+        wrist=capsules.a[:, arm],
+        elbow=capsules.b[:, arm],
+        arm_radii=np.stack([capsules.radius_a[:, arm], capsules.radius_b[:, arm]], axis=1),
         palmar=-side[:, None] * normal,
         across=unit(index - little),
         distal=unit(middle - wrist),
@@ -107,27 +118,29 @@ def draw_held(
     there  (N,) whether there is a hand
     """
     count = len(palm)
-    axis = unit(hand.across + 0.15 * rng.normal(size=(count, 3)))
-    away = prior.away.draw(rng, count)
+    axis = unit(hand.across + HELD_AXIS_STD * rng.normal(size=(count, 3)))
+    away_mm = prior.away.draw(rng, count)
     along = hand.distal * prior.along.draw(rng, count, 1)
-    center = palm + along + hand.palmar * away[:, None]
-    beside = across(hand.tips - center[:, None], axis[:, None])
-    up_to_tips = np.linalg.norm(beside, axis=-1).min(1) - FINGER_MM
-    up_to_palm = away - SKIN_MM
-    touches = rng.random(count) < prior.touches
-    radius = np.where(touches, np.minimum(up_to_palm, up_to_tips), up_to_palm)
-    is_held = there & (radius > LEAST_MM) & (rng.random(count) < prior.share)
-    radius = np.maximum(radius, LEAST_MM)
-    length = prior.length.draw(rng, count)
-    center = center + axis * (rng.uniform(-0.7, 0.7, count) * length)[:, None]
+    center = palm + along + hand.palmar * away_mm[:, None]
+    to_tips = across(hand.tips - center[:, None], axis[:, None])
+    up_to_tips = np.linalg.norm(to_tips, axis=-1).min(1) - FINGERTIP_RADIUS_MM
+    up_to_palm = away_mm - PALM_RADIUS_MM
+    touches_tips = rng.random(count) < prior.touches
+    radius = np.where(touches_tips, np.minimum(up_to_palm, up_to_tips), up_to_palm)
+    is_held = there & (radius > MIN_HELD_RADIUS_MM) & (rng.random(count) < prior.share)
+    radius = np.maximum(radius, MIN_HELD_RADIUS_MM)
+    half_length = prior.length.draw(rng, count)
+    shift = rng.uniform(-HELD_SHIFT, HELD_SHIFT, count) * half_length
+    center = center + axis * shift[:, None]
     axes = right_angled(unit(across(hand.palmar, axis)), axis)
     kind = rng.integers(3, size=count)
-    deep = np.where(kind == CYLINDER, radius, radius * prior.flatness.draw(rng, count))
-    wider = radius * prior.top_width.draw(rng, count)
-    top = np.stack([wider, prior.top_length.draw(rng, count), wider], axis=-1)
-    with_top = is_held & (kind == CYLINDER) & (rng.random(count) < prior.top)
-    half = np.stack([radius, length, deep], axis=-1)
-    at_top = center + axis * length[:, None]
-    held = one_each(kind, center, axes, half, is_held)
-    tops = one_each(np.full(count, CYLINDER), at_top, axes, top, with_top)
+    is_cylinder = kind == CYLINDER
+    half_depth = np.where(is_cylinder, radius, radius * prior.flatness.draw(rng, count))
+    half_sizes = np.stack([radius, half_length, half_depth], axis=-1)
+    held = one_each(kind, center, axes, half_sizes, is_held)
+    top_radius = radius * prior.top_width.draw(rng, count)
+    top_sizes = np.stack([top_radius, prior.top_length.draw(rng, count), top_radius], axis=-1)
+    has_top = is_held & is_cylinder & (rng.random(count) < prior.top)
+    top_center = center + axis * half_length[:, None]
+    tops = one_each(np.full(count, CYLINDER), top_center, axes, top_sizes, has_top)
     return joined([held, tops])

@@ -23,12 +23,15 @@ from handpose.synthetic.scenes.prior import ArmParameter, BodyParameter, HandsPa
 from handpose.synthetic.scenes.solids import shown
 from netlib.blob import Array
 
-TRIALS = 16  # arrangements of an arm, of which the best is taken
-ARM_MM, SHOULDER_MM = 290.0, 170.0  # upper arm; from the middle of the shoulders to one
-USUAL = 0.92  # size of the mean hand, for which these lengths are
-SMALLEST, LARGEST = 0.8, 1.2  # people
-AHEAD = np.array([0.0, 0.0, 1.0])  # where the camera looks
-BODY = (  # right, up and forward of the middle of the shoulders: from, to; both radii
+TRIALS = 16  # arrangements of an arm, of which the one with the highest score is taken
+UPPER_ARM_MM = 290.0  # length, for a person of size 1
+SHOULDER_MM = 170.0  # from the middle of the shoulders to one, for a person of size 1
+MEAN_HAND_SCALE = 0.92  # scale of the hand of a person of size 1
+MIN_SIZE, MAX_SIZE = 0.8, 1.2  # of people
+OPTICAL_AXIS = np.array([0.0, 0.0, 1.0])
+# Capsules of trunk, neck and head: start and end (right, up and forward of the middle of the
+# shoulders), radius at the start and at the end, in mm.
+BODY = (
     ((-60, -60, 0), (-60, -420, 10), 95, 110),
     ((60, -60, 0), (60, -420, 10), 95, 110),
     ((0, -120, 20), (0, -430, 30), 110, 125),
@@ -36,31 +39,39 @@ BODY = (  # right, up and forward of the middle of the shoulders: from, to; both
     ((0, 40, 15), (0, 150, 25), 58, 55),
     ((0, 190, 30), (0, 255, 20), 85, 92),
 )
-THIGH = (85.0, 62.0)  # radii at hip and knee
-HIP = ((-95.0, -470.0, 20.0), (95.0, -470.0, 20.0))
-KNEE_MM = 440.0  # forward of the middle of the shoulders
-KNEES_APART_MM, KNEES_LOWER_MM = (-60.0, 120.0), (-120.0, 60.0)  # than the hips
-LONGEST_MM = 420.0  # of upper arms; a shoulder farther away belongs to another person
+THIGH_RADII_MM = (85.0, 62.0)  # at hip and knee
+HIPS_MM = np.array([(-95.0, -470.0, 20.0), (95.0, -470.0, 20.0)])
+KNEE_FORWARD_MM = 440.0  # of the middle of the shoulders
+# relative to the hips
+KNEE_OUTWARD_MM, KNEE_UP_MM = (-60.0, 120.0), (-120.0, 60.0)
+MAX_UPPER_ARM_MM = 420.0  # a shoulder farther from the elbow belongs to another person
 
-# Ranges of directions and distances, relative to each other or in mm.
-LOOKS_DOWN, LOOKS_ASIDE = 0.3, 0.25  # a camera on a head: mean, and deviation
-# from such a camera to the middle of the shoulders
+# A camera on a head: mean and standard deviation of the slope of its optical axis, ...
+MEAN_SLOPE_DOWN, SLOPE_STD = 0.3, 0.25
+# ... and ranges of the middle of the shoulders relative to it.
 BELOW_MM, BEHIND_MM, ASIDE_MM = (60.0, 320.0), (-60.0, 150.0), (-100.0, 100.0)
-FACES_ASIDE = 0.6  # deviation of an owner's direction from that of the forearm
-# the first upper arm, from the elbow on
-BACKWARDS, UPWARDS, INWARDS = (-0.2, 1.0), (-0.3, 1.1), (-0.3, 0.6)
-# the other one, from the shoulder on
-FORWARDS, DOWNWARDS, OUTWARDS = (0.0, 1.2), (-0.3, 1.0), (-0.4, 0.6)
-ANYHOW = 0.3  # deviation of both
+FACE_STD = 0.6  # deviation of an owner's direction from that of the forearm
+# Ranges of the direction of the first hand's upper arm, from the elbow to the shoulder, ...
+ELBOW_BACK, ELBOW_UP, ELBOW_IN = (-0.2, 1.0), (-0.3, 1.1), (-0.3, 0.6)
+# ... and of the other one's, from the shoulder to the elbow.
+SHOULDER_FORWARD, SHOULDER_DOWN, SHOULDER_OUT = (0.0, 1.2), (-0.3, 1.0), (-0.4, 0.6)
+UPPER_ARM_STD = 0.3  # deviation of both directions
 
-# Scores of arrangements, of which each also gets a random number between 0 and 1.
-AT_CAMERA, PENALTY_AT_CAMERA = -0.85, 3.0  # an elbow nearer to the camera than the hand
-TOO_FAR_MM, MAX_TOO_FAR = 120.0, 4.0  # a penalty of 1 for each, up to a maximum
-HANGS = 0.5  # an elbow below the hand, of people in front of the camera, ...
-RESTS, ALONG = 5.0, 5.0  # ... a palm down, an arm along the line of sight
-IN_SIGHT, IN_FRONT, TOO_CLOSE = 3.0, 0.6, 2.0  # of the other hand
-MARGIN_PX, SIGHT_MM, CLOSE_MM = 5.0, (220.0, 1700.0), 70.0  # what these mean
-DEPTH_RATIO = (-0.5, 0.5)  # logarithm, of strangers' hands
+# An arrangement's score is a random number between 0 and 1, plus what follows.
+# The first hand:
+MIN_COSINE = -0.85  # of forearm and line of sight; below, the elbow is next to the camera
+AT_CAMERA_PENALTY = 3.0
+REACH_UNIT_MM = 120.0  # a penalty of 1 for each that the arm is too long or too short ...
+MAX_REACH_PENALTY = 4.0  # ... up to this
+HANGING_SCORE = 0.5  # an elbow below the hand, of people in front of the camera
+RESTING_SCORE = 5.0  # a palm down, of hands on a table
+ALONG_SCORE = 5.0  # a forearm along the line of sight, where that is required
+# The other hand:
+IN_SIGHT_SCORE = 3.0  # ``MARGIN_PX`` or more within the frame, at one of these depths:
+MARGIN_PX, MIN_DEPTH_MM, MAX_DEPTH_MM = 5.0, 220.0, 1700.0
+IN_FRONT_SCORE = 0.6  # in front of the body
+TOO_CLOSE_MM, TOO_CLOSE_PENALTY = 70.0, 2.0  # to the first hand
+LOG_DEPTH_RATIO = (-0.5, 0.5)  # of a stranger's hand and the first one
 
 
 class Torsos(NamedTuple):
@@ -96,26 +107,27 @@ def draw_people(
     place = cameras.anywhere(rng, hands.margin_px, hands.distance.draw(rng, count))
     side = rng.choice([-1.0, 1.0], count)
     first = draw_hands(rng, sampler, side)
-    size = np.clip(first.scale / USUAL, SMALLEST, LARGEST)[:, None]
+    size = np.clip(first.scale / MEAN_HAND_SCALE, MIN_SIZE, MAX_SIZE)[:, None]
     wearer = _wearer(rng, cameras, size)
     rests = rng.random(count) < hands.rests
     along = rng.random(count) < hands.along
-    turn = _turn_of_first(rng, cameras, wearer, first, place, rests, along)
-    first = first.placed(turn, place)
+    rotation = _first_rotation(rng, cameras, wearer, first, place, rests, along)
+    first = first.placed(rotation, place)
     person = _owner(rng, cameras, wearer, first)
-    second, other_place = _second(rng, hands, sampler, cameras, person, place, side)
-    some = rng.random(count) >= hands.none
-    there = np.stack([some, some & (rng.random(count) < hands.second)], axis=1)
-    palms = np.stack([place, other_place], axis=1)
+    second, second_place = _second_hand(rng, hands, sampler, cameras, person, place, side)
+    has_first = rng.random(count) >= hands.none
+    has_second = has_first & (rng.random(count) < hands.second)
+    palms = np.stack([place, second_place], axis=1)
+    there = np.stack([has_first, has_second], axis=1)
     return People((first, second), person, palms, there, rests)
 
 
 def _wearer(rng: np.random.Generator, cameras: Cameras, size: Array) -> Torsos:
-    """The people on whose heads the cameras would be."""
+    """The people of these sizes (N, 1) on whose heads the cameras would be."""
     count = len(size)
     up = cameras.up
-    ahead = AHEAD + LOOKS_ASIDE * rng.normal(size=(count, 3))
-    face = unit(across(ahead - LOOKS_DOWN * up, up))
+    ahead = OPTICAL_AXIS + SLOPE_STD * rng.normal(size=(count, 3))
+    face = unit(across(ahead - MEAN_SLOPE_DOWN * up, up))
     right = np.cross(up, face)
     below = up * rng.uniform(*BELOW_MM, (count, 1))
     behind = face * rng.uniform(*BEHIND_MM, (count, 1))
@@ -123,7 +135,7 @@ def _wearer(rng: np.random.Generator, cameras: Cameras, size: Array) -> Torsos:
     return Torsos(up, face, right, -below - behind + aside, size)
 
 
-def _turn_of_first(
+def _first_rotation(
     rng: np.random.Generator,
     cameras: Cameras,
     wearer: Torsos,
@@ -132,43 +144,50 @@ def _turn_of_first(
     rests: NDArray[np.bool_],
     along: NDArray[np.bool_],
 ) -> Array:
-    """Rotations (N, 3, 3) of the first hands: the likeliest of some arrangements of their arms."""
+    """Rotations (N, 3, 3) of the first hands: the likeliest of some arrangements of their arms.
+
+    place  (N, 3) mm, of the palms
+    rests  (N,) whether the hand lies on a table
+    along  (N,) whether the forearm is along the line of sight
+    """
     count = len(place)
     up = cameras.up[:, None]
-    turns = any_rotation(rng, count, TRIALS)
-    forearm = turned(turns, unit(hand.elbow - hand.wrist))
-    away = dot(forearm, unit(place)[:, None])  # negative: the elbow is nearer than the hand
-    score = rng.random((count, TRIALS)) - PENALTY_AT_CAMERA * (away < AT_CAMERA)
+    rotations = any_rotation(rng, count, TRIALS)
+    forearm = turned(rotations, unit(hand.elbow - hand.wrist))
+    cosine = dot(forearm, unit(place)[:, None])  # negative: the elbow is nearer than the hand
+    score = rng.random((count, TRIALS)) - AT_CAMERA_PENALTY * (cosine < MIN_COSINE)
     shoulder = wearer.shoulder(hand.side)[:, None]
-    reach = np.linalg.norm(place[:, None] + turned(turns, hand.elbow) - shoulder, axis=-1)
-    too_far = np.abs(reach - ARM_MM * wearer.size) / TOO_FAR_MM
-    score -= cameras.on_head[:, None] * np.clip(too_far, 0, MAX_TOO_FAR)
-    score += cameras.facing[:, None] * ((away > 0) - HANGS * dot(forearm, up))
-    score -= rests[:, None] * RESTS * dot(turned(turns, hand.palmar), up)
-    score += along[:, None] * ALONG * np.abs(away)
-    return turns[np.arange(count), score.argmax(1)]
+    elbow = place[:, None] + turned(rotations, hand.elbow)
+    upper_arm_mm = np.linalg.norm(elbow - shoulder, axis=-1)
+    misfit = np.abs(upper_arm_mm - UPPER_ARM_MM * wearer.size) / REACH_UNIT_MM
+    score -= cameras.on_head[:, None] * np.clip(misfit, 0, MAX_REACH_PENALTY)
+    score += cameras.facing[:, None] * ((cosine > 0) - HANGING_SCORE * dot(forearm, up))
+    score -= rests[:, None] * RESTING_SCORE * dot(turned(rotations, hand.palmar), up)
+    score += along[:, None] * ALONG_SCORE * np.abs(cosine)
+    return rotations[np.arange(count), score.argmax(1)]
 
 
 def _owner(rng: np.random.Generator, cameras: Cameras, wearer: Torsos, hand: Hands) -> Torsos:
     """The owners of the first hands: the cameras' wearers, or people placed at the arms."""
     count = len(hand.side)
     up = cameras.up
-    outwards = hand.side[:, None]
-    forward = unit(hand.wrist - hand.elbow) + FACES_ASIDE * rng.normal(size=(count, 3))
+    size = wearer.size
+    forward = unit(hand.wrist - hand.elbow) + FACE_STD * rng.normal(size=(count, 3))
     on_head = cameras.on_head[:, None]
     face = np.where(on_head, wearer.face, unit(across(forward, up)))
     right = np.cross(up, face)
-    backwards = -face * rng.uniform(*BACKWARDS, (count, 1))
-    upwards = up * rng.uniform(*UPWARDS, (count, 1))
-    aside = outwards * right * rng.uniform(*INWARDS, (count, 1))
-    anyhow = ANYHOW * rng.normal(size=(count, 3))
-    upper = unit(backwards + upwards - aside + anyhow)
-    size = wearer.size
-    shoulder = np.where(on_head, wearer.shoulder(hand.side), hand.elbow + ARM_MM * size * upper)
-    return Torsos(up, face, right, shoulder - outwards * right * SHOULDER_MM * size, size)
+    outward = hand.side[:, None] * right
+    backward = -face * rng.uniform(*ELBOW_BACK, (count, 1))
+    upward = up * rng.uniform(*ELBOW_UP, (count, 1))
+    inward = outward * rng.uniform(*ELBOW_IN, (count, 1))
+    noise = UPPER_ARM_STD * rng.normal(size=(count, 3))
+    direction = unit(backward + upward - inward + noise)
+    placed = hand.elbow + UPPER_ARM_MM * size * direction
+    shoulder = np.where(on_head, wearer.shoulder(hand.side), placed)
+    return Torsos(up, face, right, shoulder - outward * SHOULDER_MM * size, size)
 
 
-def _second(
+def _second_hand(
     rng: np.random.Generator,
     prior: HandsParameter,
     sampler: BodySampler,
@@ -177,50 +196,55 @@ def _second(
     place: Array,
     side: Array,
 ) -> tuple[Hands, Array]:
-    """The other hand, usually of the same person, placed; and its place."""
+    """The other hand, usually of the same person, placed; and its place (N, 3).
+
+    place  (N, 3) mm, of the first hands
+    side   (N,) of the first hands
+    """
     count = len(side)
-    stranger = rng.random(count) < prior.stranger
-    own_side = np.where(stranger, rng.choice([-1.0, 1.0], count), -side)
+    of_stranger = rng.random(count) < prior.stranger
+    own_side = np.where(of_stranger, rng.choice([-1.0, 1.0], count), -side)
     hand = draw_hands(rng, sampler, own_side)
-    elbows = _other_elbows(rng, person, own_side)
-    turns = any_rotation(rng, count, TRIALS)
-    places = elbows - turned(turns, hand.elbow)
-    seen = _in_sight(cameras, places)
-    ahead = dot(places - elbows, person.face[:, None]) > 0
-    too_close = np.linalg.norm(places - place[:, None], axis=-1) < CLOSE_MM
-    score = IN_SIGHT * seen + rng.random(seen.shape) + IN_FRONT * ahead - TOO_CLOSE * too_close
-    best = score.argmax(1)
-    rows = np.arange(count)
-    near = place + any_direction(rng, count) * prior.close_mm.draw(rng, count, 1)
-    depth = place[:, 2] * np.exp(rng.uniform(*DEPTH_RATIO, count))
+    elbows = _second_elbows(rng, person, own_side)
+    rotations = any_rotation(rng, count, TRIALS)
+    places = elbows - turned(rotations, hand.elbow)
+    in_sight = _in_sight(cameras, places)
+    in_front = dot(places - elbows, person.face[:, None]) > 0
+    too_close = np.linalg.norm(places - place[:, None], axis=-1) < TOO_CLOSE_MM
+    score = IN_SIGHT_SCORE * in_sight + rng.random((count, TRIALS))
+    score += IN_FRONT_SCORE * in_front
+    score -= TOO_CLOSE_PENALTY * too_close
+    best = np.arange(count), score.argmax(1)
+    nearby = place + any_direction(rng, count) * prior.close_mm.draw(rng, count, 1)
+    depth = place[:, 2] * np.exp(rng.uniform(*LOG_DEPTH_RATIO, count))
     anywhere = cameras.anywhere(rng, MARGIN_PX, depth)
-    close = rng.random(count) < prior.close
-    where = np.select([close[:, None], stranger[:, None]], [near, anywhere], places[rows, best])
-    return hand.placed(turns[rows, best], where), where
+    is_nearby = rng.random(count) < prior.close
+    kinds = [is_nearby[:, None], of_stranger[:, None]]
+    own_place = np.select(kinds, [nearby, anywhere], places[best])
+    return hand.placed(rotations[best], own_place), own_place
 
 
 def _in_sight(cameras: Cameras, places: Array) -> NDArray[np.bool_]:
     """Whether hands at places (N, ..., 3) are in the frame, and at depths of hands."""
     u, v = np.moveaxis(cameras.pixels(places), -1, 0)
     z = places[..., 2]
-    nearest, farthest = SIGHT_MM
     in_width = (u > MARGIN_PX) & (u < WIDTH - MARGIN_PX)
     in_height = (v > MARGIN_PX) & (v < HEIGHT - MARGIN_PX)
-    return in_width & in_height & (z > nearest) & (z < farthest)
+    return in_width & in_height & (z > MIN_DEPTH_MM) & (z < MAX_DEPTH_MM)
 
 
-def _other_elbows(rng: np.random.Generator, person: Torsos, side: Array) -> Array:
+def _second_elbows(rng: np.random.Generator, person: Torsos, side: Array) -> Array:
     """Places (N, TRIALS, 3) of the elbows of the other arms."""
     count = len(side)
-    many = (count, TRIALS, 1)
-    outwards = side[:, None] * person.right
-    ahead = person.face[:, None] * rng.uniform(*FORWARDS, many)
-    downwards = person.up[:, None] * rng.uniform(*DOWNWARDS, many)
-    aside = outwards[:, None] * rng.uniform(*OUTWARDS, many)
-    anyhow = ANYHOW * rng.normal(size=(count, TRIALS, 3))
-    upper = unit(ahead - downwards + aside + anyhow)
-    arm = ARM_MM * person.size[:, None] * upper
-    return person.shoulder(side)[:, None] + arm
+    each = (count, TRIALS, 1)
+    sideways = side[:, None] * person.right
+    forward = person.face[:, None] * rng.uniform(*SHOULDER_FORWARD, each)
+    downward = person.up[:, None] * rng.uniform(*SHOULDER_DOWN, each)
+    outward = sideways[:, None] * rng.uniform(*SHOULDER_OUT, each)
+    noise = UPPER_ARM_STD * rng.normal(size=(count, TRIALS, 3))
+    direction = unit(forward - downward + outward + noise)
+    upper_arm = UPPER_ARM_MM * person.size[:, None] * direction
+    return person.shoulder(side)[:, None] + upper_arm
 
 
 def draw_arm(
@@ -230,48 +254,52 @@ def draw_arm(
     person: Torsos,
     there: NDArray[np.bool_],
 ) -> Capsules:
-    """Forearm, sleeve and upper arm (N, 3 capsules); some arms end early."""
+    """Forearm, sleeve and upper arm (N, 3 capsules); some arms end early.
+
+    there  (N,) whether there is an arm
+    """
     count = len(there)
-    ends = np.where(rng.random(count) < prior.cut, prior.cut_at.draw(rng, count), 1.0)[:, None]
-    elbow = hand.wrist + ends * (hand.elbow - hand.wrist)
-    sleeve = prior.sleeve_from.draw(rng, count)
-    worn = rng.random(count) < prior.sleeve
-    thicker = np.where(worn, prior.sleeve_mm.draw(rng, count), 0.0)
-    radii = hand.arm_radii * prior.thickness.draw(rng, count, 1)
-    shoulder = person.shoulder(hand.side)
+    is_cut = rng.random(count) < prior.cut
+    length = np.where(is_cut, prior.cut_at.draw(rng, count), 1.0)  # relative to the forearm's
+    wrist = hand.wrist
+    elbow = wrist + length[:, None] * (hand.elbow - wrist)
+    sleeve_from = prior.sleeve_from.draw(rng, count)
+    has_sleeve = rng.random(count) < prior.sleeve
+    sleeve_mm = np.where(has_sleeve, prior.sleeve_mm.draw(rng, count), 0.0)
+    cuff = wrist + sleeve_from[:, None] * (elbow - wrist)
+    at_wrist, at_elbow = (hand.arm_radii * prior.thickness.draw(rng, count, 1)).T
+    at_cuff = at_wrist + sleeve_from * (at_elbow - at_wrist) + sleeve_mm
     size = person.size[:, 0]
-    upper = prior.upper.draw(rng, count) * size + thicker
-    is_own = np.linalg.norm(hand.elbow - shoulder, axis=1) < LONGEST_MM * size
-    joined = (ends[:, 0] == 1) & is_own
-    wider = radii[:, 1] - radii[:, 0]
-    begin = radii[:, 0] + sleeve * wider + thicker
-    end = radii[:, 1] + thicker
-    at_elbow = np.minimum(upper, end)
-    middle = hand.wrist + sleeve[:, None] * (elbow - hand.wrist)
-    a = np.stack([hand.wrist, middle, elbow], axis=1)
-    b = np.stack([elbow, elbow, np.where(joined[:, None], shoulder, elbow)], axis=1)
-    ra = np.stack([radii[:, 0], begin, at_elbow], axis=1)
-    rb = np.stack([radii[:, 1], end, np.where(joined, upper, at_elbow)], axis=1)
-    return shown(Capsules(a, b, ra, rb), there[:, None])
+    at_shoulder = prior.upper.draw(rng, count) * size + sleeve_mm
+    sleeve_end = at_elbow + sleeve_mm
+    upper_start = np.minimum(at_shoulder, sleeve_end)
+    shoulder = person.shoulder(hand.side)
+    is_own = np.linalg.norm(hand.elbow - shoulder, axis=1) < MAX_UPPER_ARM_MM * size
+    has_upper = (length == 1) & is_own
+    a = np.stack([wrist, cuff, elbow], axis=1)
+    b = np.stack([elbow, elbow, np.where(has_upper[:, None], shoulder, elbow)], axis=1)
+    radius_a = np.stack([at_wrist, at_cuff, upper_start], axis=1)
+    upper_end = np.where(has_upper, at_shoulder, upper_start)
+    radius_b = np.stack([at_elbow, sleeve_end, upper_end], axis=1)
+    return shown(Capsules(a, b, radius_a, radius_b), there[:, None])
 
 
 def draw_body(rng: np.random.Generator, prior: BodyParameter, person: Torsos) -> Capsules:
     """Trunk, shoulders, neck, head, and the legs of some who sit."""
     count = len(person.size)
     axes = np.stack([person.right, person.up, person.face], axis=1)
-    hip = np.array(HIP)
-    aside = hip[:, 0] + np.array([-1, 1]) * rng.uniform(*KNEES_APART_MM, (count, 1))
-    down = hip[:, 1] + rng.uniform(*KNEES_LOWER_MM, (count, 2))
-    knee = np.stack([aside, down, np.full((count, 2), KNEE_MM)], axis=-1)
-    points = np.array([ends[:2] for ends in BODY], dtype=np.float64)
-    begin, end = (np.broadcast_to(points[:, n], (count, len(BODY), 3)) for n in (0, 1))
-    a = np.concatenate([begin, np.broadcast_to(hip, (count, 2, 3))], axis=1)
-    b = np.concatenate([end, knee], axis=1)
+    sideways = HIPS_MM[:, 0] + np.array([-1, 1]) * rng.uniform(*KNEE_OUTWARD_MM, (count, 1))
+    height = HIPS_MM[:, 1] + rng.uniform(*KNEE_UP_MM, (count, 2))
+    knees = np.stack([sideways, height, np.full((count, 2), KNEE_FORWARD_MM)], axis=-1)
+    starts, ends, start_radii, end_radii = zip(*BODY)
+    begin = np.tile([*starts, *HIPS_MM], (count, 1, 1))
+    end = np.concatenate([np.tile(ends, (count, 1, 1)), knees], axis=1)
     middle, size = person.middle[:, None], person.size[:, None]
-    a, b = (middle + size * (part @ axes) for part in (a, b))
-    wide = person.size * prior.width.draw(rng, count, 1)
-    ra = np.array([*(ra for _, _, ra, _ in BODY), THIGH[0], THIGH[0]]) * wide
-    rb = np.array([*(rb for _, _, _, rb in BODY), THIGH[1], THIGH[1]]) * wide
+    a, b = (middle + size * (points @ axes) for points in (begin, end))
+    width = person.size * prior.width.draw(rng, count, 1)
+    at_hip, at_knee = THIGH_RADII_MM
+    radius_a = np.array([*start_radii, at_hip, at_hip]) * width
+    radius_b = np.array([*end_radii, at_knee, at_knee]) * width
     there = np.ones((count, len(BODY) + 2), bool)
     there[:, len(BODY) :] = rng.random((count, 1)) < prior.legs
-    return shown(Capsules(a, b, ra, rb), there)
+    return shown(Capsules(a, b, radius_a, radius_b), there)

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from handpose.frames.cameras import ICVL, NYU, Camera
-from handpose.sequences.acts import FINGER_SPEED, HAND_SPEED, MARGIN_MM, Act, Actor, Volume
+from handpose.sequences.acts import MARGIN_MM, MAX_FINGER_RAD_S, MAX_HAND_MM_S, Act, Actor, Volume
 from handpose.sequences.movements import Movement, Person, fingers_of, poses
 from handpose.synthetic.pose_prior import BodySampler
 
@@ -37,8 +37,8 @@ def test_a_moving_hand_is_a_hand_that_moves() -> None:
     assert (fingers[:, bounded] <= skeleton.upper[bounded] + 1e-9).all()
     assert (fingers[:, bounded] >= skeleton.lower[bounded] - 1e-9).all()
     speed = np.linalg.norm(np.diff(place, axis=0), axis=1) / STEP
-    assert 300 < speed.max() <= HAND_SPEED * 1.001
-    assert 1 < np.abs(np.diff(fingers, axis=0)).max() / STEP <= FINGER_SPEED * 1.001
+    assert 300 < speed.max() <= MAX_HAND_MM_S * 1.001
+    assert 1 < np.abs(np.diff(fingers, axis=0)).max() / STEP <= MAX_FINGER_RAD_S * 1.001
     depth = movement.person.penetration_mm(whole)
     assert np.percentile(depth, 95) <= SAMPLER.prior.penetration
     assert depth.max() < 2 * SAMPLER.prior.penetration
@@ -134,7 +134,7 @@ def test_places_are_in_the_image(camera: Camera) -> None:
         assert 0.5 * camera.width + across < u < camera.width - across
         assert down < v < camera.height - down
         assert volume.near <= d <= volume.far
-        assert_allclose(volume.kept(place), place)
+        assert_allclose(volume.clipped(place), place)
         assert not 0 < camera.project(volume.outside(place))[0] < camera.width
-    u, v, d = camera.project(volume.kept(np.array([9e3, -9e3, 100.0])))
+    u, v, d = camera.project(volume.clipped(np.array([9e3, -9e3, 100.0])))
     assert u < camera.width and v < camera.height and d == pytest.approx(volume.near)
