@@ -69,16 +69,15 @@ class FastPooling(FastLayer, Pooling):
         layout = x.shape, tile_of(x), pitch_of(x), tile_of(y)
         if layout == self.layout:
             return
-        on_tiles = self.tile is not None and (tile_of(x) is not None or tile_of(y) is not None)
-        self.tiles = MaxTiles(self, self.tile, x, y) if on_tiles and self.tile else None
+        self.tiles = None
+        if self.tile is not None and (tile_of(x) is not None or tile_of(y) is not None):
+            self.tiles = MaxTiles(self, self.tile, x, y)
         (_, _, H, W), (_, _, Ho, Wo) = x.shape, y.shape
-        self.map_windows = map_pooling.Windows(
-            Geometry(self.kernel, self.stride, self.pad, (1, 1), 1), (H, W), (Ho, Wo)
-        )
+        geometry = Geometry(self.kernel, self.stride, self.pad, (1, 1), 1)
+        self.map_windows = map_pooling.Windows(geometry, (H, W), (Ho, Wo))
         if self.is_max:
-            self.winners = np.empty(
-                0 if on_tiles else y.shape, np.uint8 if math.prod(self.kernel) < 256 else np.uint32
-            )
+            dtype = np.uint8 if math.prod(self.kernel) < 256 else np.uint32
+            self.winners = np.empty(0 if self.tiles else y.shape, dtype)
         else:
             self.areas = self.area(x.shape, y.shape)
         self.layout = layout  # last, so that an interrupted reshape is repeated
