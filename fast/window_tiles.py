@@ -46,14 +46,11 @@ class WindowTiles:
         blocks of T x T inputs of one channel.
         """
         x, y = bottom[0], top[0]
-        if (
-            len(top) > 1
-            or not isinstance(y, FastBlob)
-            or not y.may_be_sparse
-            or y.tile not in FLAGS
-        ):
+        if len(top) > 1 or not isinstance(y, FastBlob):
             return False
         T = y.tile
+        if T not in FLAGS or not y.may_be_sparse:
+            return False
         if not g.is_dense or any(g.pad) or g.kernel != (T + 1, T + 1):
             return False
         _, C, H, W = x.shape
