@@ -43,6 +43,7 @@ from netlib import files
 from netlib.errors import NetlibError, printable, reason_of
 
 PASSED, FAILED = 64, 65
+SHAPE_ERROR = re.compile("broadcast|mismatch in its core dimension|not aligned")  # of NumPy
 ADVICE = (
     "The part passed the earlier steps on small examples but fails in the network: a size, an option or a second batch "
     "that the examples do not cover. Look for values that your code keeps from one call to the next."
@@ -88,37 +89,38 @@ def steps(exercise: Exercise, part: Part, path: Path | None = None) -> Iterator[
 def _failure(exercise: Exercise, check: Check, part: Part, path: Path | None) -> Iterator[str]:
     """Yield the lines that explain the first case that fails, if any."""
     for case in check.cases:
-        found = None
+        difference = None
         try:
-            found = first_difference(case, case.results(part))
+            difference = first_difference(case, case.results(part))
         except BaseException as error:  # including SystemExit and the reader's own exceptions
             lines = _of_error(error, check, case, path)
         else:
-            if found is None:
+            if difference is None:
                 continue
-            lines = sentences(exercise, check, part, found)
-        yield next(lines)
+            lines = sentences(exercise, check, part, difference)
+        yield next(lines)  # what differs or was raised; advice follows
         if check.option:
-            yield _ladder(exercise, check, case, part)
+            yield _handled_options(exercise, check, case, part)
         yield from lines
-        if path and found and (line := _line_of(case.method, path)):
+        if path and difference and (line := _line_of(case.method, path)):
             yield f"See {case.method}, {path}:{line}."
         return
 
 
-def _ladder(exercise: Exercise, check: Check, failed: Case, part: Part) -> str:
+def _handled_options(exercise: Exercise, check: Check, failed: Case, part: Part) -> str:
     """Describe with which options the part passes and which it does not handle."""
-    passes: list[str] = []
+    passed: list[str] = []
     missing: list[str] = []
     for other in exercise.checks:
         if other.option and other is not check:
             is_passed = all(is_right(case, tried(case, part)) for case in other.cases)
-            (passes if is_passed else missing).append(other.option)
-    earlier = {case.method for case in check.cases[: check.cases.index(failed)]} - {failed.method}
-    with_these = f" and with {', '.join(passes)}" if passes else ""
-    here = f" in {failed.method}" if earlier else ""
+            (passed if is_passed else missing).append(other.option)
+    passed_cases = check.cases[: check.cases.index(failed)]
+    is_first = all(case.method == failed.method for case in passed_cases)
+    and_with = f" and with {', '.join(passed)}" if passed else ""
+    where = "" if is_first else f" in {failed.method}"
     nor = f", nor {', '.join(missing)}" if missing else ""
-    return f"This passes without options{with_these}; {check.option} is not handled{here}{nor}."
+    return f"This passes without options{and_with}; {check.option} is not handled{where}{nor}."
 
 
 def in_network(exercise: Exercise, part: Part, iterations: int, path: Path | None = None) -> Step:
@@ -151,9 +153,7 @@ def _of_error(error: BaseException, check: Check, case: Case, path: Path | None)
         yield "data and diff are arrays that other layers share: write into them, with [...] = or [...] += on the left."
     if check.hint:
         yield check.hint
-    elif not check.option and re.search(
-        "broadcast|mismatch in its core dimension|not aligned", str(error)
-    ):
+    elif not check.option and SHAPE_ERROR.search(str(error)):
         yield (
             "The shapes do not fit. Write the axes of each array next to it: a factor may need a transpose, "
             "swapaxes(1, 2) if the first axis is the group or the image, or another axis in a sum."
@@ -164,13 +164,14 @@ def _of_error(error: BaseException, check: Check, case: Case, path: Path | None)
 def _described(error: BaseException, path: Path | None) -> str:
     """Describe an exception on one line, with the reader's line that raised it."""
     frames = _frames(error, path) or (_frames(error.__cause__, path) if error.__cause__ else [])
-    if isinstance(error, NotImplementedError) and frames:
-        return f"{frames[-1].name} is not written yet: {path}:{frames[-1].lineno}."
+    last = frames[-1] if frames else None
+    if isinstance(error, NotImplementedError) and last:
+        return f"{last.name} is not written yet: {path}:{last.lineno}."
     described = reason_of(error).strip().split("\n")[0]
     if not isinstance(error, NetlibError):
         described = f"{type(error).__name__}: {described}".removesuffix(": ")
-    if frames:
-        return f"{path}:{frames[-1].lineno} ({frames[-1].line}): {described}"
+    if last:
+        return f"{path}:{last.lineno} ({last.line}): {described}"
     return f"{path}: {described}" if path else described
 
 

@@ -24,7 +24,7 @@ from netlib.proto.schema import Phase
 KEPT = 7.0  # initial value of a diff that backward must not write
 NOT_DOWN = "propagate_down: false"
 LEAVE = "If propagate_down is false for a bottom, backward must not write its diff: no layer needs this gradient."
-# tolerances: Caffe's float32, finite differences, float64 reference
+# Tolerances for Caffe's float32, finite differences and the float64 reference.
 SINGLE, DIFFERENCES, DOUBLE = 1e-5, 2e-6, 1e-10
 
 
@@ -107,9 +107,10 @@ class _Runner:
     reference: Part
     example: Example
 
-    def built(self, part: Part, dtype: DTypeLike) -> tuple[Layer, Blobs, Blobs]:
+    def build(self, part: Part, dtype: DTypeLike) -> tuple[Layer, Blobs, Blobs]:
         """Return the layer with its bottoms, filled, and its tops, which have their shapes."""
-        example, params = self.example, recorded.of_layer(self.example.caffe, "param")
+        example = self.example
+        params = recorded.of_layer(example.caffe, "param")
         with replaced(LAYER_TYPES, self.type_name, getattr(part, self.type_name)):
             layer = gradcheck.make_layer(
                 f'type: "{self.type_name}" {example.options}',
@@ -130,16 +131,17 @@ class _Runner:
 
     def shapes(self, part: Part) -> Values:
         """Return tops of zeros."""
-        _, _, top = self.built(part, np.float64)
+        _, _, top = self.build(part, np.float64)
         return {name: np.zeros(blob.shape) for name, blob in zip(self.letters.tops, top)}
 
     def values(self, part: Part) -> Values:
         """Run forward with tops initialized to NaN; returns the tops, then the bottoms, which
         must not change. In place, the bottom is the top.
         """
-        layer, bottom, top = self.built(part, np.float32 if self.example.caffe else np.float64)
-        for blob in [] if self.example.in_place else top:
-            blob.data[...] = np.nan
+        layer, bottom, top = self.build(part, np.float32 if self.example.caffe else np.float64)
+        if not self.example.in_place:
+            for blob in top:
+                blob.data[...] = np.nan
         layer.forward(bottom, top)
         tops = zip(self.letters.tops, top)
         bottoms = zip(map(_after_forward, self.letters.bottoms), bottom)
@@ -154,7 +156,7 @@ class _Runner:
         return self._by_letter(gradient.differences() for gradient in self._checked(part))
 
     def _checked(self, part: Part) -> Iterator[gradcheck.Gradient]:
-        layer, _, _ = self.built(part, np.float64)
+        layer, _, _ = self.build(part, np.float64)
         example = self.example
         return gradcheck.gradients(layer, example.inputs, example.tops, in_place=example.in_place)
 
@@ -162,7 +164,7 @@ class _Runner:
         """Run backward from the recorded top diffs, with bottom diffs initialized to NaN and
         parameter diffs to 1; returns the gradients.
         """
-        layer, bottom, top = self.built(part, np.float32)
+        layer, bottom, top = self.build(part, np.float32)
         layer.forward(bottom, top)
         for blob, diff in zip(top, recorded.of_layer(self.example.caffe, "topdiff")):
             blob.diff[...] = diff
@@ -178,13 +180,14 @@ class _Runner:
         """Run backward without propagate_down of the last bottom; returns its diff, which was
         initialized to KEPT.
         """
-        layer, bottom, top = self.built(part, np.float64)
+        layer, bottom, top = self.build(part, np.float64)
         layer.forward(bottom, top)
         for blob in top:
             blob.diff[...] = numbers(*blob.shape)
         bottom[-1].diff[...] = KEPT
-        layer.backward(top, [*[True] * (len(bottom) - 1), False], bottom)
-        return {f"d{[*self.letters.bottoms][-1]}": bottom[-1].diff}
+        *_, last_name = self.letters.bottoms
+        layer.backward(top, [True] * (len(bottom) - 1) + [False], bottom)
+        return {f"d{last_name}": bottom[-1].diff}
 
     def _by_letter(self, gradients: Iterable[Array]) -> Values:
         """Return gradients of the bottoms, then of the parameters, by name."""
@@ -218,15 +221,14 @@ class _Runner:
         yield self.case("backward", self.recorded_gradients, lambda: diffs, "Caffe has", SINGLE)
 
     def _against_reference(self) -> Iterator[Case]:
-        run, ours, reference = self.values, "the reference layer has", self.reference
-        yield self.case("forward", run, lambda: run(reference), ours, DOUBLE)
-        wanted, source, tolerance = self.differences, "finite differences give", DIFFERENCES
-        if self.example.on_kinks:
-            wanted, source, tolerance = self.gradients, ours, DOUBLE
-        if self.example.gradient:
-            yield self.case(
-                "backward", self.gradients, lambda: wanted(reference), source, tolerance
-            )
+        ours, source = self.reference, "the reference layer has"
+        yield self.case("forward", self.values, lambda: self.values(ours), source, DOUBLE)
+        if not self.example.gradient:
+            return
+        wanted, tolerance = self.gradients, DOUBLE
+        if not self.example.on_kinks:
+            wanted, source, tolerance = self.differences, "finite differences give", DIFFERENCES
+        yield self.case("backward", self.gradients, lambda: wanted(ours), source, tolerance)
 
 
 def layer_exercise(
@@ -280,19 +282,19 @@ def layer_exercise(
         of_method = tuple(case for case in without_option if case.method == method)
         checks.append(Check(check_title, of_method))
     for option in options:
-        of_option = cases(option.examples)
-        checks.append(Check(f"with {option.title}", of_option, option.title, option.hint))
+        checks.append(
+            Check(f"with {option.title}", cases(option.examples), option.title, option.hint)
+        )
     first = runner(examples[0])
     not_down = first.case("backward", first.kept, lambda: first.kept(reference), "expected", 0)
     checks.append(Check(f"with {NOT_DOWN}", (not_down,), NOT_DOWN, LEAVE))
     file = PurePosixPath(*cls.__module__.split(".")).with_suffix(".py")
-    tasks = {f"{type_name}.{method}": task for method, task in to_do.items()}
     return Exercise(
         name=file.stem,
         title=title,
         chapter=chapter,
         file=str(file),
-        to_do=tasks,
+        to_do={f"{type_name}.{method}": task for method, task in to_do.items()},
         checks=tuple(checks),
         mistakes=mistakes,
         train=train,

@@ -9,7 +9,7 @@ from exercises.exercise import Mistake
 from exercises.layers import Example, Letters, Option, layer_exercise
 from netlib.blob import Array
 
-NO_LIMIT = 100  # smaller than the limits of a DoF that has none
+NO_LIMIT = 100  # larger limits stand for none
 DX = "top[0].diff / len(slope) * slope"
 
 LOWER_LIMIT_IGNORED = Mistake(

@@ -44,12 +44,14 @@ def few_updates(part: Part, momentum: float, rates: Sequence[float], decay: floa
     """Return w, h and g (T, 3) after each of the T updates, one for each rate."""
     rng = np.random.default_rng(0)
     p = SolverParameter(base_lr=0.5, momentum=momentum, weight_decay=decay)
-    w, h, course = rng.normal(size=3), np.zeros(3), []
+    w = rng.normal(size=3)
+    h = np.zeros(3)
+    updated = []
     for t, rate in enumerate(rates):
         g = rng.normal(size=3)
         part._sgd(p, w, g, rate, [h], t + 1)
-        course.append((w.copy(), h.copy(), g))
-    ws, hs, gs = map(np.array, zip(*course))
+        updated.append((w.copy(), h.copy(), g))
+    ws, hs, gs = map(np.array, zip(*updated))
     return {"w": ws, "h": hs, "g (after the update)": gs}
 
 
@@ -63,15 +65,15 @@ def caffes_training(part: Part, name: str) -> Values:
     for layer, blobs in solver.net.params.items():
         for i, param in enumerate(blobs):
             param.data[...] = arrays[f"training/init/{layer}/{i}"]
-    course: dict[str, list[Array]] = {title: [] for title in WEIGHTS}
+    weights: dict[str, list[Array]] = {title: [] for title in WEIGHTS}
     for t in range(UPDATES):
         for blob in ("data", "label"):
             rows = np.roll(arrays[f"training/{blob}"], -BATCH * t, axis=0)
             solver.net.blobs[blob].data[...] = rows[:BATCH]
         solver.step(1)
         for title, (layer, i) in WEIGHTS.items():
-            course[title].append(solver.net.params[layer][i].data.copy())
-    return {title: np.array(steps) for title, steps in course.items()}
+            weights[title].append(solver.net.params[layer][i].data.copy())
+    return {title: np.array(values) for title, values in weights.items()}
 
 
 def _by_rule(title: str, momentum: float, *rates: float, decay: float = 0.0) -> Case:
@@ -86,18 +88,14 @@ def _by_rule(title: str, momentum: float, *rates: float, decay: float = 0.0) -> 
 def _by_caffe(name: str) -> Case:
     """Return the case of one of TRAININGS, compared with the weights that Caffe recorded."""
     arrays = recorded.everything()
-    wanted = {
+    expected = {
         title: arrays[f"training/{name}/{layer}/{i}"] for title, (layer, i) in WEIGHTS.items()
     }
-    return Case(
-        TRAININGS[name],
-        lambda part: caffes_training(part, name),
-        lambda: wanted,
-        "Caffe has",
-        AXES,
-        1e-5,
-        "_sgd",
-    )
+
+    def run(part: Part) -> Values:
+        return caffes_training(part, name)
+
+    return Case(TRAININGS[name], run, lambda: expected, "Caffe has", AXES, 1e-5, "_sgd")
 
 
 SGD = """h *= p.momentum

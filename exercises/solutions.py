@@ -20,7 +20,7 @@ from netlib.files import atomic
 from netlib.files.paths import exists
 
 CHECK = Path(__file__).with_name("check.py")
-SPARE_S = 2  # check.py ends itself so much after the limit
+SPARE_S = 2  # time after the limit until check.py ends itself
 
 
 def show_all(command: str) -> None:
@@ -45,7 +45,8 @@ def plant(exercise: Exercise, number: int, command: str) -> None:
 
     Raises ExerciseError if there is no such mistake or the file exists.
     """
-    texts, path = bugs(exercise, command), Path(f"{exercise.name}_bug{number}.py")
+    texts = bugs(exercise, command)
+    path = Path(f"{exercise.name}_bug{number}.py")
     if number > len(texts):
         raise ExerciseError(f"--bug {number}: {exercise.name} has bugs 1 to {len(texts)}")
     _write_new(path, texts[number - 1])

@@ -34,7 +34,8 @@ def stub(exercise: Exercise, command: str) -> str:
 
 def _instead(task: str, indent: int) -> list[str]:
     """Return the lines in place of a body: the task as a comment, and an error."""
-    space, comment = " " * indent, []
+    space = " " * indent
+    comment = []
     for paragraph in task.split("\n"):
         comment += textwrap.wrap(paragraph, WIDTH - indent, break_long_words=False)
     return [*(f"{space}# {line}" for line in comment), f"{space}raise NotImplementedError"]

@@ -37,16 +37,16 @@ from fast.geometry import (
 from fast.parallel import scratch
 from netlib.blob import Array, divide_up
 
-# of a block; smaller ones take more calls, larger ones do not stay in the cache
+# Size of a block: smaller ones take more calls, larger ones do not stay in the cache.
 COLUMN_BYTES = 8 << 20
 MIN_COLUMNS = 512  # of a block, because BLAS copies the weights for every product
-# per output, from which flipping the kernel takes less time than adding instead of copying columns
+# Windows per output from which flipping the kernel takes less time than adding columns.
 MIN_WINDOWS = 8
-# positions of an image from which a 1 x 1 convolution reads x in place, without joining images
+# Positions of an image from which a 1 x 1 convolution reads x in place, without joining images.
 MIN_IMAGE = 128
 MIN_ROW = 16  # outputs; copying shorter rows takes as long if their values are not adjacent
-COPY = 16  # multiplications that take as long as copying a value
-FEW_COLUMNS = 32  # up to which a product takes as long, because reading the weights limits it
+COPY_COST = 16  # multiplications that take as long as copying a value
+FEW_COLUMNS = 32  # products of fewer columns take as long, because reading the weights limits them
 
 Index = tuple[Any, ...]
 
@@ -123,7 +123,8 @@ def _transpose(
     """Add the products of one block to the padded dx (n, C, ...), and write dx with
     its last rows.
     """
-    (n, C, *sizes), elements = dx.shape, math.prod(g.kernel)
+    n, C, *sizes = dx.shape
+    elements = math.prod(g.kernel)
     columns = scratch("columns", (C * elements, dy.shape[1]), dx.dtype)
     windows = columns.reshape(C, *g.kernel, n, rows.stop - rows.start, *outputs[1:])
     padded = scratch("padded", (C, n, *g.padded(sizes)), dx.dtype)
@@ -140,7 +141,7 @@ def _transpose(
             inside = (c, slice(None)) + g.unpadded(sizes)
             after.write(padded[inside], target[c], c)
 
-    run_parts(job, C, g.group, w.size * dy.shape[1] + columns.size * COPY)
+    run_parts(job, C, g.group, w.size * dy.shape[1] + columns.size * COPY_COST)
 
 
 def _transpose_in_place(g: Geometry, w: Array, after: After, dy: Array, dx: Array) -> None:
@@ -177,10 +178,11 @@ def lower(g: Geometry, x: Array, rows: slice, outputs: tuple[int, ...]) -> Array
     n, C = x.shape[:2]
     if _in_place(g, slice(0, n)):
         return x[0, :, rows].reshape(C, -1)
+    by_channel = x.swapaxes(0, 1)
     lowering = _lowering(
-        g, x.shape[2:], x.swapaxes(0, 1).strides, x.dtype, n, rows.start, rows.stop, outputs
+        g, x.shape[2:], by_channel.strides, x.dtype, n, rows.start, rows.stop, outputs
     )
-    by_channel = x.swapaxes(0, 1)[:, :, lowering.rows]
+    by_channel = by_channel[:, :, lowering.rows]
     columns = scratch("columns", (C, *g.kernel, n, rows.stop - rows.start, *outputs[1:]), x.dtype)
     padded = scratch("padded", (C, n, *lowering.padded), x.dtype) if lowering.padded else by_channel
 
@@ -198,7 +200,7 @@ def lower(g: Geometry, x: Array, rows: slice, outputs: tuple[int, ...]) -> Array
             else:
                 part[...] = np.lib.stride_tricks.as_strided(read, part.shape, strides)
 
-    run_parts(job, C, 1, columns.size * COPY)
+    run_parts(job, C, 1, columns.size * COPY_COST)
     return columns.reshape(C * math.prod(g.kernel), -1)
 
 
@@ -234,38 +236,52 @@ def _lowering(
     """What is copied for the rows ``start`` to ``stop`` of outputs; ``strides`` are those of
     x (C, n, ...).
     """
-    last, every = g.stride[-1], (slice(None),) * len(g.kernel)
     begin = start * g.stride[0] - g.pad[0]
     end = begin + g.extent([stop - start])[0]
-    low, high = min(max(begin, 0), sizes[0]), max(min(end, sizes[0]), 0)
+    low = min(max(begin, 0), sizes[0])
+    high = max(min(end, sizes[0]), 0)
     inside = (slice(low - begin, max(high, low) - begin), *g.unpadded(sizes)[1:])
-    shape = (end - begin, *g.padded(sizes)[1:])
-    # values of a column are then adjacent
+    last = g.stride[-1]
+    # With this step, the values of a column are adjacent.
     step = last if g.kernel[-1] > last and outputs[-1] >= MIN_ROW else 1
-    padded, phase_bytes, read = None, 0, strides  # strides of the values that are read
+    if step == 1 and not any(g.pad):
+        return _Lowering(slice(low, high), None, [], _windows(g, 1, 0, strides))
+    *height, width = (end - begin, *g.padded(sizes)[1:])
+    padded = (*height, step, divide_up(width, step))
+    *others, phase_bytes, next_bytes = np.empty((1, n, *padded), dtype).strides
+    windows = _windows(g, step, phase_bytes, (*others, next_bytes))
+    return _Lowering(slice(low, high), padded, _copies(inside, step), windows)
+
+
+def _copies(inside: tuple[slice, ...], step: int) -> list[tuple[Index, Index]]:
+    """Indices of the padded values and of x, for each remainder modulo ``step`` of the column."""
     copies: list[tuple[Index, Index]] = []
-    if step > 1 or any(g.pad):
-        padded = (*shape[:-1], step, divide_up(shape[-1], step))
-        *others, phase_bytes, next_bytes = np.empty((1, n, *padded), dtype).strides
-        read = *others, next_bytes
-        left, right = inside[-1].start, inside[-1].stop
-        for phase in range(step):
-            values = slice((phase - left) % step, right - left, step)
-            place = (left + values.start) // step
-            places = slice(place, place + len(range(values.start, values.stop, step)))
-            copies.append(((slice(None), slice(None), *inside[:-1], phase, places), (..., values)))
-    # elements of a row that read the same of every ``step`` values
+    left, right = inside[-1].start, inside[-1].stop
+    for phase in range(step):
+        values = slice((phase - left) % step, right - left, step)
+        place = (left + values.start) // step
+        places = slice(place, place + len(range(values.start, values.stop, step)))
+        copies.append(((slice(None), slice(None), *inside[:-1], phase, places), (..., values)))
+    return copies
+
+
+def _windows(
+    g: Geometry, step: int, phase_bytes: int, strides: tuple[int, ...]
+) -> list[tuple[Index, int, tuple[int, ...]]]:
+    """The windows of a _Lowering; ``strides`` are those of the values that are read."""
+    # Elements of a row that are one period apart read the same of every ``step`` values.
     period = step // math.gcd(step, g.dilation[-1])
     next_value = g.dilation[-1] * period // step
-    down = map(mul, (*g.dilation[:-1], next_value), read[2:])
-    across = map(mul, (*g.stride[:-1], last // step), read[2:])
-    steps = read[0], *down, read[1], *across
+    down = map(mul, (*g.dilation[:-1], next_value), strides[2:])
+    across = map(mul, (*g.stride[:-1], g.stride[-1] // step), strides[2:])
+    window_strides = strides[0], *down, strides[1], *across
+    other_axes = (slice(None),) * len(g.kernel)
     windows: list[tuple[Index, int, tuple[int, ...]]] = []
     for first in range(min(period, g.kernel[-1])):
         place, phase = divmod(first * g.dilation[-1], step)
-        first_byte = phase * phase_bytes + place * read[-1]
-        windows.append(((*every, slice(first, None, period)), first_byte, steps))
-    return _Lowering(slice(low, high), padded, copies, windows)
+        first_byte = phase * phase_bytes + place * strides[-1]
+        windows.append(((*other_axes, slice(first, None, period)), first_byte, window_strides))
+    return windows
 
 
 def multiply(g: Geometry, w: Array, columns: Array, out: Array, o: slice) -> None:
@@ -298,8 +314,9 @@ def _groups(g: Geometry, count: int, part: slice) -> tuple[int, slice]:
 
 def _blocks(g: Geometry, x: Array, y_shape: tuple[int, ...]) -> Iterator[tuple[slice, slice]]:
     """The images and rows of outputs of each block."""
-    bytes_each = x.shape[1] * math.prod(g.kernel) * x.itemsize
-    columns, outputs = max(COLUMN_BYTES // bytes_each, MIN_COLUMNS), math.prod(y_shape[2:])
+    column_bytes = x.shape[1] * math.prod(g.kernel) * x.itemsize
+    columns = max(COLUMN_BYTES // column_bytes, MIN_COLUMNS)
+    outputs = math.prod(y_shape[2:])
     if g.is_pointwise and outputs >= MIN_IMAGE:
         columns = min(columns, outputs)
     return image_blocks(len(x), y_shape[2:], columns)

@@ -25,17 +25,23 @@ from fast import parallel
 from fast.fusing import After
 from netlib.blob import Array, blocks, divide_up, equal_blocks
 
-# rows of a part; a multiple of the rows that BLAS computes together, so that all parts round alike
+Sum = Literal["correlate", "transpose", "gradient"]
+
+# Rows of a part: a multiple of those that BLAS computes together, so that all parts round alike.
 MIN_PART = 32
-# multiplications of a block, on average, from which blocks run on several threads
-MIN_BLOCK_COST = 5_000_000
-# relative to usual values; the errors of its neighbours are then 5e-4 of usual outputs
-MAX_OUTLIER = 4000.0
-SAMPLE = 256  # sums
-# of the absolute values of numbers with a normal distribution and standard deviation 1
-QUARTILE = 0.3186
-# multiplications; a virtual processor wakes a thread more slowly than a smaller product
+# Multiplications of a product that is divided into parts; a smaller one takes less time than a
+# virtual processor needs to wake a thread.
 MIN_PARTS_COST = 10_000_000
+# Multiplications of a block, on average, from which blocks run on several threads.
+MIN_BLOCK_COST = 5_000_000
+# Excess (see Sizes) from which a convolution with the flipped kernel takes longer than adding
+# columns.
+MAX_EXCESS = 1.3
+# Largest value relative to usual ones; its rounding errors are 5e-4 of usual neighbouring outputs.
+MAX_OUTLIER = 4000.0
+SAMPLED_VALUES = 256  # for an estimate of the usual values
+# First quartile of |z| for a standard normal z.
+NORMAL_QUARTILE = 0.3186
 
 
 @dataclass(frozen=True)
@@ -158,14 +164,9 @@ def places_inside(start: int, step: int, size: int, count: int) -> tuple[int, sl
     """Of ``count`` places from ``start`` in steps, the first inside an axis, and the numbers of
     those that are.
     """
-    before = divide_up(-start, step), divide_up(size - start, step)  # the start and the end
-    first, end = (min(max(places, 0), count) for places in before)
+    places_before = divide_up(-start, step), divide_up(size - start, step)  # both ends of the axis
+    first, end = (min(max(places, 0), count) for places in places_before)
     return max(start + first * step, 0), slice(first, max(end, first))
-
-
-Sum = Literal["correlate", "transpose", "gradient"]
-# from which a convolution with the flipped kernel takes longer than adding columns
-MAX_EXCESS = 1.3
 
 
 class Algorithm:
@@ -222,8 +223,8 @@ def check_spread(sums: Array, x: Array, outputs: int) -> None:
     usual = _usual(sums)
     if not usual:
         return
-    added = squares / usual / usual - sums.size  # usual squares
-    is_suspicious = added * x.shape[1] > MAX_OUTLIER**2 * outputs
+    added_squares = squares / usual / usual - sums.size  # in units of usual squares
+    is_suspicious = added_squares * x.shape[1] > MAX_OUTLIER**2 * outputs
     if is_suspicious and max(x.max(), -x.min()) > MAX_OUTLIER * _usual(x):
         raise NotFiniteError
 
@@ -233,12 +234,13 @@ def _usual(values: Array) -> float:
 
     Zeros are those of a background.
     """
-    sample = np.abs(values.reshape(-1)[:: max(values.size // SAMPLE, 1) | 1])
+    step = max(values.size // SAMPLED_VALUES, 1) | 1  # odd, unlike most widths of images
+    sample = np.abs(values.reshape(-1)[::step])
     sample = sample[sample > 0]
     if not sample.size:
         return 0.0
     quarter = sample.size // 4
-    return float(np.partition(sample, quarter)[quarter]) / QUARTILE
+    return float(np.partition(sample, quarter)[quarter]) / NORMAL_QUARTILE
 
 
 def run_parts(job: Callable[[slice], None], channels: int, group: int, cost: float) -> None:
@@ -253,8 +255,8 @@ def run_parts(job: Callable[[slice], None], channels: int, group: int, cost: flo
         job(slice(0, channels))
     else:
         units = divide_up(channels, unit)
-        each = divide_up(units, parallel.threads()) * unit
-        parallel.run([partial(job, part) for part in blocks(channels, each)])
+        part_channels = divide_up(units, parallel.threads()) * unit
+        parallel.run([partial(job, part) for part in blocks(channels, part_channels)])
 
 
 def run_blocks(
@@ -276,13 +278,14 @@ def image_blocks(
     """Divide a batch into blocks of about ``columns`` windows: several images, or some
     rows of one image.
     """
-    rows, row = outputs[0], math.prod(outputs[1:])
-    each = columns // max(row * rows, 1)
-    if each:
-        for block in equal_blocks(images, divide_up(images, each)):
+    rows = outputs[0]
+    windows = math.prod(outputs)
+    images_each = columns // max(windows, 1)
+    if images_each:
+        for block in equal_blocks(images, divide_up(images, images_each)):
             yield block, slice(0, rows)
         return
-    bands = equal_blocks(rows, divide_up(rows * row, columns))
+    bands = equal_blocks(rows, divide_up(windows, columns))
     for n in range(images):
         for band in bands:
             yield slice(n, n + 1), band

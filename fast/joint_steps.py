@@ -29,7 +29,8 @@ class JointStep(NamedTuple):
 
 def steps_of(skeleton: Skeleton) -> list[list[JointStep]]:
     """The steps of each joint in order; consecutive fixed rotations are one step."""
-    row, result = 0, []
+    row = 0  # index of the next motion that is not constant
+    result = []
     for motions in skeleton.motions:
         own: list[JointStep] = []
         for m in motions:
@@ -76,31 +77,27 @@ def groups_of(
 
     Returns the groups, and for each joint its group and its index in it.
     """
-    parents, depth = skeleton.parents, skeleton.descendants.sum(axis=0)
-    alike: dict[object, list[int]] = {}
-    places: dict[int, tuple[int, int]] = {}
+    places = {-1: (-1, 0)}  # -1: the parent of a root
+    joints_by_key: dict[tuple[int, object, int], list[int]] = {}
     for j in skeleton.order:
+        parent_group, _ = places[int(skeleton.parents[j])]
         kinds = tuple((step.kind, step.axis) for step in steps[j])
-        alike.setdefault((depth[j], kinds, max(skeleton.bone_axes[j], 0)), []).append(j)
-    groups: list[Group] = []
-    for same in alike.values():  # in the order of depth
-        by_parent: dict[int, list[int]] = {}
-        for j in same:
-            group = places[int(parents[j])][0] if parents[j] >= 0 else -1
-            by_parent.setdefault(group, []).append(j)
-        for parent, joints in by_parent.items():
-            slots = [places[int(parents[j])][1] if parent >= 0 else 0 for j in joints]
-            same_steps = zip(*(steps[j] for j in joints))
-            together = [_together(same_step, dtype) for same_step in same_steps]
-            places.update({j: (len(groups), slot) for slot, j in enumerate(joints)})
-            roots = joints if parent < 0 else []
-            bodies = [_as_slice(np.flatnonzero(skeleton.descendants[j]).tolist()) for j in roots]
-            axis = int(max(skeleton.bone_axes[joints[0]], 0))
-            groups.append(Group(joints, parent, _as_slice(slots), together, axis, bodies))
+        key = parent_group, kinds, int(max(skeleton.bone_axes[j], 0))
+        joints = joints_by_key.setdefault(key, [])
+        places[j] = list(joints_by_key).index(key), len(joints)
+        joints.append(j)
+    groups = []
+    for (parent_group, _, axis), joints in joints_by_key.items():
+        slots = [places[int(skeleton.parents[j])][1] for j in joints]
+        operations = [_operation(same, dtype) for same in zip(*(steps[j] for j in joints))]
+        roots = joints if parent_group < 0 else []
+        bodies = [_as_slice(np.flatnonzero(skeleton.descendants[j]).tolist()) for j in roots]
+        groups.append(Group(joints, parent_group, _as_slice(slots), operations, axis, bodies))
     return groups, places
 
 
-def _together(steps: Sequence[JointStep], dtype: DTypeLike) -> Operation:
+def _operation(steps: Sequence[JointStep], dtype: DTypeLike) -> Operation:
+    """The operation for steps of equal kind and axis, one of each joint of a group."""
     rows = _as_slice([step.number for step in steps])
     signs = np.array([step.sign for step in steps], dtype)
     matrices = np.array([step.matrix for step in steps if step.matrix is not None], dtype)

@@ -24,15 +24,16 @@ from numpy.typing import DTypeLike
 
 from fast.fast_layer import FastLayer
 from fast.few_poses import FewPoses
-from fast.joint_steps import groups_of, steps_of
+from fast.joint_steps import Group, groups_of, steps_of
 from layers.hand.hand_model import HandModel
 from layers.hand.kinematics import Kinematics, Pose
 from layers.hand.sized_hand_model import SizedHandModel
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array, Blobs
 
-# up to this number of poses, FewPoses is faster (measured by experiments/parts.py: hand-1)
+# Up to this number of poses, FewPoses is faster (measured by experiments/parts.py: hand-1).
 FEW = 16
+NEXT_AXES = ((1, 2), (2, 0), (0, 1))  # the two axes that follow each one, cyclically
 
 
 class FastPose(Pose):
@@ -77,10 +78,7 @@ class FastKinematics(Kinematics):
         self.spare: FastPose | None = None
         self._slides = np.flatnonzero([step.kind == "translate" for _, step in moving])
         self._joint_of = np.array([j for j, _ in moving], dtype=int)
-        carried = skeleton.descendants[[j for j, _ in moving]].reshape(
-            len(moving), len(skeleton.parents)
-        )
-        self._moves = carried.astype(self.dtype)
+        self._moves = skeleton.descendants[self._joint_of].astype(self.dtype)
         self._descendants = skeleton.descendants.astype(self.dtype)
         self.groups, self._places = groups_of(skeleton, steps, self.dtype)
         self._few = FewPoses(skeleton, steps)
@@ -95,54 +93,67 @@ class FastKinematics(Kinematics):
 
     def forward(self, inputs: Array, bones: Array | None = None) -> FastPose:
         """Compute the pose for each row of ``inputs``, group by group, parents first."""
-        N, sk = len(inputs), self.skeleton
+        sk = self.skeleton
         theta = np.array(inputs.T, dtype=self.dtype, order="C")
         theta[sk.fixed] = 0.0
         theta += sk.initial[:, None]
-        value = theta[self.dof_of]  # (M, N)
-        cos, sin = np.cos(value), np.sin(value)
-        pose = self.spare
-        if pose is None or pose.X.shape[-1] != N:
-            pose = FastPose(N, len(sk.parents), len(self.dof_of), self.dtype)
-        self.spare, pose.columns = None, []
-        X, local, axis, pivot = pose.X, pose.local, pose.axis, pose.pivot
+        values = theta[self.dof_of][:, None]  # (M, 1, N)
+        cos, sin = np.cos(values), np.sin(values)
         lengths = np.asarray(sk.bones[:, None] if bones is None else bones.T, dtype=self.dtype)
-        origin = [np.broadcast_to(e[None, :, None], (1, 3, N)) for e in np.eye(3, dtype=self.dtype)]
+        pose = self._new_pose(len(inputs))
         for group in self.groups:
-            p = start = np.zeros((1, 3, 1), self.dtype)
-            if group.parent < 0:
-                frame = [np.broadcast_to(column, (len(group.joints), 3, N)) for column in origin]
-            else:
-                frame = [column[group.slots] for column in pose.columns[group.parent]]
-                p = local[self.groups[group.parent].joints][group.slots]
-            for kind, k, rows, sign, matrices in group.operations:
-                if kind == "constant":
-                    frame = _turn_constant(frame, matrices)
-                    continue
-                axis[rows], pivot[rows] = frame[k] * sign, p
-                if kind == "translate" and group.parent < 0:
-                    start = start + axis[rows] * value[rows][:, None]
-                elif kind == "translate":
-                    p = p + axis[rows] * value[rows][:, None]
-                else:  # right-multiplication by R_k(angle) combines the two other columns
-                    i, j = (k + 1) % 3, (k + 2) % 3
-                    c, s = cos[rows][:, None], sin[rows][:, None] * sign
-                    frame[i], frame[j] = c * frame[i] + s * frame[j], c * frame[j] - s * frame[i]
-            starts = np.broadcast_to(start, (len(group.joints), 3, N))
-            for body, own in zip(group.bodies, starts):
-                X[body] = own
-            local[group.joints] = p + frame[group.bone_axis] * lengths[group.joints][:, None]
-            pose.columns.append((frame[0], frame[1], frame[2]))
-        X += local
+            self._place_group(group, pose, lengths, values, cos, sin)
+        pose.X += pose.local
         return pose
+
+    def _new_pose(self, N: int) -> FastPose:
+        pose, self.spare = self.spare, None
+        if pose is None or pose.X.shape[-1] != N:
+            pose = FastPose(N, len(self.skeleton.parents), len(self.dof_of), self.dtype)
+        pose.columns = []
+        return pose
+
+    def _place_group(
+        self, group: Group, pose: FastPose, lengths: Array, values: Array, cos: Array, sin: Array
+    ) -> None:
+        """Write the joints, axes, pivots and frames of a group, and the starts of its bodies to X.
+
+        lengths           (K, 1 or N) signed bone lengths
+        values, cos, sin  (M, 1, N) of all motions
+        """
+        shape = (len(group.joints), 3, pose.X.shape[-1])
+        p = start = np.zeros((1, 3, 1), self.dtype)
+        if group.parent < 0:
+            axes = np.eye(3, dtype=self.dtype)
+            frame = [np.broadcast_to(column[:, None], shape) for column in axes]
+        else:
+            frame = [column[group.slots] for column in pose.columns[group.parent]]
+            p = pose.local[self.groups[group.parent].joints][group.slots]
+        for kind, k, rows, sign, matrices in group.operations:
+            if kind == "constant":
+                frame = _turn_constant(frame, matrices)
+                continue
+            pose.axis[rows] = frame[k] * sign
+            pose.pivot[rows] = p
+            if kind == "rotate":  # right-multiplication by R_k combines the two other columns
+                i, j = NEXT_AXES[k]
+                c, s = cos[rows], sin[rows] * sign
+                frame[i], frame[j] = c * frame[i] + s * frame[j], c * frame[j] - s * frame[i]
+            elif group.parent < 0:
+                start = start + pose.axis[rows] * values[rows]
+            else:
+                p = p + pose.axis[rows] * values[rows]
+        for body, body_start in zip(group.bodies, np.broadcast_to(start, shape)):
+            pose.X[body] = body_start
+        pose.local[group.joints] = p + frame[group.bone_axis] * lengths[group.joints][:, None]
+        pose.columns.append((frame[0], frame[1], frame[2]))
 
     def forward_pose(self, inputs: Array, bones: Array | None = None) -> Pose:
         """Like ``forward``, but without the data that ``backward`` needs; fast for a few poses."""
         if len(inputs) > FEW:
             return self.forward(inputs, bones)
-        return self._few.pose(
-            self.skeleton.theta(inputs)[:, self.dof_of], self.free, bones, self.dtype
-        )
+        values = self.skeleton.theta(inputs)[:, self.dof_of]
+        return self._few.pose(values, self.free, bones, self.dtype)
 
     def backward(self, pose: Pose, dX: Array) -> Array:
         """Gradient (N, D) with respect to the inputs; two products give the forces and torques
@@ -172,7 +183,8 @@ class FastKinematics(Kinematics):
         """Gradient (N, K) with respect to the signed bone lengths; one product gives all forces."""
         f = np.ascontiguousarray(dX.transpose(1, 2, 0), dtype=self.dtype)
         force = (self._descendants @ f.reshape(len(f), -1)).reshape(f.shape)
-        return np.asarray((self.bone_directions(pose).transpose(1, 2, 0) * force).sum(axis=1).T)
+        along_bones = self.bone_directions(pose).transpose(1, 2, 0) * force
+        return np.asarray(along_bones.sum(axis=1).T)
 
     def jacobian(self, pose: Pose, joints: Sequence[int] | None = None) -> Array:
         """Jacobian (N, Q, 3 k), by components of the cross product; for a few poses by
@@ -182,17 +194,17 @@ class FastKinematics(Kinematics):
         chosen = list(range(len(sk.parents))) if joints is None else list(joints)
         if not isinstance(pose, FastPose):
             arm = pose.joints[:, None, chosen] - pose.pivot[:, :, None]
-            moved = arm @ np.cross(pose.axis[:, :, None], np.eye(3))
-            moved[:, ~sk.turns] = pose.axis[:, ~sk.turns, None]
-            moved *= sk.moves[:, chosen, None]
-            return moved.reshape(*moved.shape[:2], 3 * len(chosen))
+            J = arm @ np.cross(pose.axis[:, :, None], np.eye(3))
+            J[:, ~sk.turns] = pose.axis[:, ~sk.turns, None]
+            J *= sk.moves[:, chosen, None]
+            return J.reshape(*J.shape[:2], 3 * len(chosen))
         Q, N = len(self.free), pose.X.shape[-1]
         X = pose.local[chosen]
         a = pose.axis[self.free][:, None]
         P = pose.pivot[self.free][:, None]
         arm = np.where(sk.turns[:, None, None, None], X - P, 0.0)
         J = np.empty((Q, len(chosen), 3, N))
-        for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
+        for i, (j, k) in enumerate(NEXT_AXES):
             J[:, :, i] = a[:, :, j] * arm[:, :, k] - a[:, :, k] * arm[:, :, j]
         J[~sk.turns] = a[~sk.turns]
         J *= sk.moves[:, chosen, None, None]
@@ -248,7 +260,7 @@ def _combine(weights: Array, columns: list[Array]) -> Array:
 
 def _cross(a: Array, b: Array, out: Array) -> Array:
     """Cross product along axis 1 of (n, 3, N) arrays."""
-    for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
+    for i, (j, k) in enumerate(NEXT_AXES):
         np.multiply(a[:, j], b[:, k], out=out[:, i])
         out[:, i] -= a[:, k] * b[:, j]
     return out
@@ -262,14 +274,14 @@ class FastHandModel(FastLayer, HandModel):
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         """Compute the joints; the pose is stored only if backward needs it."""
-        body = self._body(bottom)
-        y = top[0].data.reshape(len(body[0]), len(self.skeleton.joint_names), 3)
+        inputs_and_bones = self._body(bottom)
+        y = top[0].data.reshape(-1, len(self.skeleton.joint_names), 3)
         if self.needs_backward:
-            self.pose = self.kinematics.forward(*body)
+            self.pose = self.kinematics.forward(*inputs_and_bones)
             y[...] = self.pose.joints
             self.kinematics.spare = self.pose  # not used after backward
         else:
-            y[...] = self.kinematics.joints(*body)
+            y[...] = self.kinematics.joints(*inputs_and_bones)
 
 
 class FastSizedHandModel(FastHandModel, SizedHandModel):

@@ -34,9 +34,9 @@ from layers.activation.scale import Scale
 from layers.normalization.batch_norm import BatchNorm
 from netlib.blob import Array, Blobs, blocks
 
-# values; in calls on fewer, two threads wait for the interpreter longer than they compute
+# values of a block; with fewer, two threads wait for the interpreter longer than they compute
 BLOCK = 1 << 18
-MIN_ROW = 64  # values from which BLAS adds a row faster than NumPy
+MIN_ROW = 64  # values of a row from which BLAS adds them faster than NumPy
 
 
 def view(array: Array, axis: int, count: int) -> Array:
@@ -53,34 +53,31 @@ def each_block(shape: tuple[int, ...], job: Callable[[slice, slice], None]) -> N
     if outer * count * inner <= BLOCK:
         job(slice(0, outer), slice(0, count))
         return
-    each, size = max(1, BLOCK // max(inner * count, 1)), max(1, BLOCK // inner)
-    parts = [(rows, own) for rows in blocks(outer, each) for own in blocks(count, size)]
-    parallel.run([partial(job, *part) for part in parts])
+    items = blocks(outer, max(1, BLOCK // max(inner * count, 1)))
+    channels = blocks(count, max(1, BLOCK // inner))
+    parallel.run([partial(job, i, c) for i in items for c in channels])
 
 
 def affine(x: Array, gain: Array | None, bias: Array | None, y: Array) -> None:
     """Compute y = gain x + bias on arrays (outer, G, inner); gain and bias are (G,) or None."""
-
     after = After(gain, bias)
 
-    def job(i: slice, c: slice) -> None:
+    def write(i: slice, c: slice) -> None:
         after.write(x[i, c], y[i, c], c, axis=1)
 
-    each_block(x.shape, job)
+    each_block(x.shape, write)
 
 
-def sums(a: Array, b: Array | None = None) -> tuple[Array, Array | None]:
-    """Sums of a, and of a b if given, (G,) in float64, over the other axes of (outer, G, inner)."""
-    total = np.empty((2, *a.shape[:2]), a.dtype)
+def sums(a: Array, b: Array) -> Array:
+    """The sums of a and of a b over the other axes of (outer, G, inner): (2, G) in float64."""
+    by_item = np.empty((2, *a.shape[:2]), a.dtype)
 
-    def job(i: slice, c: slice) -> None:
-        total[0, i, c] = row_sums(a[i, c])
-        if b is not None:
-            total[1, i, c] = row_products(a[i, c], b[i, c])
+    def add(i: slice, c: slice) -> None:
+        by_item[0, i, c] = row_sums(a[i, c])
+        by_item[1, i, c] = row_products(a[i, c], b[i, c])
 
-    each_block(a.shape, job)
-    plain = total[0].sum(axis=0, dtype=np.float64)
-    return plain, None if b is None else total[1].sum(axis=0, dtype=np.float64)
+    each_block(a.shape, add)
+    return np.asarray(by_item.sum(axis=1, dtype=np.float64))
 
 
 def row_sums(a: Array) -> Array:
@@ -93,7 +90,8 @@ def row_products(a: Array, b: Array) -> Array:
     """The sums of a b over the last axis."""
     if a.shape[-1] >= MIN_ROW:
         return np.matmul(a[..., None, :], b[..., None])[..., 0, 0]
-    return np.multiply(a, b, out=scratch("product", a.shape, a.dtype)).sum(axis=-1)
+    products = np.multiply(a, b, out=scratch("product", a.shape, a.dtype))
+    return products.sum(axis=-1)
 
 
 class FastScale(FastLayer, Scale):
@@ -104,7 +102,8 @@ class FastScale(FastLayer, Scale):
         if not self.learned:
             super().forward(bottom, top)
             return
-        x, gain = bottom[0].data, self.gain.data.reshape(-1)
+        x = bottom[0].data
+        gain = self.gain.data.reshape(-1)
         bias = self.bias.data.reshape(-1) if self.param.bias_term else None
         if self.needs_backward and bottom[0] is top[0]:
             self.x = self.for_backward("x", x)
@@ -112,8 +111,10 @@ class FastScale(FastLayer, Scale):
         affine(view(x, self.axis, gain.size), gain, bias, view(top[0].data, self.axis, gain.size))
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        """Compute the sums for the parameters, and dx = gain dy; a BatchNorm that computes
-        forward needs no dx.
+        """Compute the gradients of the parameters, and dx = gain dy. A BatchNorm that computes
+        forward reads ``diff_sums`` and dy in place of dx.
+
+        diff_sums  (2, G) sums of dy and of x dy
         """
         if not self.learned:
             super().backward(top, propagate_down, bottom)
@@ -122,12 +123,11 @@ class FastScale(FastLayer, Scale):
         dy = view(top[0].diff, self.axis, gain.size)
         x = self.x if bottom[0] is top[0] else bottom[0].data
         assert x is not None
-        of_dy, of_product = sums(dy, view(x, self.axis, gain.size))
-        assert of_product is not None
-        self.totals = of_dy, of_product
-        self.gain.diff[...] += of_product.reshape(self.gain.shape)
+        self.diff_sums = sums(dy, view(x, self.axis, gain.size))
+        sum_dy, sum_x_dy = self.diff_sums
+        self.gain.diff[...] += sum_x_dy.reshape(self.gain.shape)
         if self.param.bias_term:
-            self.bias.diff[...] += of_dy.reshape(self.gain.shape)
+            self.bias.diff[...] += sum_dy.reshape(self.gain.shape)
         if propagate_down[0] and not self.is_fused:
             affine(dy, gain, None, view(bottom[0].diff, self.axis, gain.size))
 
@@ -159,14 +159,15 @@ class FastBatchNorm(FastLayer, BatchNorm):
 
     def _forward_by_sums(self, x: Array, out: Array) -> None:
         """Write (x - mean) / s and what is behind it, on arrays (N, C, inner)."""
-        mean, deviation = statistics(self)
-        mean, after = mean.astype(x.dtype), after_of(None, self.after)
+        exact_mean, deviation = statistics(self)
+        mean = exact_mean.astype(x.dtype)
+        after = after_of(None, self.after)
         gain = 1.0 if after.gain is None else after.gain
         after = replace(after, gain=(gain / deviation).astype(x.dtype))
 
         def scale_and_shift(i: slice, c: slice) -> None:
-            own = np.subtract(x[i, c], mean[c, None], out=out[i, c])
-            after.write(own, own, c, axis=1)
+            centred = np.subtract(x[i, c], mean[c, None], out=out[i, c])
+            after.write(centred, centred, c, axis=1)
 
         each_block(x.shape, scale_and_shift)
         self.s = self._per_channel(deviation)
@@ -175,31 +176,33 @@ class FastBatchNorm(FastLayer, BatchNorm):
         """Write y and what is behind it, on arrays (N, C, inner), and add to the sums."""
         count = x.size // x.shape[1]
         k = row_sums(x[0]) / x.dtype.type(x.shape[2])
-        total = np.empty((2, *x.shape[:2]), x.dtype)
+        by_item = np.empty((2, *x.shape[:2]), x.dtype)
 
         def centre(i: slice, c: slice) -> None:
-            own = np.subtract(x[i, c], k[c, None], out=y[i, c])
-            total[0, i, c], total[1, i, c] = row_sums(own), row_products(own, own)
+            centred = np.subtract(x[i, c], k[c, None], out=y[i, c])
+            by_item[0, i, c] = row_sums(centred)
+            by_item[1, i, c] = row_products(centred, centred)
 
         each_block(x.shape, centre)
-        rest, squares = total.sum(axis=1, dtype=np.float64) / count
-        v = np.maximum(squares - np.square(rest), 0)
-        self._add_to_sums(k + rest, v, count)
-        deviation = np.sqrt(v + self.param.eps)
+        mean, mean_square = by_item.sum(axis=1, dtype=np.float64) / count
+        variance = np.maximum(mean_square - np.square(mean), 0)
+        self._add_to_sums(k + mean, variance, count)
+        deviation = np.sqrt(variance + self.param.eps)
         self.s = self._per_channel(deviation)
-        factor, rest = (1 / deviation).astype(x.dtype), rest.astype(x.dtype)
+        factor = (1 / deviation).astype(x.dtype)
+        shift = mean.astype(x.dtype)
         after = after_of(None, self.after)
 
         def normalize(i: slice, c: slice) -> None:
-            own = np.subtract(y[i, c], rest[c, None], out=y[i, c])
-            own *= factor[c, None]
-            after.write(own, out[i, c], c, axis=1)
+            normalized = np.subtract(y[i, c], shift[c, None], out=y[i, c])
+            normalized *= factor[c, None]
+            after.write(normalized, out[i, c], c, axis=1)
 
         each_block(x.shape, normalize)
-        if scale := self._scale():
+        if scale := self._fused_scale():
             scale.x = self.y
 
-    def _scale(self) -> FastScale | None:
+    def _fused_scale(self) -> FastScale | None:
         """The Scale that forward computes, too."""
         return self.after[0] if self.after and isinstance(self.after[0], FastScale) else None
 
@@ -209,25 +212,33 @@ class FastBatchNorm(FastLayer, BatchNorm):
             return
         C = self.mean.count
         dy, dx = view(top[0].diff, 1, C), view(bottom[0].diff, 1, C)
-        factor = 1 / self.s.reshape(-1)
         if self.uses_sums:
-            affine(dy, factor, None, dx)
-            return
-        y, scale = view(self.y, 1, C), self._scale()
-        totals = scale.totals if scale else sums(dy, y)
-        mean, along = (np.asarray(total) * (C / dy.size) for total in totals)
+            affine(dy, 1 / self.s.reshape(-1), None, dx)
+        else:
+            self._backward_by_batch(dy, dx)
+
+    def _backward_by_batch(self, dy: Array, dx: Array) -> None:
+        """Write dx, on arrays (N, C, inner). Behind the BatchNorm, dy is first multiplied by the
+        gain of a fused Scale, in place, as the Scale would.
+        """
+        C = self.mean.count
+        y = view(self.y, 1, C)
+        scale = self._fused_scale()
+        means = (scale.diff_sums if scale else sums(dy, y)) * (C / dy.size)
         gain = scale.gain.data.reshape(-1, 1) if scale else None
         if gain is not None:
-            mean, along = mean * gain[:, 0], along * gain[:, 0]
-        mean, along = mean.astype(dy.dtype), along.astype(dy.dtype)
+            means = means * gain[:, 0]
+        mean_dy, mean_y_dy = means.astype(dy.dtype)
+        factor = 1 / self.s.reshape(-1)
 
-        def job(i: slice, c: slice) -> None:
+        def subtract_means(i: slice, c: slice) -> None:
             own = dy[i, c]
-            if gain is not None:  # in place, as the Scale would
+            if gain is not None:
                 own *= gain[c]
-            part = np.multiply(y[i, c], along[c, None], out=scratch("product", own.shape, y.dtype))
-            part += mean[c, None]
+            part = scratch("product", own.shape, y.dtype)
+            np.multiply(y[i, c], mean_y_dy[c, None], out=part)
+            part += mean_dy[c, None]
             np.subtract(own, part, out=dx[i, c])
             dx[i, c] *= factor[c, None]
 
-        each_block(dy.shape, job)
+        each_block(dy.shape, subtract_means)

@@ -37,7 +37,7 @@ class FastPooling(FastLayer, Pooling):
         """Read the options."""
         super().setup(bottom, top)
         self.layout: tuple[object, ...] = ()  # of the blobs in the last reshape
-        self.tile = MaxTiles.tile(self, len(top))
+        self.tile = MaxTiles.tile_for(self, len(top))
         self.tiles: MaxTiles | None = None
 
     def takes_maximum(self) -> bool:
@@ -69,16 +69,15 @@ class FastPooling(FastLayer, Pooling):
         layout = x.shape, tile_of(x), pitch_of(x), tile_of(y)
         if layout == self.layout:
             return
-        on_tiles = self.tile is not None and (tile_of(x) is not None or tile_of(y) is not None)
-        self.tiles = MaxTiles(self, self.tile, x, y) if on_tiles and self.tile else None
+        self.tiles = None
+        if self.tile is not None and (tile_of(x) is not None or tile_of(y) is not None):
+            self.tiles = MaxTiles(self, self.tile, x, y)
         (_, _, H, W), (_, _, Ho, Wo) = x.shape, y.shape
-        self.map_windows = map_pooling.Windows(
-            Geometry(self.kernel, self.stride, self.pad, (1, 1), 1), (H, W), (Ho, Wo)
-        )
+        geometry = Geometry(self.kernel, self.stride, self.pad, (1, 1), 1)
+        self.map_windows = map_pooling.Windows(geometry, (H, W), (Ho, Wo))
         if self.is_max:
-            self.winners = np.empty(
-                0 if on_tiles else y.shape, np.uint8 if math.prod(self.kernel) < 256 else np.uint32
-            )
+            dtype = np.uint8 if math.prod(self.kernel) < 256 else np.uint32
+            self.winners = np.empty(0 if self.tiles else y.shape, dtype)
         else:
             self.areas = self.area(x.shape, y.shape)
         self.layout = layout  # last, so that an interrupted reshape is repeated
@@ -90,26 +89,30 @@ class FastPooling(FastLayer, Pooling):
             return
         x, y = bottom[0].data, top[0].data
         if not self.is_max:
-            if self.map_windows.is_whole:
-                ones = np.ones(self.kernel[0] * self.kernel[1], x.dtype)
-                np.matmul(_flat(x), ones, out=y.reshape(-1))
-                y /= self.areas
-            else:
-                map_pooling.mean(self.map_windows, _maps(x), _maps(y), self.areas)
+            self._forward_means(x, y)
             return
-        wanted = self.needs_backward or len(top) > 1
-        if self.map_windows.is_whole:
-            if wanted:
-                self.winners = _flat(x).argmax(axis=1).reshape(y.shape)
-            np.maximum(_flat(x).max(axis=1), y.dtype.type(NOTHING), out=y.reshape(-1))
-        else:
-            map_pooling.maximum(
-                self.map_windows, _maps(x), _maps(y), _maps(self.winners) if wanted else None
-            )
+        self._forward_maxima(x, y, with_winners=self.needs_backward or len(top) > 1)
         if len(top) > 1:
             for n in range(len(x)):
                 winners = self._index(n, x.shape[3])
                 top[1].data[n] = np.where(y[n] == NOTHING, -1, winners)
+
+    def _forward_means(self, x: Array, y: Array) -> None:
+        if self.map_windows.is_whole:
+            ones = np.ones(self.kernel[0] * self.kernel[1], x.dtype)
+            np.matmul(_flat(x), ones, out=y.reshape(-1))
+            y /= self.areas
+        else:
+            map_pooling.mean(self.map_windows, _maps(x), _maps(y), self.areas)
+
+    def _forward_maxima(self, x: Array, y: Array, with_winners: bool) -> None:
+        if not self.map_windows.is_whole:
+            winners = _maps(self.winners) if with_winners else None
+            map_pooling.maximum(self.map_windows, _maps(x), _maps(y), winners)
+            return
+        if with_winners:
+            self.winners = _flat(x).argmax(axis=1).reshape(y.shape)
+        np.maximum(_flat(x).max(axis=1), y.dtype.type(NOTHING), out=y.reshape(-1))
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         """Write the gradient of each top value to its winner, or to all of its window."""
@@ -159,7 +162,7 @@ class MaxTiles:
     """
 
     @staticmethod
-    def tile(layer: Pooling, tops: int) -> int | None:
+    def tile_for(layer: Pooling, tops: int) -> int | None:
         """T if the windows are adjacent T x T squares that reach beyond the map's end, without a
         mask; else None.
         """
@@ -172,12 +175,12 @@ class MaxTiles:
     def __init__(self, layer: FastLayer, T: int, bottom: Blob, top: Blob) -> None:
         self.layer, self.T = layer, T
         N, C, H, W = bottom.shape
-        # windows stored per row
+        # Windows stored per row.
         self.columns = pitch_of(bottom) // T if tile_of(bottom) == T else divide_up(W, T)
         if isinstance(top, FastBlob) and top.tile is not None:
             top.pitch = divide_up(self.columns, top.tile) * top.tile
         self.R, self.L = divide_up(H, T), C * N * self.columns
-        # the first element has the highest rank
+        # Of equal values the first is the winner: it has the highest rank.
         self.rank = np.arange(T * T, 0, -1, dtype=np.uint8)[:, None]
         self.winners = np.empty((self.R, self.L), np.uint8)
 
@@ -199,7 +202,7 @@ class MaxTiles:
         np.maximum(maximum, NOTHING, out=maximum)
         # finite, because the backward of a layer in place multiplies by it
         self._fill_overhang(x, H, W, 0)
-        y[..., -(-W // T) :] = 0  # windows that are only padding
+        y[..., divide_up(W, T) :] = 0  # windows that are only padding
         if not self._is_rows(top):
             store_plain(top, untile(y[:, None], *top.shape[2:]), top.data)
 
@@ -217,8 +220,8 @@ class MaxTiles:
         dx.fill(0)
         index = self.winners.astype(np.intp)  # position of each winner in dx
         index *= self.L
-        rows = np.arange(self.R) * (T * T * self.L)
-        index += rows[:, None] + np.arange(self.L)
+        first_of_row = np.arange(self.R) * (T * T * self.L)
+        index += first_of_row[:, None] + np.arange(self.L)
         dx.reshape(-1)[index.reshape(-1)] = dy.reshape(-1)
         if not direct:
             bottom.diff[...] = untile(dx, H, W)
@@ -235,13 +238,10 @@ class MaxTiles:
         np.equal(slabs, maximum, out=first.view(bool))
         first *= self.rank
         np.subtract(np.uint8(len(self.rank)), first.max(axis=-2), out=winners)
-        if len(self.rank) in winners:  # no value equals a NaN maximum
-            np.copyto(
-                winners,
-                np.isnan(slabs).argmax(axis=-2),
-                casting="unsafe",
-                where=winners == len(self.rank),
-            )
+        unknown = winners == len(self.rank)  # no value equals a NaN maximum
+        if unknown.any():
+            first_nan = np.isnan(slabs).argmax(axis=-2)
+            np.copyto(winners, first_nan, casting="unsafe", where=unknown)
 
     # The top as rows of windows, (R, C, N, P): its own array if it has this layout, else a buffer.
 
@@ -274,10 +274,10 @@ class MaxTiles:
         dy = self._tiles(top, top.diff)
         if tile_of(top) is None:
             tiles_of(top, top.diff, 1, dy.shape[-1], dy)
-        gradient = dy.reshape(-1)[self._index(dy, x, top)].reshape(dy.shape[2], -1)
-        total = dy.sum(axis=(0, 1, 3, 4), dtype=np.float64) - gradient.sum(axis=1, dtype=np.float64)
-        x.rest_diff = total.astype(gradient.dtype)
-        x.diff = gradient
+        x.diff = dy.reshape(-1)[self._index(dy, x, top)].reshape(dy.shape[2], -1)
+        of_all = dy.sum(axis=(0, 1, 3, 4), dtype=np.float64)
+        of_stored = x.diff.sum(axis=1, dtype=np.float64)
+        x.rest_diff = (of_all - of_stored).astype(dy.dtype)
 
     def _tiles(self, top: Blob, array: Array) -> Array:
         """The top as tiles: its own array if tiled, else a buffer for tiles of size 1."""

@@ -38,9 +38,9 @@ class WholeStep(FastStep):
 
     def __init__(self, at: Connection) -> None:
         super().__init__(at)
-        # reshape of a Python layer may depend on more than shapes
+        # The reshape of a Python layer may depend on more than shapes.
         self._is_steady = at.layer.type != "Python"
-        # versions of the blobs after the last reshape of the layer
+        # Versions of the blobs after the last reshape of the layer.
         self._reshaped: tuple[int, ...] | None = None
 
     def forward(self) -> None:
@@ -97,8 +97,8 @@ class FusedStep(FastStep):
         tops = dict.fromkeys(blob for at in connections for blob in at.top)
         self.unstored = [blob for blob in tops if blob not in last.top]
         writers = [at for at in connections if at.top[0] in self.unstored]
-        self._missing = Run(writers, writers, self.unstored, {}, sliced=False)
-        # what a writer reads -> the source that has its values
+        self._writers = Run(writers, writers, self.unstored, {}, sliced=False)
+        # Maps what a writer reads to the source that has its values.
         self._read = {param: param for at in writers for param in at.layer.blobs}
         for blob in first.bottom if writers else []:
             self._read[blob] = blob.root if blob.root in blobs else blob
@@ -124,7 +124,7 @@ class FusedStep(FastStep):
                 step.reshape()
         with self.at.errors:
             self._run.layer.forward(self._run.bottom, self._run.top)
-        reading.shapes = {blob: blob.shape for at in self._missing.connections for blob in at.blobs}
+        reading.shapes = {blob: blob.shape for at in self._writers.connections for blob in at.blobs}
         reading.versions = versions_of(self._read)
         reading.is_done = True
 
@@ -157,14 +157,14 @@ class FusedStep(FastStep):
         """
         if not self.unstored or self.reading is None:
             return Missing({})
-        again = LastPass(self._missing, shapes=self.reading.shapes)
+        last_pass = LastPass(self._writers, shapes=self.reading.shapes)
         values = self._values(self.reading)
-        if again.is_discarded():
+        if last_pass.is_discarded():
             return Missing({}, self.connections)
         if not values:
             return Missing(dict.fromkeys(self.unstored, DATA), self.connections)
-        again.take(values)
-        return again.store()
+        last_pass.take(values)
+        return last_pass.store()
 
     def _values(self, reading: Reading) -> Copies:
         """What the last pass read, as far as it is known: all or nothing."""
@@ -189,4 +189,4 @@ def whole_steps(connections: Sequence[Connection], blobs: Set[Blob]) -> list[Fas
             groups[-1].append(at)
         else:
             groups.append([at])
-    return [FusedStep(each, blobs) if len(each) > 1 else WholeStep(each[0]) for each in groups]
+    return [FusedStep(group, blobs) if len(group) > 1 else WholeStep(group[0]) for group in groups]

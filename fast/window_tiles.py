@@ -38,7 +38,7 @@ class WindowTiles:
     """A convolution of one channel with stride 1 and no padding, whose bottom needs no gradient."""
 
     def __init__(self) -> None:
-        self._matrix: tuple[Array, int, Array] | None = None
+        self._matrix: tuple[Array, Array] | None = None  # w, and M of one half computed from it
 
     @staticmethod
     def fits(g: Geometry, bottom: Blobs, top: Blobs, w: Blob) -> bool:
@@ -46,14 +46,11 @@ class WindowTiles:
         blocks of T x T inputs of one channel.
         """
         x, y = bottom[0], top[0]
-        if (
-            len(top) > 1
-            or not isinstance(y, FastBlob)
-            or not y.may_be_sparse
-            or y.tile not in FLAGS
-        ):
+        if len(top) > 1 or not isinstance(y, FastBlob):
             return False
         T = y.tile
+        if T not in FLAGS or not y.may_be_sparse:
+            return False
         if not g.is_dense or any(g.pad) or g.kernel != (T + 1, T + 1):
             return False
         _, C, H, W = x.shape
@@ -63,14 +60,14 @@ class WindowTiles:
 
     def matrix(self, w: Array, T: int) -> Array:
         """M of one half; computed again only if the weights have changed."""
-        found = self._matrix
-        if found is None or found[1] != T or not np.array_equal(found[0], w):
-            (O, _, k, _), half = w.shape, T // 2
+        if self._matrix is None or not np.array_equal(self._matrix[0], w):
+            O, _, k, _ = w.shape
+            half = T // 2
             M = np.zeros((half, T, O, half + k - 1, T + k - 1), w.dtype)
             for p, q in np.ndindex(half, T):
                 M[p, q, :, p : p + k, q : q + k] = w[:, 0]
-            found = self._matrix = (w.copy(), T, M.reshape(half * T * O, -1))
-        return found[2]
+            self._matrix = w.copy(), M.reshape(half * T * O, -1)
+        return self._matrix[1]
 
     @staticmethod
     def halves(X: Array, T: int) -> Array:
@@ -91,16 +88,14 @@ class WindowTiles:
         T = y.tile
         b = self.background(x)
         window = self.windows(x.data, b, T)
-        A = len(window)
-        O, places = len(w), T * T
-        out = layer.buffer("Y", (y.count,))[: places * O * A].reshape(places * O, A)
+        A, O = len(window), len(w)
+        Y = layer.buffer("Y", (y.count,))[: T * T * O * A]
         X = self.halves(self.patches(layer, x.data, window, T), T)
-        by_half = out.reshape(2, places * O // 2, A)
-        np.matmul(self.matrix(w, T), X.swapaxes(1, 2), out=by_half)
+        np.matmul(self.matrix(w, T), X.swapaxes(1, 2), out=Y.reshape(2, T * T * O // 2, A))
         if bias is None:
             bias = np.zeros(O, w.dtype)
         rest = w.sum(axis=(1, 2, 3)) * b + bias
-        y.sparse = SparseTiles(window, out.reshape(places, O, A), bias, rest)
+        y.sparse = SparseTiles(window, Y.reshape(T * T, O, A), bias, rest)
 
     @staticmethod
     def background(x: Blob) -> Array:
@@ -115,11 +110,11 @@ class WindowTiles:
         in SparseTiles.
         """
         N, _, H, W = x.shape
-        seen = (x != b).view(FLAGS[T])
-        block = np.bitwise_or.reduce(seen.reshape(N, H // T, T, W // T), axis=2)  # per T x T inputs
-        reads = block[:, :-1] | block[:, 1:]
-        reads = reads[:, :, :-1] | reads[:, :, 1:]
-        return np.flatnonzero(reads)
+        foreground = (x != b).view(FLAGS[T])  # T neighbouring flags are one integer
+        by_block = np.bitwise_or.reduce(foreground.reshape(N, H // T, T, W // T), axis=2)
+        of_two_rows = by_block[:, :-1] | by_block[:, 1:]
+        of_four_blocks = of_two_rows[:, :, :-1] | of_two_rows[:, :, 1:]
+        return np.flatnonzero(of_four_blocks)
 
     def patches(self, layer: FastLayer, x: Array, window: Array, T: int) -> Array:
         """Return X (A, S S), the inputs of each window.
@@ -130,13 +125,13 @@ class WindowTiles:
         N, _, H, W = x.shape
         S, A = 2 * T, len(window)
         unit = np.dtype(np.complex128 if T * x.itemsize % 16 == 0 else np.complex64)
-        per = unit.itemsize // x.itemsize  # numbers in a unit
-        rows = np.arange(S) * (W // per)
-        inside = (rows[:, None] + np.arange(S // per)).reshape(-1)
-        first = _first_inputs(N, H, W // per, T, T // per)[window]
-        most = N * (H // T) * (W // T)
-        memory = layer.buffer("X", (most * S * S,))
-        out = memory[: A * S * S].view(unit).reshape(A, S * S // per)
+        numbers = unit.itemsize // x.itemsize  # in a unit
+        rows = np.arange(S) * (W // numbers)
+        inside = (rows[:, None] + np.arange(S // numbers)).reshape(-1)
+        first = _first_inputs(N, H, W // numbers, T, T // numbers)[window]
+        max_windows = N * (H // T) * (W // T)
+        memory = layer.buffer("X", (max_windows * S * S,))
+        out = memory[: A * S * S].view(unit).reshape(A, S * S // numbers)
         np.take(x.reshape(-1).view(unit), first[:, None] + inside, out=out, mode="clip")
         return out.view(x.dtype).reshape(A, S * S)
 
@@ -145,24 +140,24 @@ class WindowTiles:
     ) -> None:
         """Add to dw and db. Raises NotFiniteError if forward did."""
         assert isinstance(y, FastBlob) and y.tile is not None and not down
-        found = y.sparse
-        if found is None:
+        sparse = y.sparse
+        if sparse is None:
             raise NotFiniteError
-        assert found.diff is not None and found.winner is not None
+        assert sparse.diff is not None and sparse.winner is not None
         T, S, k = y.tile, 2 * y.tile, w.shape[2]
-        O, A = found.diff.shape
-        X = self.patches(layer, x.data, found.window, T)
+        O, A = sparse.diff.shape
+        X = self.patches(layer, x.data, sparse.window, T)
         # Column a of dY has O numbers, in the rows (winner, o).
-        rows = found.winner.T.astype(np.int32) * O + np.arange(O, dtype=np.int32)
-        columns = np.arange(0, O * A + 1, O, dtype=np.int32)
-        values = found.diff.T.reshape(-1)
-        dY = scipy.sparse.csc_array((values, rows.reshape(-1), columns), shape=(T * T * O, A))
+        rows = sparse.winner.T.astype(np.int32) * O + np.arange(O, dtype=np.int32)
+        column_starts = np.arange(0, O * A + 1, O, dtype=np.int32)
+        values = sparse.diff.T.reshape(-1)
+        dY = scipy.sparse.csc_array((values, rows.reshape(-1), column_starts), shape=(T * T * O, A))
         dM = (dY @ X).reshape(T, T, O, S, S)
         for p, q in np.ndindex(T, T):
             dw[:, 0] += dM[p, q, :, p : p + k, q : q + k]
-        dw += (found.rest_diff * self.background(x))[:, None, None, None]
+        dw += (sparse.rest_diff * self.background(x))[:, None, None, None]
         if db is not None:
-            db += found.diff.sum(axis=1) + found.rest_diff
+            db += sparse.diff.sum(axis=1) + sparse.rest_diff
 
 
 @functools.lru_cache(maxsize=16)

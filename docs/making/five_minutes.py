@@ -23,10 +23,11 @@ import numpy as np
 import netlib
 from docs.making.figures.drawing import PLACE, write
 from docs.making.figures.whole import (
-    HALF_CUBE_MM,
     Progress,
+    error_mm,
     errors_over_time,
     hands_over_time,
+    joints_of,
     rendered,
 )
 from netlib.blob import Array
@@ -55,16 +56,8 @@ def paper_net(batch: int) -> str:
 def predict(solver: netlib.Solver, depth: Array) -> Array:
     """The joints (N, 31, 3) that the solver's network predicts, without dropout."""
     net = netlib.Net(ROOT / "prototxt" / "nyu_deploy.prototxt", netlib.TEST)
-    for name, blobs in net.params.items():
-        for blob, trained in zip(blobs, solver.net.params[name]):
-            blob.data[...] = trained.data
-    net.blobs["depth"].reshape(*depth.shape)
-    return net.forward(depth=depth)["pred"].reshape(-1, 31, 3)
-
-
-def error_mm(joints: Array, truth: Array) -> float:
-    """The mean distance of joints (N, 31, 3) in half-cubes."""
-    return float(HALF_CUBE_MM * np.linalg.norm(joints - truth, axis=2).mean())
+    net.copy_from(solver.net)
+    return joints_of(net, depth)
 
 
 def new_solver(iterations: int) -> netlib.Solver:
@@ -86,7 +79,8 @@ def train(count: int, iterations: int) -> list[Progress]:
     and each tenth.
     """
     print(f"rendering {count} + {HELD_OUT} frames")
-    training, held_out = rendered("train", count), rendered("test", HELD_OUT)
+    training = rendered("train", count)
+    held_out = rendered("test", HELD_OUT)
     solver, order, course = new_solver(iterations), shuffled(count), []
     for iteration in range(iterations + 1):
         if iteration == iterations // 100 or iteration % (iterations // 10) == 0:

@@ -16,7 +16,7 @@ import jupytext
 
 from netlib.files.paths import ROOT
 
-FIRST = """```python
+FIRST_CELL = """```python
 # Run this cell first: the code of the chapter runs in the project's folder.
 import os, sys
 from pathlib import Path
@@ -25,23 +25,25 @@ os.chdir(project)
 sys.path.insert(0, project)
 ```
 """
-SHOWN = re.compile(r"(<!--(?:cog|not run)(?:(?!-->).)*-->\n+)```python\n|```bash\n", re.DOTALL)
+# Blocks that stay text: Python after a comment, which is group 1, and bash.
+NOT_RUN = re.compile(r"(<!--(?:cog|not run)(?:(?!-->).)*-->\n+)```python\n|```bash\n", re.DOTALL)
 SESSION = re.compile(r"^```pycon\n(.*?)^```\n", re.MULTILINE | re.DOTALL)
 
 
 def notebook(chapter: Path) -> str:
     """The JSON text of a chapter's notebook."""
     text = chapter.read_text(encoding="utf-8")
-    text = SHOWN.sub(lambda block: f"{block[1]}```py\n" if block[1] else "```console\n", text)
-    text = SESSION.sub(_cells, re.sub(r"\]\((\d+_\w+)\.md", r"](\1.ipynb", text))
+    text = NOT_RUN.sub(lambda block: f"{block[1]}```py\n" if block[1] else "```console\n", text)
+    text = re.sub(r"\]\((\d+_\w+)\.md", r"](\1.ipynb", text)  # links to other chapters
+    text = SESSION.sub(_cells, text)
     title, heading, rest = text.partition("\n## ")
-    found = jupytext.reads(f"{title}\n{FIRST}{heading}{rest}", fmt="md")
-    found.metadata["kernelspec"] = {
+    cells = jupytext.reads(f"{title}\n{FIRST_CELL}{heading}{rest}", fmt="md")
+    cells.metadata["kernelspec"] = {
         "name": "python3",
         "display_name": "Python 3",
         "language": "python",
     }
-    return str(jupytext.writes(found, fmt="ipynb"))
+    return str(jupytext.writes(cells, fmt="ipynb"))
 
 
 def _cells(session: re.Match[str]) -> str:

@@ -47,7 +47,8 @@ def book_page(name: str) -> str:
 
 def hand() -> str:
     """The packaged hand and NYU's, with their named poses; also the book's arm, and the person."""
-    packaged, nyu = BodySampler(prior_file.load(prior_file.PEOPLE_PRIOR)), BodySampler()
+    packaged = BodySampler(prior_file.load(prior_file.PEOPLE_PRIOR))
+    nyu = BodySampler()
     arm = skeletons.load(ROOT / "docs" / "book" / "arm.prototxt")
     person = skeletons.load(ROOT / "prototxt" / "body" / "person.prototxt")
     ours = body("hand", packaged.skeleton, poses(packaged))
@@ -95,7 +96,8 @@ def _layer(title: str, kind: str, options: str) -> dict[str, Any]:
     All arrays are lists, row by row.
     """
     pad = int(options.partition("pad: ")[2][:1] or 0)
-    padded, y = np.pad(PICTURE, pad), SmallLayer(kind, options, PICTURE).y
+    padded = np.pad(PICTURE, pad)
+    y = SmallLayer(kind, options, PICTURE).y
     w, b, is_maximum = None, None, "MAX" in options
     if kind == "Convolution":
         w, b = KERNEL.ravel().tolist(), [0]

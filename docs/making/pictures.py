@@ -52,8 +52,8 @@ def hand_page(browser: Browser) -> bytes:
         return tab.screenshot()
 
 
-def live_page(browser: Browser, frames: int = 90) -> bytes:
-    """The live page as PNG, after some frames of two hands."""
+def live_page(browser: Browser) -> bytes:
+    """The live page as PNG, after 90 frames of two hands."""
     from handpose import NYU, load_tracker
     from handpose.body.gestures import GestureReader
     from handpose.output.live.messages import VIEWS_PATH, Messages
@@ -64,7 +64,7 @@ def live_page(browser: Browser, frames: int = 90) -> bytes:
     tracker = load_tracker(NYU)
     header = tracker.header("takes/both")
     messages, reader = Messages(header), GestureReader(header.skeleton)
-    recording = itertools.islice(SyntheticRecording("two_hands", NYU), frames)
+    recording = itertools.islice(SyntheticRecording("two_hands", NYU), 90)
     tracked = [(frame.depth, tracker.step(frame).with_gestures(reader)) for frame in recording]
     with (
         LiveServer("127.0.0.1", 0, messages.header, page(header)) as server,

@@ -22,7 +22,7 @@ from mkdocs.structure.files import File, Files, InclusionLevel  # noqa: E402
 
 from docs.making import pages  # noqa: E402
 
-TOP = {
+TOP_PAGES = {  # file in the project's root -> page
     "README.md": "index.md",
     "CONTRIBUTING.md": "CONTRIBUTING.md",
     "CHANGELOG.md": "CHANGELOG.md",
@@ -30,25 +30,23 @@ TOP = {
 # A page that GitHub cannot show is a comment there: <!-- embed: ../hand.html#body=arm 640 The
 # book's arm -->
 EMBEDDED = re.compile(r"^<!-- embed: (\S+) (\d+) (.+) -->$", re.MULTILINE)
+LOCAL_LINK = re.compile(r"\]\((?!https?:|#)(docs/)?")
+IFRAME = '<iframe src="{}" height="{}" title="{}" loading="lazy"></iframe>'
 FIGURE = re.compile(r"^!\[[^\]\n]*\]\(([^)\s]+\.(?:svg|png|jpg))\)$", re.MULTILINE)
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the files that are not in docs/."""
-    for name, address in TOP.items():
-        text = re.sub(
-            r"\]\((?!https?:|#)(docs/)?",
-            lambda link: "](" if link[1] else "](../",
-            (ROOT / name).read_text(encoding="utf-8"),
-        )
+    for name, address in TOP_PAGES.items():
+        text = (ROOT / name).read_text(encoding="utf-8")
+        text = LOCAL_LINK.sub(lambda link: "](" if link[1] else "](../", text)
         files.append(File.generated(config, address, content=text))
     for name, page in pages.pages().items():
-        if old := files.get_file_from_path(f"{name}.html"):
+        address = f"{name}.html"
+        if old := files.get_file_from_path(address):
             files.remove(old)
         files.append(
-            File.generated(
-                config, f"{name}.html", content=page, inclusion=InclusionLevel.NOT_IN_NAV
-            )
+            File.generated(config, address, content=page, inclusion=InclusionLevel.NOT_IN_NAV)
         )
     return files
 
@@ -56,9 +54,4 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 def on_page_markdown(markdown: str, **_: Any) -> str:
     """Embed pages for the browser, and link each figure to its file, which a phone can enlarge."""
     markdown = FIGURE.sub(r"[\g<0>](\g<1>)", markdown)
-    return EMBEDDED.sub(
-        lambda found: '<iframe src="{}" height="{}" title="{}" loading="lazy"></iframe>'.format(
-            *map(html.escape, found.groups())
-        ),
-        markdown,
-    )
+    return EMBEDDED.sub(lambda page: IFRAME.format(*map(html.escape, page.groups())), markdown)

@@ -29,9 +29,9 @@ from netlib.net import Net
 from netlib.training.trained import Unfilled
 
 TOLERANCE = 1e-5
-# of correct nets that amplify rounding, onnxruntime's error is up to 4.4 times the measured effect
+# For correct nets that amplify rounding, onnxruntime's error is up to 4.4 times this effect.
 FACTOR = 10
-HALF_UNIT = 2.0**-24
+HALF_UNIT = 2.0**-24  # in the last place of float32, relative to the value
 # Layers that select values: rounding errors of their bottoms would change the selection.
 SELECTING = ("ArgMax", "BatchReindex", "DetectionOutput", "Embed", "Threshold", "Upsample")
 
@@ -62,9 +62,8 @@ def compared(y: Array, rounded: Array, exact: Array) -> Difference:
     with np.errstate(over="ignore"):
         exact = exact.astype(np.float32)
     found, rounding = difference(y, exact), difference(rounded, exact)
-    # float32 overflows on the way to this blob, which onnxruntime may do, too
-    if np.isinf(rounding):
-        found, rounding = min(found, difference(y, rounded)), 0.0
+    if np.isinf(rounding):  # float32 overflows before this blob, as it may in onnxruntime
+        return Difference(min(found, difference(y, rounded)))
     return Difference(found, rounding)
 
 
@@ -76,14 +75,15 @@ def difference(y: Array, expected: Array) -> float:
         return np.inf
     with np.errstate(invalid="ignore"):
         error = np.abs(y - expected)
-    error = np.where((y == expected) | (np.isnan(y) & np.isnan(expected)), 0, error)
+    is_same = (y == expected) | (np.isnan(y) & np.isnan(expected))
+    error = np.where(is_same, 0, error)
     error = np.where(np.isnan(error), np.inf, error)
     scale = np.abs(expected[np.isfinite(expected)]).max(initial=0)
     return float(error.max(initial=0) / (scale or 1))
 
 
 def differences(
-    image: bytes, net: Net, batches: Sequence[int]
+    exported: bytes, net: Net, batches: Sequence[int]
 ) -> tuple[dict[str, Difference], dict[str, Difference]]:
     """Compare a file with its net, in phase TEST, for random inputs in [-1, 1] with
     these batch sizes.
@@ -96,20 +96,22 @@ def differences(
     detectors = [layer.spec for layer in net.layers if layer.type == "DetectionOutput"]
     selected = {spec.top[0] for spec in detectors}
     before_selection = [name for spec in detectors for name in spec.bottom]
-    file = _session(_with_outputs(image, before_selection))
-    in_parts = _session(_with_outputs(image, net.blobs))
-    exact, rng = _in_float64(net), np.random.default_rng(0)
-    names = [output.name for output in file.get_outputs()]
+    session = _session(_with_outputs(exported, before_selection))
+    session_of_blobs = _session(_with_outputs(exported, net.blobs))
+    exact = _in_float64(net)
+    rng = np.random.default_rng(0)
+    names = [output.name for output in session.get_outputs()]
     outputs = dict.fromkeys(names, Difference())
     layers: dict[str, Difference] = {}
     for batch in batches:
         inputs: dict[str, Any] = {name: _random(net, name, batch, rng) for name in net.inputs}
-        found = _run(file, inputs)
+        found = _run(session, inputs)
         rounded = net.forward(blobs=names, **inputs)
         expected = exact.forward(blobs=names, **inputs)
         for name in outputs.keys() - selected:
             outputs[name] |= compared(found[name], rounded[name], expected[name])
-        for name, of_layer in _of_layers(exact, inputs, _run(in_parts, inputs), rng):
+        found_blobs = _run(session_of_blobs, inputs)
+        for name, of_layer in _of_layers(exact, inputs, found_blobs, rng):
             layers[name] = layers.get(name, Difference()) | of_layer
     for name in outputs.keys() & selected:
         outputs[name] = layers[name]
@@ -122,7 +124,7 @@ def _of_layers(
     """Compare each blob in ``found`` with what its layer computes from the blobs in ``found``
     that it reads.
     """
-    # the last ones: layers in place
+    # The last writer of each blob: layers in place overwrite the values of earlier ones.
     writers = {name: at for at in exact.connections for name in at.layer.spec.top}
     for number, at in enumerate(exact.connections):
         tops = dict(zip(at.layer.spec.top, at.top))
@@ -161,7 +163,8 @@ def _rounding_errors(at: Connection, rng: np.random.Generator) -> Iterator[None]
 def _in_float64(net: Net) -> Net:
     """The same net in float64, with the same weights."""
     logger = logging.getLogger("netlib")
-    logger.disabled, before = True, logger.disabled  # the net has given its warnings
+    before = logger.disabled
+    logger.disabled = True  # the net has given its warnings
     try:
         exact = Net(
             net.param, state=net.state, dtype=np.float64, engine="plain", layer_hook=Unfilled()
@@ -172,38 +175,35 @@ def _in_float64(net: Net) -> Net:
     return exact
 
 
-def _session(image: bytes) -> Any:
+def _session(exported: bytes) -> Any:
     runtime = package("onnxruntime")
     options = runtime.SessionOptions()
     options.log_severity_level = 3  # errors only
-    return runtime.InferenceSession(image, options, providers=["CPUExecutionProvider"])
+    return runtime.InferenceSession(exported, options, providers=["CPUExecutionProvider"])
 
 
-def _run(session: Any, inputs: Mapping[str, Array]) -> dict[str, Array]:
+def _run(session: Any, inputs: dict[str, Array]) -> dict[str, Array]:
     names = [output.name for output in session.get_outputs()]
-    return dict(zip(names, session.run(names, dict(inputs))))
+    return dict(zip(names, session.run(names, inputs)))
 
 
-def _with_outputs(image: bytes, names: Iterable[str]) -> bytes:
+def _with_outputs(exported: bytes, names: Iterable[str]) -> bytes:
     """Make those of the named values outputs that operators compute."""
-    names = set(names)
-    if not names:
-        return image
     onnx = package("onnx")
-    model = onnx.load_from_string(image)
-    names.difference_update(output.name for output in model.graph.output)
+    model = onnx.load_from_string(exported)
+    added = set(names).difference(output.name for output in model.graph.output)
     for node in model.graph.node:
         for name in node.output:
-            if name in names:
-                typed = onnx.helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, None)
-                model.graph.output.append(typed)
+            if name in added:
+                info = onnx.helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, None)
+                model.graph.output.append(info)
     return bytes(model.SerializeToString())
 
 
 def _random(net: Net, name: str, batch: int, rng: np.random.Generator) -> Array:
     """Return random values for an input: in [-1, 1], or integers for a layer that reads indices."""
     shape = (batch, *net.blobs[name].shape[1:])
-    names = {name}
+    names = {name}  # of the input and its copies
     for layer in net.layers:
         spec: Any = layer.spec
         if layer.type == "Split" and spec.bottom[0] in names:

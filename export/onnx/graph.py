@@ -18,21 +18,20 @@ from numpy.typing import ArrayLike
 from netlib.errors import NetlibError, reason_of
 
 OPSET = 17
-# of the ONNX release with this opset
+# IR version of the ONNX release with each opset.
 IR_VERSIONS = {11: 6, 12: 7, 13: 7, 14: 7, 15: 8, 16: 8, 17: 8}
 RANGE_OF_SHAPE = 15  # the opset from which Shape has a range of axes
-# Operators that have in older opsets another form than here, and the opset from which
-# they have this one
+# The opset from which operators have the form that they have here.
 FIRST_OPSETS = {"GatherND": 12, "ReduceSum": 13, "Softmax": 13, "Split": 13, "Unsqueeze": 13}
 PRODUCER = "handpose"
-MAX_BYTES = 2**31 - 1  # of a protocol buffer
+MAX_BYTES = 2**31 - 1  # limit of a protocol buffer
 
 Shape = tuple[int | str, ...]  # "N" is the batch size, "4*N" four times as much
 
 
 @dataclass(frozen=True)
-class Place:
-    """A layer with its values and shapes in the graph.
+class LayerCall:
+    """A layer, applied to values of the graph.
 
     layer        the layer, with its options and parameters
     values       the names of the values of its bottoms
@@ -40,7 +39,7 @@ class Place:
                  depends on values
     """
 
-    layer: Any  # of any type, with attributes of its own
+    layer: Any  # its attributes depend on the type
     values: list[str]
     bottom: list[Shape]
     top: list[Shape]
@@ -100,54 +99,50 @@ class Graph:
 
     def reshaped(self, value: str, shape: Shape) -> str:
         """Reshape a value; at most one axis may have a symbolic size, which is inferred."""
-        return self.op(
-            "Reshape",
-            value,
-            self.constant([-1 if isinstance(n, str) else n for n in shape], "shape"),
-        )
+        sizes = [-1 if isinstance(n, str) else n for n in shape]
+        return self.op("Reshape", value, self.constant(sizes, "shape"))
 
     def affine(self, value: str, scale: float, shift: float) -> str:
         """Compute scale x + shift, without operators that have no effect."""
         if scale != 1:
             value = self.op("Mul", value, self.constant(float(scale), "scale"))
-        return self.op("Add", value, self.constant(float(shift), "shift")) if shift != 0 else value
+        if shift != 0:
+            value = self.op("Add", value, self.constant(float(shift), "shift"))
+        return value
 
     def widened(self, value: str, axes: int, first: int, all_axes: int) -> str:
         """Append axes of size 1 to a value with ``axes`` axes, so that it broadcasts to x from
         axis ``first`` on.
         """
-        behind = all_axes - first - axes
-        if not behind:
+        appended = list(range(axes, all_axes - first))
+        if not appended:
             return value
-        return self.op("Unsqueeze", value, self.constant(list(range(axes, axes + behind)), "axes"))
+        return self.op("Unsqueeze", value, self.constant(appended, "axes"))
 
     def sliced(
         self, value: str, starts: Sequence[int], ends: Sequence[int], axes: Sequence[int]
     ) -> str:
         """Cut a value along some axes."""
-        bounds = {"starts": starts, "ends": ends, "axes": axes}
-        return self.op(
-            "Slice",
-            value,
-            *(self.constant(list(numbers), what) for what, numbers in bounds.items()),
-        )
+        bounds = map(self.constant, (starts, ends, axes), ("starts", "ends", "axes"))
+        return self.op("Slice", value, *bounds)
 
-    def sizes(self, value: str, start: int, end: int) -> str:
+    def shape_of(self, value: str, start: int, end: int) -> str:
         """The sizes of the axes from ``start`` up to but not including ``end``, as a value."""
         if self.opset >= RANGE_OF_SHAPE:
             return self.op("Shape", value, start=start, end=end)
         return self.sliced(self.op("Shape", value), [start], [end], [0])
 
-    def floats(self, value: str) -> str:
+    def to_float(self, value: str) -> str:
         """Cast a value to float32."""
         return self.op("Cast", value, to=1)  # FLOAT
 
-    def whole(self, value: str) -> str:
+    def to_int(self, value: str) -> str:
         """Cast a value to int64."""
         return self.op("Cast", value, to=7)  # INT64
 
     def _fresh(self, what: str) -> str:
-        name, i = f"{self.layer}/{what}", 1
+        name = f"{self.layer}/{what}"
+        i = 1
         while name in self._taken:
             i += 1
             name = f"{self.layer}/{what}{i}"
@@ -159,7 +154,7 @@ class Graph:
         name: str,
         inputs: Mapping[str, Shape],
         outputs: Mapping[str, Shape],
-        metadata: Mapping[str, str],
+        metadata: dict[str, str],
     ) -> bytes:
         """Serialize the model.
 
@@ -174,14 +169,14 @@ class Graph:
             )
         make = onnx.helper
 
-        def node(op: str, ins: Sequence[str], outs: Sequence[str], attributes: Any) -> Any:
-            sides = ([names.get(value, value) for value in side] for side in (ins, outs))
-            return make.make_node(op, *sides, **attributes)
+        def node(op: str, reads: Sequence[str], writes: Sequence[str], attributes: Any) -> Any:
+            named = ([names.get(value, value) for value in values] for values in (reads, writes))
+            return make.make_node(op, *named, **attributes)
 
         def infos(blobs: Mapping[str, Shape]) -> list[Any]:
-            typed = onnx.TensorProto.FLOAT
+            dtype = onnx.TensorProto.FLOAT
             return [
-                make.make_tensor_value_info(blob, typed, shape) for blob, shape in blobs.items()
+                make.make_tensor_value_info(blob, dtype, shape) for blob, shape in blobs.items()
             ]
 
         graph = make.make_graph(
@@ -197,7 +192,7 @@ class Graph:
             opset_imports=[make.make_opsetid("", self.opset)],
             ir_version=IR_VERSIONS[self.opset],
         )
-        make.set_model_props(model, dict(metadata))
+        make.set_model_props(model, metadata)
         try:
             onnx.checker.check_model(model, full_check=True)
         except (onnx.checker.ValidationError, onnx.shape_inference.InferenceError) as error:
@@ -225,7 +220,7 @@ class Graph:
 
 
 # adds a layer's operators; returns the names of its tops' values
-Translation = Callable[[Graph, Place], list[str]]
+Translation = Callable[[Graph, LayerCall], list[str]]
 
 
 def package(name: str) -> Any:
@@ -246,5 +241,6 @@ def symbolic(two: Sequence[int], three: Sequence[int]) -> Shape | None:
     for a, b in zip(two, three):
         if a != b and 3 * a != 2 * b:
             return None
-        shape.append(a if a == b else "N" if a == 2 else f"{a // 2}*N")
+        of_batch = "N" if a == 2 else f"{a // 2}*N"
+        shape.append(a if a == b else of_batch)
     return tuple(shape) if sum(isinstance(n, str) for n in shape) < 2 else None

@@ -25,7 +25,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from export.onnx.graph import Graph, Place, Shape
+from export.onnx.graph import Graph, LayerCall, Shape
 from layers.hand.kinematics import rotation
 from layers.hand.skeleton import Motion, Skeleton
 from netlib.blob import Array
@@ -49,14 +49,14 @@ class Step:
     parts: Array
 
 
-def hand_model(graph: Graph, at: Place) -> list[str]:
+def hand_model(graph: Graph, call: LayerCall) -> list[str]:
     """Compute the joints of a pose."""
-    sk: Skeleton = at.layer.skeleton
-    of_fixed_size = len(at.values) == 1
+    sk: Skeleton = call.layer.skeleton
+    of_fixed_size = len(call.values) == 1
     body = sk if of_fixed_size else sk.with_free_slides()  # as the layer does
     steps, last, offsets = steps_of(body, sk.bones if of_fixed_size else 0 * sk.bones)
-    x = at.values[0]
-    if len(at.bottom[0]) != 2:
+    x = call.values[0]
+    if len(call.bottom[0]) != 2:
         x = graph.reshaped(x, ("N", len(sk.dof_names)))
     dofs = [step.dof for step in steps]
     moved = graph.op("Gather", x, graph.constant(dofs, "dofs"), axis=1)
@@ -66,16 +66,10 @@ def hand_model(graph: Graph, at: Place) -> list[str]:
     if of_fixed_size:
         initial = graph.constant(sk.initial[dofs], "initial")
     else:
-        moved = graph.op(
-            "Mul", moved, graph.constant(np.where(sk.fixed, 0.0, 1.0)[dofs], "is_free")
-        )
-        initial, bones = _size(graph, at, sk, dofs)
-        # One bone of length 1, the others 0.
-        units = [steps_of(body, unit) for unit in np.diag((sk.bone_axes >= 0).astype(float))]
-        constant = np.array([step.parts[0] for step in steps])
-        longer = np.array([[step.parts[0] for step in own] for own, _, _ in units])
-        by_step = longer - constant
-        by_joint = np.array([own - offsets for _, _, own in units])
+        is_free = graph.constant(1.0 - sk.fixed[dofs], "is_free")
+        moved = graph.op("Mul", moved, is_free)
+        initial, bones = _size(graph, call, sk, dofs)
+        by_step, by_joint = _per_bone(body, steps, offsets)
         one = graph.op("Add", one, _times(graph, bones, by_step, ("N", len(steps), 4, 4)))
         ends_at = graph.op("Add", ends_at, _times(graph, bones, by_joint, ("N", len(last), 1, 4)))
     theta = graph.reshaped(graph.op("Add", moved, initial), ("N", len(steps), 1, 1))
@@ -84,30 +78,40 @@ def hand_model(graph: Graph, at: Place) -> list[str]:
     turned = graph.op("Add", cosines, sines)
     slid = graph.op("Add", one, graph.op("Mul", theta, angle))
     transforms = graph.op("Add", turned, slid)  # (N, steps, 4, 4)
-    frames = graph.op(
-        "Gather", _worlds(graph, steps, transforms), graph.constant(last, "steps"), axis=1
-    )
+    worlds = _worlds(graph, steps, transforms)
+    frames = graph.op("Gather", worlds, graph.constant(last, "steps"), axis=1)
     terms = graph.op("Mul", frames, ends_at)  # not MatMul, which is wrong in OpenCV 5.0
     ends = graph.op("ReduceSum", terms, graph.constant([3], "axes"), keepdims=0)  # (N, K, 4)
-    return [graph.reshaped(graph.sliced(ends, [0], [3], [2]), at.top[0])]
+    return [graph.reshaped(graph.sliced(ends, [0], [3], [2]), call.top[0])]
 
 
-def _size(graph: Graph, at: Place, sk: Skeleton, dofs: list[int]) -> tuple[str, str]:
+def _size(graph: Graph, call: LayerCall, sk: Skeleton, dofs: list[int]) -> tuple[str, str]:
     """Compute the initial values, (N, steps) or (steps), and bone lengths (N, K) of bodies with
     individual sizes.
     """
-    sizes = math.prod(at.sizes(at.bottom[1][1:]))
-    b = at.values[1]
-    if len(at.bottom[1]) != 2:
+    sizes = math.prod(call.sizes(call.bottom[1][1:]))
+    b = call.values[1]
+    if len(call.bottom[1]) != 2:
         b = graph.reshaped(b, ("N", sizes))
     if sizes > 1:
         return graph.constant(sk.initial[dofs], "initial"), b
-    still, slid = (
+    angles, slides = (
         graph.constant((sk.initial * which)[dofs], "initial") for which in (~sk.slides, sk.slides)
     )
-    return graph.op("Add", still, graph.op("Mul", b, slid)), graph.op(
-        "Mul", b, graph.constant(sk.bones, "bones")
-    )
+    initial = graph.op("Add", angles, graph.op("Mul", b, slides))
+    return initial, graph.op("Mul", b, graph.constant(sk.bones, "bones"))
+
+
+def _per_bone(sk: Skeleton, steps: list[Step], positions: Array) -> tuple[Array, Array]:
+    """Return what a bone of length 1 adds: (K, steps, 4, 4) to the constant matrices of the steps,
+    and (K, K, 4) to the positions of the joints, which are given for bones of length 0.
+    """
+    by_step, by_joint = [], []
+    for bones in np.diag(1.0 * (sk.bone_axes >= 0)):
+        longer, _, moved = steps_of(sk, bones)
+        by_step.append([b.parts[0] - a.parts[0] for a, b in zip(steps, longer)])
+        by_joint.append(moved - positions)
+    return np.array(by_step), np.array(by_joint)
 
 
 def _times(graph: Graph, bones: str, by_bone: Array, shape: Shape) -> str:
@@ -125,21 +129,15 @@ def _worlds(graph: Graph, steps: list[Step], transforms: str) -> str:
         levels[step.depth].append(i)
     if len(levels) == 1:
         return transforms
-    own = graph.ops(
-        "Split",
-        len(levels),
-        transforms,
-        graph.constant([len(level) for level in levels], "split"),
-        axis=1,
-    )
-    worlds = own[:1]
-    for above, level, transform in zip(levels, levels[1:], own[1:]):
+    sizes = graph.constant([len(level) for level in levels], "split")
+    by_level = graph.ops("Split", len(levels), transforms, sizes, axis=1)
+    worlds = by_level[:1]
+    for above, level, transform in zip(levels, levels[1:], by_level[1:]):
         parents = [above.index(steps[i].parent) for i in level]
         parent_worlds = worlds[-1]
         if parents != list(range(len(above))):
-            parent_worlds = graph.op(
-                "Gather", parent_worlds, graph.constant(parents, "parents"), axis=1
-            )
+            indices = graph.constant(parents, "parents")
+            parent_worlds = graph.op("Gather", parent_worlds, indices, axis=1)
         worlds.append(graph.op("MatMul", parent_worlds, transform))
     return graph.op("Concat", *worlds, axis=1)
 
@@ -152,7 +150,7 @@ def steps_of(sk: Skeleton, bones: Array) -> tuple[list[Step], list[int], Array]:
     """
     no_motion = np.stack([np.eye(4), *np.zeros((3, 4, 4))])
     steps = [Step(-1, 0, 0, no_motion)]
-    # joint -> its last step, step_from_joint
+    # Maps a joint to its last step and to step_from_joint.
     ends: dict[int, tuple[int, Array]] = {-1: (0, np.eye(4))}
     for j in sk.order:
         step, fixed = ends[int(sk.parents[j])]
@@ -162,15 +160,16 @@ def steps_of(sk: Skeleton, bones: Array) -> tuple[list[Step], list[int], Array]:
                 fixed = fixed @ _transform(parts, sk.initial[motion.dof])
             else:
                 steps.append(Step(step, steps[step].depth + 1, motion.dof, fixed @ parts))
-                step, fixed = len(steps) - 1, np.eye(4)
+                step = len(steps) - 1
+                fixed = np.eye(4)
         bone = np.eye(4)
         bone[sk.bone_axes[j], 3] += bones[j]  # without a bone: any axis, length 0
         ends[j] = step, fixed @ bone
     order = sorted(range(len(steps)), key=lambda i: steps[i].depth)
-    place = {-1: -1, **{i: new for new, i in enumerate(order)}}
-    sorted_steps = [replace(steps[i], parent=place[steps[i].parent]) for i in order]
+    new_index = {-1: -1, **{i: new for new, i in enumerate(order)}}
+    sorted_steps = [replace(steps[i], parent=new_index[steps[i].parent]) for i in order]
     of_joints = [ends[j] for j in range(len(sk.joint_names))]
-    last = [place[step] for step, _ in of_joints]
+    last = [new_index[step] for step, _ in of_joints]
     positions = np.stack([step_from_joint[:, 3] for _, step_from_joint in of_joints])
     return sorted_steps, last, positions
 
@@ -191,7 +190,8 @@ def _parts(motion: Motion) -> Array:
         parts[0] = np.eye(4)
         parts[3, motion.axis, 3] = motion.sign
     else:
-        quarter, half = rotation(motion.axis, np.pi / 2), rotation(motion.axis, np.pi)
+        quarter = rotation(motion.axis, np.pi / 2)
+        half = rotation(motion.axis, np.pi)
         parts[0, :3, :3] += (np.eye(3) + half) / 2  # projection onto the axis
         parts[1, :3, :3] = (np.eye(3) - half) / 2
         parts[2, :3, :3] = motion.sign * (quarter - parts[0, :3, :3])

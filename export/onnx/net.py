@@ -1,7 +1,7 @@
 """Export of a trained net to ONNX, and the table of layer types and the functions that add
 their operators.
 
-A function takes the graph and the layer's Place and returns the names of the tops' values. A layer
+A function takes the graph and the LayerCall and returns the names of the tops' values. A layer
 without effect returns the values of its bottoms. Options and formulas are documented in the layer's
 file in layers/; comments note where ONNX's operators differ from Caffe's.
 """
@@ -9,12 +9,13 @@ file in layers/; comments note where ONNX's operators differ from Caffe's.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from export.onnx import common, hand, vision
-from export.onnx.graph import OPSET, PRODUCER, Graph, Place, Shape, Translation, symbolic
+from export.onnx.graph import OPSET, PRODUCER, Graph, LayerCall, Shape, Translation, symbolic
 from layers.hand.hand_model import HandModel
 from netlib.errors import LayerError, NetlibError, did_you_mean
 from netlib.net import Net
@@ -74,7 +75,7 @@ LAYERS: dict[str, Translation] = {
     "ShuffleChannel": common.shuffle_channel,
     "Sigmoid": common.of_each("Sigmoid"),
     "Silence": common.nothing,
-    "Slice": common.slice,
+    "Slice": common.slice_,
     "Softmax": common.softmax,
     "Split": common.same,
     "Swish": common.swish,
@@ -116,51 +117,55 @@ def onnx_image(
     for the metadata of a net with a hand model; None leaves it out. Raises NetlibError, also if an
     operator needs a later ``opset``, which is from 11 to 17.
     """
-    shapes = shapes_of(net)
+    all_shapes = shapes_of(net)
     graph = Graph(net.blobs, opset)
     graph.values = {name: name for name in net.inputs}
-    at_end: dict[str, Shape] = {}
-    uneven: set[str] = set()  # blobs whose shape depends on values
-    of_hand = next((layer for layer in net.layers if isinstance(layer, HandModel)), None)
-    pose = ""
-    for at, (bottom, top) in zip(net.connections, shapes):
-        graph.layer = at.layer.name
-        values = [graph.values[name] for name in at.layer.spec.bottom]
-        if at.layer is of_hand:
-            pose = values[0]
-        if not at.layer.is_input:
-            place = Place(at.layer, values, bottom, list(top))
-            for name in uneven.intersection(
-                at.layer.spec.bottom if at.layer.type != "Silence" else ()
-            ):
-                raise at.layer.fail(
+    shapes: dict[str, Shape] = {}  # of blobs, after the layers so far
+    hand_model: HandModel | None = None
+    pose = ""  # the value of its first bottom
+    for at, (bottom, top) in zip(net.connections, all_shapes):
+        layer, spec = at.layer, at.layer.spec
+        graph.layer = layer.name
+        if layer.is_input:
+            shapes.update(zip(spec.top, top))
+            continue
+        values = [graph.values[name] for name in spec.bottom]
+        if hand_model is None and isinstance(layer, HandModel):
+            hand_model, pose = layer, values[0]
+        for name, shape in zip(spec.bottom, bottom):
+            if shapes[name] != shape and layer.type != "Silence":
+                raise layer.fail(
                     f"reads {name!r}, whose number of rows depends on values, which cannot be exported "
                     "to ONNX; expected no layer behind it"
                 )
-            graph.values.update(zip(at.layer.spec.top, _translation(at.layer.spec)(graph, place)))
-            uneven.update(name for name, a, b in zip(at.layer.spec.top, top, place.top) if a != b)
-            top = place.top
-        at_end.update(zip(at.layer.spec.top, top))
+        call = LayerCall(layer, values, bottom, top)
+        graph.values.update(zip(spec.top, _translation(spec)(graph, call)))
+        shapes.update(zip(spec.top, call.top))
     outputs = _outputs(net, also)
     metadata = {"producer": PRODUCER, "net": net.name}
-    if of_hand:
-        skeleton = of_hand.skeleton
-        metadata |= {
-            "joint_names": json.dumps(skeleton.joint_names),
-            "unit": "half-cubes",
-            "axes": "x right, y up, z away",
-            "input_range": "[-1, 1]",
-        }
-        if cube_mm is not None:
-            metadata["cube_mm"] = f"{cube_mm:g}"
+    if hand_model is not None:
+        metadata |= _metadata(hand_model, cube_mm)
         if pose in [graph.values[name] for name in outputs]:
-            metadata["dof_names"] = json.dumps(skeleton.dof_names)
+            metadata["dof_names"] = json.dumps(hand_model.skeleton.dof_names)
     return graph.finish(
         net.name,
-        {name: at_end[name] for name in net.inputs},
-        {name: at_end[name] for name in outputs},
+        {name: shapes[name] for name in net.inputs},
+        {name: shapes[name] for name in outputs},
         metadata,
     )
+
+
+def _metadata(layer: HandModel, cube_mm: float | None) -> dict[str, str]:
+    """Return the metadata of a net with a hand model."""
+    metadata = {
+        "joint_names": json.dumps(layer.skeleton.joint_names),
+        "unit": "half-cubes",
+        "axes": "x right, y up, z away",
+        "input_range": "[-1, 1]",
+    }
+    if cube_mm is not None:
+        metadata["cube_mm"] = f"{cube_mm:g}"
+    return metadata
 
 
 def _outputs(net: Net, also: Sequence[str]) -> list[str]:
@@ -203,30 +208,31 @@ def shapes_of(net: Net) -> Shapes:
             f"{net.source}: inputs with different batch sizes, {inputs}; "
             "expected first axes of the same size"
         )
-    found = []
-    for batch in (2, 3):
-        for name, shape in declared.items():
-            net.blobs[name].reshape(batch, *shape[1:])
-        try:
-            net.reshape()
-        except LayerError as error:
-            raise LayerError(
-                f"{error} (with {batch} items); expected a net that accepts any number"
-            ) from error
-        found.append(
-            [([b.shape for b in at.bottom], [t.shape for t in at.top]) for at in net.connections]
-        )
+    of_two, of_three = (_shapes_of_batch(net, declared, batch) for batch in (2, 3))
     for name, shape in declared.items():
         net.blobs[name].reshape(shape)
     net.reshape()
     shapes: Shapes = []
-    for at, two, three in zip(net.connections, *found):
+    for at, two, three in zip(net.connections, of_two, of_three):
         both = [[symbolic(a, b) for a, b in zip(*sides)] for sides in zip(two, three)]
-        known = [[shape for shape in side if shape is not None] for side in both]
-        if known != both:
+        bottom, top = ([shape for shape in side if shape is not None] for side in both)
+        if [bottom, top] != both:
             raise at.layer.fail(
                 f"shape {two[1]} for 2 items, {three[1]} for 3 cannot be exported to ONNX; expected "
                 "one axis that depends on the number of items"
             )
-        shapes.append((known[0], known[1]))
+        shapes.append((bottom, top))
     return shapes
+
+
+def _shapes_of_batch(net: Net, declared: Mapping[str, Sequence[int]], batch: int) -> list[Any]:
+    """Reshape a net to ``batch`` items; returns the shapes of each layer's bottoms and tops."""
+    for name, shape in declared.items():
+        net.blobs[name].reshape(batch, *shape[1:])
+    try:
+        net.reshape()
+    except LayerError as error:
+        raise LayerError(
+            f"{error} (with {batch} items); expected a net that accepts any number"
+        ) from error
+    return [([b.shape for b in at.bottom], [t.shape for t in at.top]) for at in net.connections]

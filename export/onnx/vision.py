@@ -4,18 +4,18 @@ ONNX operators.
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 
-from export.onnx.graph import Graph, Place
+from export.onnx.graph import Graph, LayerCall
 from layers.detection.prior_box import prior_boxes
+from netlib.blob import divide_up
 
 
-def sliding(graph: Graph, at: Place, op: str) -> list[str]:
+def sliding(graph: Graph, call: LayerCall, op: str) -> list[str]:
     """Apply Conv or ConvTranspose to every bottom, with the same weights."""
-    layer = at.layer
+    layer = call.layer
     w = layer.blobs[0].data
     kernel = list(layer.kernel) or [1]  # ONNX needs at least one spatial axis
     options: dict[str, Any] = {"kernel_shape": kernel, "group": layer.param.group}
@@ -29,19 +29,18 @@ def sliding(graph: Graph, at: Place, op: str) -> list[str]:
     if layer.param.bias_term:
         parameters.append(graph.constant(layer.blobs[1].data, "bias"))
     tops = []
-    for value, x, y in zip(at.values, at.bottom, at.top):
-        plain = len(x) == len(kernel) + 2
-        if not plain:  # axes other than (N, C, ...)
+    for value, x, y in zip(call.values, call.bottom, call.top):
+        has_batch_axis = len(x) == len(kernel) + 2  # (N, C, ...)
+        if not has_batch_axis:
             axis = len(x) - len(layer.kernel) - 1
-            value = graph.reshaped(
-                value, ("N", *at.sizes(x[axis:]), *([] if layer.kernel else [1]))
-            )
-        out = graph.op(op, value, *parameters, **options)
-        tops.append(out if plain else graph.reshaped(out, y))
+            spatial = () if layer.kernel else (1,)
+            value = graph.reshaped(value, ("N", *call.sizes(x[axis:]), *spatial))
+        top = graph.op(op, value, *parameters, **options)
+        tops.append(top if has_batch_axis else graph.reshaped(top, y))
     return tops
 
 
-def pooling(graph: Graph, at: Place) -> list[str]:
+def pooling(graph: Graph, call: LayerCall) -> list[str]:
     """Translate Caffe's pooling: as many windows as the top has, with pads that fit exactly these.
 
     ONNX's ceil_mode keeps windows that Caffe drops, and its mean counts elements differently. So
@@ -50,131 +49,135 @@ def pooling(graph: Graph, at: Place) -> list[str]:
     beyond the image (stride > kernel) has no value and is rejected by the operators, so it is
     appended with Pad.
     """
-    layer = at.layer
-    is_max, x = layer.param.pool == "MAX", at.values[0]
-    if layer.param.global_pooling and len(at.top) == 1:
+    layer = call.layer
+    is_max = layer.param.pool == "MAX"
+    x = call.values[0]
+    if layer.param.global_pooling and len(call.top) == 1:
         return [graph.op("GlobalMaxPool" if is_max else "GlobalAveragePool", x)]
-    axes = list(zip(at.sizes(at.bottom[0][2:]), layer.kernel, layer.stride, layer.pad))
-    outputs = at.sizes(at.top[0][2:])
-    inside, after = [], []
-    for output, (n, kernel, stride, pad) in zip(outputs, axes):
-        starting_inside = -(-(n + pad) // stride)
-        inside.append(min(output, starting_inside))
-        extent = (inside[-1] - 1) * stride + kernel  # of these windows
-        after.append(max(extent - n - pad, 0))
+    kernel, stride, pad = map(np.array, (layer.kernel, layer.stride, layer.pad))
+    sizes, outputs = (np.array(call.sizes(shape[2:])) for shape in (call.bottom[0], call.top[0]))
+    inside = np.minimum(outputs, -(-(sizes + pad) // stride))  # windows that begin in the image
+    extent = (inside - 1) * stride + kernel
+    after = np.maximum(extent - sizes - pad, 0)
+    beyond = (outputs - inside).tolist()
     options: dict[str, Any] = {
-        "kernel_shape": list(layer.kernel),
-        "strides": list(layer.stride),
-        "pads": [*layer.pad, *after],
+        "kernel_shape": kernel.tolist(),
+        "strides": stride.tolist(),
+        "pads": [*pad.tolist(), *after.tolist()],
     }
-    beyond = [o - i for o, i in zip(outputs, inside)]
 
     def completed(y: str, nothing: float) -> str:
         if not any(beyond):
             return y
-        return graph.op(
-            "Pad", y, graph.constant([0] * 6 + beyond, "beyond"), graph.constant(nothing, "nothing")
-        )
+        pads = graph.constant([0] * 6 + beyond, "beyond")
+        return graph.op("Pad", y, pads, graph.constant(nothing, "nothing"))
 
     if is_max:
-        y = graph.ops("MaxPool", len(at.top), x, **options)
+        y = graph.ops("MaxPool", len(call.top), x, **options)
         if len(y) > 1:  # ONNX's index counts through all items and channels
-            place = graph.op("Mod", y[1], graph.constant(math.prod(n for n, *_ in axes), "map"))
-            y[1] = completed(graph.floats(place), -1.0)
+            index = graph.op("Mod", y[1], graph.constant(np.prod(sizes), "map"))
+            y[1] = completed(graph.to_float(index), -1.0)
         return [completed(y[0], float(np.finfo(np.float32).min)), *y[1:]]
     mean = completed(graph.op("AveragePool", x, count_include_pad=1, **options), 0.0)
-    counted = []
-    for output, (n, kernel, stride, pad) in zip(outputs, axes):
-        start = np.arange(output) * stride - pad
-        end = np.minimum(start + kernel, n + pad)
-        counted.append(end - start)
+    counts = []  # elements of each window that Caffe counts, by axis
+    for count, size, k, s, p in zip(outputs, sizes, kernel, stride, pad):
+        start = np.arange(count) * s - p
+        end = np.minimum(start + k, size + p)
+        counts.append(end - start)
     with np.errstate(divide="ignore"):
         # 0 x infinity is NaN, like Caffe's 0 / 0
-        correction = math.prod(layer.kernel) / np.outer(*counted)
-    return [
-        mean
-        if (correction == 1).all()
-        else graph.op("Mul", mean, graph.constant(correction, "correction"))
-    ]
+        correction = kernel.prod() / np.outer(*counts)
+    if (correction != 1).any():
+        mean = graph.op("Mul", mean, graph.constant(correction, "correction"))
+    return [mean]
 
 
-def spp(graph: Graph, at: Place) -> list[str]:
-    sizes, levels = at.sizes(at.bottom[0][2:]), []
-    for level in range(at.layer.param.pyramid_height):
-        kernel = [-(-n // 2**level) for n in sizes]
+def spp(graph: Graph, call: LayerCall) -> list[str]:
+    sizes = call.sizes(call.bottom[0][2:])
+    levels = []
+    for level in range(call.layer.param.pyramid_height):
+        kernel = [divide_up(n, 2**level) for n in sizes]
         missing = [side * 2**level - n for side, n in zip(kernel, sizes)]
-        before = [(m + 1) // 2 for m in missing]
+        before = [divide_up(n, 2) for n in missing]
+        after = [n // 2 for n in missing]
         options: dict[str, Any] = {
             "kernel_shape": kernel,
             "strides": kernel,
-            "pads": [*before, *(m - b for m, b in zip(missing, before))],
+            "pads": [*before, *after],
         }
-        if at.layer.param.pool == "MAX":
-            levels.append(graph.op("MaxPool", at.values[0], **options))
+        if call.layer.param.pool == "MAX":
+            levels.append(graph.op("MaxPool", call.values[0], **options))
         else:
-            levels.append(graph.op("AveragePool", at.values[0], count_include_pad=1, **options))
+            levels.append(graph.op("AveragePool", call.values[0], count_include_pad=1, **options))
     if len(levels) == 1:
         return levels
-    return [graph.op("Concat", *(graph.op("Flatten", level, axis=1) for level in levels), axis=1)]
+    rows = [graph.op("Flatten", level, axis=1) for level in levels]
+    return [graph.op("Concat", *rows, axis=1)]
 
 
-def crop(graph: Graph, at: Place) -> list[str]:
-    x, y, parts = at.bottom[0], at.top[0], at.layer.part
+def crop(graph: Graph, call: LayerCall) -> list[str]:
+    x, y, parts = call.bottom[0], call.top[0], call.layer.part
     axes = [i for i, part in enumerate(parts) if part != slice(None) and x[i] != y[i]]
-    sizes = at.sizes(tuple(y[i] for i in axes))
+    sizes = call.sizes(tuple(y[i] for i in axes))
     starts = [parts[i].start for i in axes]
     ends = [start + size for start, size in zip(starts, sizes)]
     if not axes:
-        return at.values[:1]
-    return [graph.sliced(at.values[0], starts, ends, axes)]
+        return call.values[:1]
+    return [graph.sliced(call.values[0], starts, ends, axes)]
 
 
-def interp(graph: Graph, at: Place) -> list[str]:
-    x, y = at.bottom[0], at.top[0]
-    value, cut = at.values[0], at.layer.inside[1:]
-    if (at.layer.param.pad_beg, at.layer.param.pad_end) != (0, 0):
-        value = graph.sliced(
-            value, [part.start for part in cut], [part.stop for part in cut], [2, 3]
-        )
-    if [part.stop - part.start for part in cut] == at.sizes(y[2:]):
-        return [value]
-    size = graph.constant([*at.sizes(x[1:2]), *at.sizes(y[2:])], "size")
-    sizes = graph.op("Concat", graph.sizes(value, 0, 1), size, axis=0)
-    options = {"mode": "linear", "coordinate_transformation_mode": "align_corners"}
-    return [graph.op("Resize", value, "", "", sizes, **options)]
+def interp(graph: Graph, call: LayerCall) -> list[str]:
+    top_sizes = call.sizes(call.top[0][2:])
+    y, inside = call.values[0], call.layer.inside[1:]
+    starts, stops = [part.start for part in inside], [part.stop for part in inside]
+    p = call.layer.param
+    if p.pad_beg or p.pad_end:
+        y = graph.sliced(y, starts, stops, [2, 3])
+    if [part.stop - part.start for part in inside] == top_sizes:
+        return [y]
+    size = graph.constant(call.sizes(call.bottom[0][1:2]) + top_sizes, "size")
+    sizes = graph.op("Concat", graph.shape_of(y, 0, 1), size, axis=0)
+    y = graph.op(
+        "Resize", y, "", "", sizes, mode="linear", coordinate_transformation_mode="align_corners"
+    )
+    return [y]
 
 
-def upsample(graph: Graph, at: Place) -> list[str]:
+def upsample(graph: Graph, call: LayerCall) -> list[str]:
     """Translate Upsample; with a mask, scatter the values in each map, because MaxUnpool's indices
     count through the batch.
     """
-    if len(at.values) == 1:
-        factors = [1.0] * (len(at.bottom[0]) - 2) + [float(at.layer.scale)] * 2
+    if len(call.values) == 1:
+        factors = [1.0] * (len(call.bottom[0]) - 2) + [float(call.layer.scale)] * 2
         scales = graph.constant(factors, "scales")
-        options = {
-            "mode": "nearest",
-            "coordinate_transformation_mode": "asymmetric",
-            "nearest_mode": "floor",
-        }
-        return [graph.op("Resize", at.values[0], "", scales, **options)]
-    C, H, W = at.sizes(at.bottom[0][1:])
-    Ho, Wo = at.sizes(at.top[0][2:])
-    x, mask = (graph.reshaped(value, ("N", C, H * W)) for value in at.values)
-    shape = graph.op("Concat", graph.sizes(x, 0, 2), graph.constant([Ho * Wo], "size"), axis=0)
+        y = graph.op(
+            "Resize",
+            call.values[0],
+            "",
+            scales,
+            mode="nearest",
+            coordinate_transformation_mode="asymmetric",
+            nearest_mode="floor",
+        )
+        return [y]
+    C, H, W = call.sizes(call.bottom[0][1:])
+    Ho, Wo = call.sizes(call.top[0][2:])
+    x, mask = (graph.reshaped(value, ("N", C, H * W)) for value in call.values)
+    shape = graph.op("Concat", graph.shape_of(x, 0, 2), graph.constant([Ho * Wo], "size"), axis=0)
     zeros = graph.op("Expand", graph.constant(0.0, "zero"), shape)
-    y = graph.op("ScatterElements", zeros, graph.whole(mask), x, axis=2)
-    return [graph.reshaped(y, at.top[0])]
+    y = graph.op("ScatterElements", zeros, graph.to_int(mask), x, axis=2)
+    return [graph.reshaped(y, call.top[0])]
 
 
-def prior_box(graph: Graph, at: Place) -> list[str]:
+def prior_box(graph: Graph, call: LayerCall) -> list[str]:
     """Translate the boxes to a constant: they depend on sizes only, which an ONNX file fixes."""
-    H, W = at.sizes(at.bottom[0][2:])
-    image = at.layer.image or tuple(at.sizes(at.bottom[1][2:]))
-    boxes = np.stack(prior_boxes(at.layer.param, (H, W), image, at.layer.step))
+    H, W = call.sizes(call.bottom[0][2:])
+    image = call.layer.image or tuple(call.sizes(call.bottom[1][2:]))
+    boxes = np.stack(prior_boxes(call.layer.param, (H, W), image, call.layer.step))
     return [graph.constant(boxes.reshape(1, 2, -1), "priors")]
 
 
-def detection_output(graph: Graph, at: Place) -> list[str]:
+def detection_output(graph: Graph, call: LayerCall) -> list[str]:
     """Translate the selection with N items, P priors, C classes, of which L have labels other than
     the background's, and the B best candidates of each label.
 
@@ -183,7 +186,7 @@ def detection_output(graph: Graph, at: Place) -> list[str]:
     N x (L B) candidates, which are sorted by label and confidence. The flags that are set, in this
     order, are the rows.
     """
-    layer = at.layer
+    layer = call.layer
     p, P, C = layer.param, layer.prior_count, layer.param.num_classes
     labels = [label for label in range(C) if label != p.background_label_id]
     L = len(labels)
@@ -196,47 +199,42 @@ def detection_output(graph: Graph, at: Place) -> list[str]:
         raise layer.fail(
             "has no detections: no class except the background, or top_k or keep_top_k of 0"
         )
-    by_class = graph.op("Transpose", graph.reshaped(at.values[1], ("N", P, C)), perm=[0, 2, 1])
-    scores, best = graph.ops(
-        "TopK", 2, _of_labels(graph, by_class, labels, C), graph.constant([B], "k"), axis=2
-    )
+    by_class = graph.op("Transpose", graph.reshaped(call.values[1], ("N", P, C)), perm=[0, 2, 1])
+    by_label = _of_labels(graph, by_class, labels, C)
+    scores, best = graph.ops("TopK", 2, by_label, graph.constant([B], "k"), axis=2)
     scores = graph.reshaped(scores, ("N", L * B))
-    boxes = graph.reshaped(_boxes(graph, at, labels, best, B), ("N", L * B, 4))
-    flags = _not_suppressed(graph, at, boxes, scores, L, B)
+    boxes = graph.reshaped(_boxes(graph, call, labels, best, B), ("N", L * B, 4))
+    flags = _not_suppressed(graph, call, boxes, scores, L, B)
     if 0 < p.keep_top_k < L * B:
         lowest = graph.constant(float(np.finfo(np.float32).min), "lowest")
         ranked = graph.op("Where", graph.op("Cast", flags, to=9), scores, lowest)  # BOOL
         _, first = graph.ops("TopK", 2, ranked, graph.constant([p.keep_top_k], "keep"), axis=1)
         kept = graph.op("GatherElements", flags, first, axis=1)
         flags = graph.op("ScatterElements", _zeros_like(graph, flags), first, kept, axis=1)
-    at.top[0] = (1, 1, "detections", 7)
-    rows = graph.op(
-        "Concat", _rows(graph, flags, boxes, scores, labels, B), _no_rows(graph, flags), axis=0
-    )
+    call.top[0] = (1, 1, "detections", 7)
+    rows = _rows(graph, flags, boxes, scores, labels, B)
+    rows = graph.op("Concat", rows, _no_rows(graph, flags), axis=0)
     return [graph.op("Unsqueeze", rows, graph.constant([0, 1], "axes"))]
 
 
 def _of_labels(graph: Graph, value: str, labels: list[int], classes: int) -> str:
     """Select the labels from axis 1."""
-    return (
-        value
-        if len(labels) == classes
-        else graph.op("Gather", value, graph.constant(labels, "labels"), axis=1)
-    )
+    if len(labels) == classes:
+        return value
+    return graph.op("Gather", value, graph.constant(labels, "labels"), axis=1)
 
 
-def _boxes(graph: Graph, at: Place, labels: list[int], best: str, B: int) -> str:
+def _boxes(graph: Graph, call: LayerCall, labels: list[int], best: str, B: int) -> str:
     """Decode all locations and select those of the candidates: N L B boxes."""
-    p, P, C = at.layer.param, at.layer.prior_count, at.layer.param.num_classes
-    both = graph.reshaped(at.values[2], (2, P, 4))
+    p, P, C = call.layer.param, call.layer.prior_count, call.layer.param.num_classes
+    both = graph.reshaped(call.values[2], (2, P, 4))
     prior, variance = (graph.op("Gather", both, graph.constant(i, "index"), axis=0) for i in (0, 1))
     if p.share_location:
-        change = graph.reshaped(at.values[0], ("N", P, 4))
+        change = graph.reshaped(call.values[0], ("N", P, 4))
         index = graph.reshaped(best, ("N", len(labels) * B, 1))
     else:
-        change = graph.op(
-            "Transpose", graph.reshaped(at.values[0], ("N", P, C, 4)), perm=[0, 2, 1, 3]
-        )
+        change = graph.reshaped(call.values[0], ("N", P, C, 4))
+        change = graph.op("Transpose", change, perm=[0, 2, 1, 3])
         change = _of_labels(graph, change, labels, C)
         index = graph.reshaped(best, ("N", len(labels), B, 1))
     if not p.variance_encoded_in_target:
@@ -248,9 +246,8 @@ def _boxes(graph: Graph, at: Place, labels: list[int], best: str, B: int) -> str
         centre = graph.affine(graph.op("Add", first, last), 0.5, 0)
         centre = graph.op("Add", centre, graph.op("Mul", shift, size))
         half = graph.affine(graph.op("Mul", size, graph.op("Exp", log_scale)), 0.5, 0)
-        boxes = graph.op(
-            "Concat", graph.op("Sub", centre, half), graph.op("Add", centre, half), axis=-1
-        )
+        corners = graph.op("Sub", centre, half), graph.op("Add", centre, half)
+        boxes = graph.op("Concat", *corners, axis=-1)
     else:
         if p.code_type == "CORNER_SIZE":
             change = graph.op("Mul", change, graph.op("Concat", size, size, axis=-1))
@@ -265,32 +262,25 @@ def _halves(graph: Graph, boxes: str) -> list[str]:
     return graph.ops("Split", 2, boxes, graph.constant([2, 2], "parts"), axis=-1)
 
 
-def _not_suppressed(graph: Graph, at: Place, boxes: str, scores: str, L: int, B: int) -> str:
+def _not_suppressed(graph: Graph, call: LayerCall, boxes: str, scores: str, L: int, B: int) -> str:
     """Flags (N, L B): 1 for what non-maximum suppression keeps, else 0."""
-    p: Any = at.layer.param
+    p: Any = call.layer.param
     # an inverted box overlaps none here, but ONNX would exchange its corners
     if p.code_type != "CENTER_SIZE":
         first, last = _halves(graph, boxes)
         boxes = graph.op("Concat", first, graph.op("Max", first, last), axis=-1)
-    limits = [
-        graph.constant([B], "k"),
-        graph.constant([min(p.nms_param.nms_threshold, 1.0)], "overlap"),
-    ]
+    max_overlap = min(p.nms_param.nms_threshold, 1.0)
+    limits = [graph.constant([B], "k"), graph.constant([max_overlap], "overlap")]
     if p.confidence_threshold is not None:
         limits.append(graph.constant([p.confidence_threshold], "threshold"))
-    chosen = graph.op(
-        "NonMaxSuppression",
-        graph.reshaped(boxes, ("N", B, 4)),
-        graph.reshaped(scores, ("N", 1, B)),
-        *limits,
-    )
-    # item, candidate
-    places = graph.op("Gather", chosen, graph.constant([0, 2], "columns"), axis=1)
-    count = graph.sizes(places, 0, 1)
+    by_label = graph.reshaped(boxes, ("N", B, 4)), graph.reshaped(scores, ("N", 1, B))
+    chosen = graph.op("NonMaxSuppression", *by_label, *limits)
+    # (item, candidate) of each row (item, class, candidate)
+    indices = graph.op("Gather", chosen, graph.constant([0, 2], "columns"), axis=1)
+    count = graph.shape_of(indices, 0, 1)
     ones = graph.op("Expand", graph.constant([1.0], "one"), count)
-    flags = graph.op(
-        "ScatterND", _zeros_like(graph, graph.reshaped(scores, ("N", B))), places, ones
-    )
+    zeros = _zeros_like(graph, graph.reshaped(scores, ("N", B)))
+    flags = graph.op("ScatterND", zeros, indices, ones)
     return graph.reshaped(flags, ("N", L * B))
 
 
@@ -300,29 +290,27 @@ def _zeros_like(graph: Graph, value: str) -> str:
 
 def _rows(graph: Graph, flags: str, boxes: str, scores: str, labels: list[int], B: int) -> str:
     """The rows (D, 7) of all flags that are set."""
-    places = graph.op("Transpose", graph.op("NonZero", flags), perm=[1, 0])
+    indices = graph.op("Transpose", graph.op("NonZero", flags), perm=[1, 0])
     item, candidate = (
-        graph.op("Gather", places, graph.constant([i], "column"), axis=1) for i in (0, 1)
+        graph.op("Gather", indices, graph.constant([i], "column"), axis=1) for i in (0, 1)
     )
-    label = graph.op(
-        "Gather", graph.constant(np.repeat(labels, B).astype(float), "labels"), candidate, axis=0
-    )
-    score = graph.reshaped(graph.op("GatherND", scores, places), ("D", 1))
-    return graph.op(
-        "Concat", graph.floats(item), label, score, graph.op("GatherND", boxes, places), axis=1
-    )
+    all_labels = graph.constant(np.repeat(labels, B).astype(float), "labels")
+    label = graph.op("Gather", all_labels, candidate, axis=0)
+    score = graph.reshaped(graph.op("GatherND", scores, indices), ("D", 1))
+    columns = graph.to_float(item), label, score, graph.op("GatherND", boxes, indices)
+    return graph.op("Concat", *columns, axis=1)
 
 
 def _no_rows(graph: Graph, flags: str) -> str:
     """For a batch without detections a row for each item, -1 behind its number; otherwise none."""
-    count = graph.sizes(flags, 0, 1)
-    limits = [graph.constant(0, "first"), graph.op("Squeeze", count), graph.constant(1, "step")]
-    items = graph.reshaped(graph.floats(graph.op("Range", *limits)), ("N", 1))
-    rows = graph.op(
-        "Pad", items, graph.constant([0, 0, 0, 6], "pads"), graph.constant(-1.0, "nothing")
+    count = graph.shape_of(flags, 0, 1)
+    items = graph.op(
+        "Range", graph.constant(0, "first"), graph.op("Squeeze", count), graph.constant(1, "step")
     )
-    none = graph.whole(
-        graph.op("Equal", graph.op("ReduceSum", flags, keepdims=0), graph.constant(0.0, "zero"))
-    )
-    # of N rows all or none
-    return graph.op("Slice", rows, graph.constant([0], "start"), graph.op("Mul", count, none))
+    items = graph.reshaped(graph.to_float(items), ("N", 1))
+    pads = graph.constant([0, 0, 0, 6], "pads")
+    rows = graph.op("Pad", items, pads, graph.constant(-1.0, "nothing"))
+    total = graph.op("ReduceSum", flags, keepdims=0)
+    is_empty = graph.to_int(graph.op("Equal", total, graph.constant(0.0, "zero")))
+    row_count = graph.op("Mul", count, is_empty)  # N or 0
+    return graph.op("Slice", rows, graph.constant([0], "start"), row_count)

@@ -44,10 +44,8 @@ def test_environment_variables_of_the_user_take_precedence() -> None:
         OPENBLAS_NUM_THREADS="2",
         OPENBLAS_CORETYPE="Haswell",
     )
-    assert (
-        note
-        == "BLAS: kernels Haswell (OPENBLAS_CORETYPE), threads per product: 2 (OPENBLAS_NUM_THREADS)"
-    )
+    kernels = "kernels Haswell (OPENBLAS_CORETYPE)"
+    assert note == f"BLAS: {kernels}, threads per product: 2 (OPENBLAS_NUM_THREADS)"
 
 
 def test_an_import_after_numpy_is_reported() -> None:
@@ -61,9 +59,9 @@ def test_an_import_after_numpy_is_reported() -> None:
     not sys.platform.startswith("linux"), reason="the thresholds are those of the GNU C library"
 )
 @pytest.mark.parametrize(
-    ("given", "few"), [({}, True), ({"MALLOC_TRIM_THRESHOLD_": "100000"}, False)]
+    ("settings", "is_reused"), [({}, True), ({"MALLOC_TRIM_THRESHOLD_": "100000"}, False)]
 )
-def test_freed_memory_is_used_again(given: dict[str, str], few: bool) -> None:
+def test_freed_memory_is_used_again(settings: dict[str, str], is_reused: bool) -> None:
     """Arrays of a few MB cost no page faults once others have been freed, unless the user has set
     another threshold.
     """
@@ -75,7 +73,8 @@ def test_freed_memory_is_used_again(given: dict[str, str], few: bool) -> None:
         "def work(): return [numpy.ones(500_000), numpy.ones(500_000)]\n"
         "work(); work(); before = faults()\nfor _ in range(20): work()\nprint(faults() - before)"
     )
-    assert (int(run(code, **given)) < 2000) == few
+    faults = int(run(code, **settings))
+    assert (faults < 2000) == is_reused
 
 
 @pytest.mark.skipif(
@@ -90,7 +89,7 @@ def test_a_mapped_file_with_an_odd_name(tmp_path: Path) -> None:
         "held = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)\n"
         "import numpy; print(len(list(blas._loaded('openblas'))))"
     )
-    plain = run(
+    without_file = (
         "import netlib, numpy; from fast import blas; print(len(list(blas._loaded('openblas'))))"
     )
-    assert run(code) == plain
+    assert run(code) == run(without_file)

@@ -4,7 +4,7 @@ shapes and options.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -60,28 +60,29 @@ def options(rng: np.random.Generator) -> tuple[str, tuple[int, ...]]:
         inputs, outputs = pick(16, 32, 48), pick(16, 32, 48)
     most = 6 if axes < 3 else 4
     is_square, is_dense = rng.random() < 0.5, rng.random() < 0.5
-    kernel = (
-        [pick(1, 3, min(5, most))] * axes
-        if is_square
-        else [int(rng.integers(1, most)) for _ in range(axes)]
-    )
+    kernel = rng.integers(1, most, axes).tolist()
+    if is_square:
+        kernel = [pick(1, 3, min(5, most))] * axes
     stride = [1 if is_dense else pick(1, 2, 3) for _ in range(axes)]
     dilation = [1 if is_dense else pick(1, 2) for _ in range(axes)]
     pad = [int(rng.integers(0, k + 1)) for k in kernel]
+    spare = rng.integers(0, (40, 16, 5)[axes - 1], axes)
     sizes = [
-        max(d * (k - 1) + 1 - 2 * p, 1) + int(rng.integers(0, (40, 16, 5)[axes - 1]))
-        for k, d, p in zip(kernel, dilation, pad)
+        max(extent - 2 * p, 1) + int(more)
+        for extent, p, more in zip(extents(kernel, dilation), pad, spare)
     ]
-    text = f"num_output: {group * outputs} group: {group} bias_term: {str(rng.random() < 0.8).lower()} "
-    for name, values in (
-        ("kernel_size", kernel),
-        ("stride", stride),
-        ("dilation", dilation),
-        ("pad", pad),
-    ):
+    bias_term = str(rng.random() < 0.8).lower()
+    text = f"num_output: {group * outputs} group: {group} bias_term: {bias_term} "
+    fields = {"kernel_size": kernel, "stride": stride, "dilation": dilation, "pad": pad}
+    for name, values in fields.items():
         text += "".join(f"{name}: {value} " for value in values)
     shape = pick(0, 1, 2, 3, 9), group * inputs, *sizes
     return text + 'weight_filler { type: "gaussian" } bias_filler { type: "gaussian" }', shape
+
+
+def extents(kernel: Sequence[int], dilation: Sequence[int]) -> list[int]:
+    """The number of values that a window spans on each axis."""
+    return [d * (k - 1) + 1 for k, d in zip(kernel, dilation)]
 
 
 def run(
@@ -111,15 +112,15 @@ def compare(
 ) -> None:
     """Compare forward and backward of both engines."""
     x = rng.normal(size=shape).astype(dtype)
-    want = run(kind, text, x, "plain", dtype)
-    dy = rng.normal(size=want[0].shape).astype(dtype)
-    want += run(kind, text, x, "plain", dtype, dy)
-    got = run(kind, text, x, "fast", dtype) + run(kind, text, x, "fast", dtype, dy)
-    for number, (one, other) in enumerate(zip(got, want)):
-        tolerance = 1e-12 if dtype is np.float64 else 1e-4 if number else 1e-5
-        np.testing.assert_allclose(
-            one, other, rtol=0, atol=tolerance * np.abs(other).max(initial=1e-3)
-        )
+    expected = run(kind, text, x, "plain", dtype)
+    dy = rng.normal(size=expected[0].shape).astype(dtype)
+    expected += run(kind, text, x, "plain", dtype, dy)
+    found = run(kind, text, x, "fast", dtype) + run(kind, text, x, "fast", dtype, dy)
+    of_values, of_gradients = (1e-12, 1e-12) if dtype is np.float64 else (1e-5, 1e-4)
+    for number, (fast, plain) in enumerate(zip(found, expected)):
+        tolerance = of_gradients if number else of_values
+        largest = np.abs(plain).max(initial=1e-3)
+        np.testing.assert_allclose(fast, plain, rtol=0, atol=tolerance * largest)
 
 
 @pytest.mark.parametrize("kind", ["Convolution", "Deconvolution"])
@@ -164,22 +165,26 @@ def geometry_for(algorithm: Algorithm, rng: np.random.Generator, channels: int) 
 
     axes = 3 if isinstance(algorithm, Rows) and rng.random() < 0.4 else 2
 
-    def two(low: int, high: int) -> tuple[int, ...]:
-        return tuple(int(n) for n in rng.integers(low, high, axes))
+    def each(low: int, high: int) -> tuple[int, ...]:
+        return tuple(rng.integers(low, high, axes).tolist())
 
     if isinstance(algorithm, Depthwise):
-        return Geometry(two(1, 5), two(1, 4), two(0, 4), two(1, 3), channels)
+        return Geometry(each(1, 5), each(1, 4), each(0, 4), each(1, 3), channels)
+    kernel = each(1, 6)
     if isinstance(algorithm, Filter):
-        kernel = two(1, 6)
-        return Geometry(
-            kernel, two(1, 4), tuple(k // 2 if k % 2 else 0 for k in kernel), (1, 1), channels
-        )
-    kernel = two(1, 6)
-    if isinstance(algorithm, (RowWinograd, Winograd)):
-        kernel = (5, 5) if isinstance(algorithm, RowWinograd) and rng.random() < 0.5 else (3, 3)
-    stride = two(1, 4) if isinstance(algorithm, Rows) and rng.random() < 0.5 else (1,) * axes
-    dilation = (1, *two(1, 3)[1:]) if isinstance(algorithm, Rows) else (1, 1)
-    return Geometry(kernel, stride, tuple(int(rng.integers(0, k)) for k in kernel), dilation, 1)
+        pad = tuple(k // 2 if k % 2 else 0 for k in kernel)
+        return Geometry(kernel, each(1, 4), pad, (1, 1), channels)
+    stride = dilation = (1,) * axes
+    if isinstance(algorithm, Rows):
+        dilation = (1, *each(1, 3)[1:])
+        if rng.random() < 0.5:
+            stride = each(1, 4)
+    elif isinstance(algorithm, RowWinograd) and rng.random() < 0.5:
+        kernel = (5, 5)
+    else:
+        kernel = (3, 3)
+    pad = tuple(int(rng.integers(0, k)) for k in kernel)
+    return Geometry(kernel, stride, pad, dilation, 1)
 
 
 @pytest.mark.parametrize(
@@ -199,45 +204,40 @@ def test_each_algorithm(algorithm: Algorithm, case: int, monkeypatch: pytest.Mon
     N, C = int(rng.integers(0, 6)), int(rng.integers(1, 5))
     g = geometry_for(algorithm, rng, C)
     O = C * int(rng.integers(1, 3)) if g.group > 1 else int(rng.integers(1, 5))
-    sizes = [
-        max(d * (k - 1) + 1 - 2 * p, 1) + int(rng.integers(0, 20))
-        for k, d, p in zip(g.kernel, g.dilation, g.pad)
-    ]
-    windows = [
-        (n + 2 * p - d * (k - 1) - 1) // s + 1
-        for n, k, s, p, d in zip(sizes, g.kernel, g.stride, g.pad, g.dilation)
-    ]
-    x, w, dy = (
-        rng.normal(size=(N, C, *sizes)),
-        rng.normal(size=(O, C // g.group, *g.kernel)),
-        rng.normal(size=(N, O, *windows)),
-    )
-    bias, bias_x = rng.normal(size=O), rng.normal(size=C)
-    after = After(
-        rng.normal(size=O) if case % 4 else None, bias if case % 3 else None, case % 5 < 2
-    )
-    after_x = After(
-        rng.normal(size=C) if case % 5 else None, bias_x if case % 4 == 1 else None, case % 7 < 3
-    )
-    found = []
-    for one in (algorithm, Columns()):
-        y, dx, dw = np.full(dy.shape, np.nan), np.full(x.shape, np.nan), np.ones(w.shape)
-        one.correlate(g, x, w, after, y)
-        has = type(one).__dict__
-        (one if "transpose" in has else Columns()).transpose(g, dy, w, after_x, dx)
-        (one if "gradient" in has else Columns()).gradient(g, x, dy, dw)
-        found.append((y, dx, dw))
-        if (
-            set(g.stride) == {1}
-            and O == C
-            and min(g.turned.pad) >= 0
-            and (not isinstance(algorithm, Filter) or windows == sizes)
-        ):
-            turned = np.full(x.shape, np.nan)
-            Turned(one).transpose(g, dy, w, after_x, turned)
-            np.testing.assert_allclose(turned, dx, rtol=0, atol=1e-11)
-    for got, want in zip(*found):
-        np.testing.assert_allclose(got, want, rtol=0, atol=1e-11)
+    extent = np.array(g.reach) + 1
+    sizes = np.maximum(extent - 2 * np.array(g.pad), 1) + rng.integers(0, 20, len(extent))
+    windows = (g.padded(sizes) - extent) // g.stride + 1
+    x = rng.normal(size=(N, C, *sizes))
+    w = rng.normal(size=(O, C // g.group, *g.kernel))
+    dy = rng.normal(size=(N, O, *windows))
+    after_y = random_after(rng, O, case // 2)
+    after_x = random_after(rng, C, 3 * case)
+    y, dx, dw = np.full(dy.shape, np.nan), np.full(x.shape, np.nan), np.ones(w.shape)
+    algorithm.correlate(g, x, w, after_y, y)
+    expected = np.full(dy.shape, np.nan)
+    Columns().correlate(g, x, w, after_y, expected)
+    np.testing.assert_allclose(y, expected, rtol=0, atol=1e-11)
+    expected = np.full(x.shape, np.nan)
+    Columns().transpose(g, dy, w, after_x, expected)
+    if "transpose" in type(algorithm).__dict__:
+        algorithm.transpose(g, dy, w, after_x, dx)
+        np.testing.assert_allclose(dx, expected, rtol=0, atol=1e-11)
+    can_turn = set(g.stride) == {1} and O == C and min(g.turned.pad) >= 0
+    if can_turn and (not isinstance(algorithm, Filter) or np.array_equal(windows, sizes)):
+        for turned in (algorithm, Columns()):
+            Turned(turned).transpose(g, dy, w, after_x, dx)
+            np.testing.assert_allclose(dx, expected, rtol=0, atol=1e-11)
+    if "gradient" in type(algorithm).__dict__:
+        algorithm.gradient(g, x, dy, dw)
+        expected = np.ones(w.shape)
+        Columns().gradient(g, x, dy, expected)
+        np.testing.assert_allclose(dw, expected, rtol=0, atol=1e-11)
+
+
+def random_after(rng: np.random.Generator, channels: int, choice: int) -> After:
+    """A gain, a bias and a ReLU, or not, by the bits of ``choice``."""
+    gain, bias = rng.normal(size=(2, channels))
+    return After(gain if choice & 1 else None, bias if choice & 2 else None, bool(choice & 4))
 
 
 @pytest.mark.parametrize(
@@ -258,7 +258,7 @@ def test_each_algorithm(algorithm: Algorithm, case: int, monkeypatch: pytest.Mon
         ((2, 16, 8, 16, 16), (16, 16, 3, 3, 3), 1, ["Rows", "Rows", "Rows"]),
     ],
 )
-def test_the_choice(
+def test_the_algorithm_that_is_chosen(
     x_shape: tuple[int, ...], w_shape: tuple[int, ...], group: int, names: list[str]
 ) -> None:
     pad = tuple(k // 2 for k in w_shape[2:])

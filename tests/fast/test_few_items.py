@@ -40,7 +40,8 @@ def test_an_item_does_not_depend_on_the_others(
     assert 4 * INPUTS * OUTPUTS > 3 * CACHED_BYTES
     netlib.set_threads(threads)
     x = rng.normal(size=(count, INPUTS)).astype(np.float32)
-    together, alone = forward(x), np.concatenate([forward(x[n : n + 1]) for n in range(count)])
+    together = forward(x)
+    alone = np.concatenate([forward(item[None]) for item in x])
     np.testing.assert_allclose(together, alone, atol=1e-5 * np.abs(alone).max())
     if (sys.platform, platform.machine()) == ("linux", "x86_64"):
         np.testing.assert_array_equal(together, alone)

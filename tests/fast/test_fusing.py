@@ -30,7 +30,7 @@ FIRST = {
     "transposed": 'type: "Deconvolution" convolution_param { num_output: 6 kernel_size: 3 stride: 2 %s }',
     "norm": NORM,
 }
-CHAINS = {
+CHAINS = {  # layers, and how many of them are fused
     "norm, scale, relu": ([NORM, SCALE, RELU], 3),
     "norm, gain": ([NORM, GAIN], 2),
     "scale, norm": ([SCALE, NORM], 2),
@@ -57,8 +57,8 @@ def make(
     in_place: bool = True,
 ) -> netlib.Net:
     """A net with one convolution and layers behind it; its parameters are random."""
-    text = FIRST[first] % FILLERS if "%" in FIRST[first] else FIRST[first]
-    kinds = CHAINS[chain][0]
+    text = FIRST[first].replace("%s", FILLERS)
+    kinds, _ = CHAINS[chain]
     tops = ["y" if in_place or i == len(kinds) else f"y{i}" for i in range(len(kinds) + 1)]
     lines = [inputs(x=shape), f'layer {{ name: "first" bottom: "x" top: "{tops[0]}" {text} }}']
     lines += [
@@ -71,11 +71,10 @@ def make(
     rng = np.random.default_rng(5)
     for layer in net.layers:
         for param in layer.blobs:
-            param.data[...] = (
-                rng.uniform(0.5, 1.5, param.shape)
-                if layer.type == "BatchNorm"
-                else rng.normal(size=param.shape)
-            )
+            if layer.type == "BatchNorm":
+                param.data[...] = rng.uniform(0.5, 1.5, param.shape)
+            else:
+                param.data[...] = rng.normal(size=param.shape)
     return net
 
 
@@ -97,6 +96,7 @@ def test_the_plain_layers_values(
     plain, fast = (make(first, chain, shape, engine) for engine in ("plain", "fast"))
     assert fused(fast) == CHAINS[chain][1]
     rng = np.random.default_rng(7)
+    *_, before_last, _ = ["first", *(layer.name for layer in plain.layers[2:])]
     for turn in range(2):
         x = rng.normal(size=shape).astype(np.float32)
         for net in (plain, fast):
@@ -104,12 +104,9 @@ def test_the_plain_layers_values(
             for params in net.params.values():
                 params[0].data[...] *= 1 + turn
         y = plain.blobs["y"].data.copy()
-        size = np.abs(y).max()
         if "relu6" in chain:  # the rounding is that of larger values
-            plain.forward(
-                end=f"l{len(CHAINS[chain][0]) - 2}" if len(CHAINS[chain][0]) > 1 else "first"
-            )
-            size = np.abs(plain.blobs["y"].data).max()
+            plain.forward(end=before_last)
+        size = np.abs(plain.blobs["y"].data).max()
         np.testing.assert_allclose(fast.blobs["y"].data, y, rtol=0, atol=1e-5 * size)
     for net in (plain, fast):
         net.forward(end="first")
@@ -160,21 +157,17 @@ def test_a_backward_pass(chain: str, count: int, rng: np.random.Generator) -> No
         for net in (plain, fast):
             net.clear_param_diffs()
             net.forward(x=(1 + turn) * x)
-            if turn < 2:
-                net.backward()
-            else:
-                net.backward(start="l")
+            net.backward(start=None if turn < 2 else "l")
         for name, blob in plain.blobs.items():
             size = np.abs(blob.diff).max()
             np.testing.assert_allclose(
                 fast.blobs[name].diff, blob.diff, rtol=0, atol=1e-4 * size, err_msg=name
             )
-        largest = max(np.abs(one.diff).max() for params in plain.params.values() for one in params)
+        largest = max(np.abs(param.blob.diff).max() for param in plain.learnable)
         for name, params in plain.params.items():
-            for one, other in zip(params, fast.params[name]):
-                # that of a bias before it is zero
-                size = np.abs(one.diff).max() if "batch" not in chain else largest
-                np.testing.assert_allclose(
-                    other.diff, one.diff, rtol=0, atol=1e-4 * max(size, 1e-3)
-                )
-                np.testing.assert_allclose(other.data, one.data, rtol=1e-5, atol=1e-5)
+            for expected, found in zip(params, fast.params[name]):
+                # The gradient of a bias before a normalization of the batch is zero.
+                size = np.abs(expected.diff).max() if "batch" not in chain else largest
+                tolerance = 1e-4 * max(size, 1e-3)
+                np.testing.assert_allclose(found.diff, expected.diff, rtol=0, atol=tolerance)
+                np.testing.assert_allclose(found.data, expected.data, rtol=1e-5, atol=1e-5)

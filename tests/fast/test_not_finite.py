@@ -97,35 +97,32 @@ def passes(engine: str, kind: str, options: str, arrays: list[Array]) -> tuple[l
     return [top[0].data, bottom[0].diff, *(param.diff for param in layer.blobs)], layer
 
 
-def check_equal(got: list[Array], want: list[Array]) -> None:
+def check_equal(fast: list[Array], plain: list[Array]) -> None:
     """The same values are finite, and those are equal."""
-    for one, other in zip(got, want):
-        finite = np.isfinite(other)
-        np.testing.assert_array_equal(np.isfinite(one), finite)
-        largest = np.abs(other[finite]).max(initial=1e-3)
-        np.testing.assert_allclose(one[finite], other[finite], rtol=0, atol=1e-4 * float(largest))
+    for found, expected in zip(fast, plain):
+        finite = np.isfinite(expected)
+        np.testing.assert_array_equal(np.isfinite(found), finite)
+        tolerance = 1e-4 * np.abs(expected[finite]).max(initial=1e-3)
+        np.testing.assert_allclose(found[finite], expected[finite], rtol=0, atol=tolerance)
 
 
 @pytest.mark.parametrize(("kind", "options", "shape", "names"), CASES)
 def test_convolutions(kind: str, options: str, shape: tuple[int, ...], names: list[str]) -> None:
     """One such value in x, in w or in dy, anywhere in a tile of any algorithm."""
     rng = np.random.default_rng(0)
-    sizes = gradcheck.make_layer(
-        f'type: "{kind}" convolution_param {{ {options} }}', [np.zeros(shape)]
-    )
+    text = f'type: "{kind}" convolution_param {{ {options} }}'
+    layer = gradcheck.make_layer(text, [np.zeros(shape)])
     bottom, top = Blobs([Blob(shape)]), Blobs([Blob(())])
-    sizes.reshape(bottom, top)
-    plain = [
-        0.05 * rng.normal(size=s).astype(np.float32)
-        for s in (shape, sizes.blobs[0].shape, top[0].shape)
-    ]
+    layer.reshape(bottom, top)
+    shapes = (shape, layer.blobs[0].shape, top[0].shape)  # of x, w and dy
+    ordinary = [0.05 * rng.normal(size=size).astype(np.float32) for size in shapes]
     for value in VALUES:
         for i in range(3):
-            arrays = [array.copy() for array in plain]
+            arrays = [array.copy() for array in ordinary]
             arrays[i].reshape(-1)[rng.integers(arrays[i].size)] = value
-            want, _ = passes("plain", kind, options, arrays)
-            got, layer = passes("fast", kind, options, arrays)
-            check_equal(got, want)
+            expected, _ = passes("plain", kind, options, arrays)
+            found, layer = passes("fast", kind, options, arrays)
+            check_equal(found, expected)
     [chosen] = layer.algorithms
     assert [name_of(a) for a in (chosen.for_y, chosen.for_dx, chosen.for_dw)] == names
 
@@ -133,20 +130,19 @@ def test_convolutions(kind: str, options: str, shape: tuple[int, ...], names: li
 def test_a_weight_of_zero_times_infinity() -> None:
     """It is NaN, also where OpenCV would omit the weight."""
     rng = np.random.default_rng(0)
-    arrays = [
-        rng.normal(size=size).astype(np.float32)
-        for size in ((1, 2, 40, 40), (2, 1, 3, 3), (1, 2, 40, 40))
-    ]
-    arrays[0][0, 0, 20, 20], arrays[1][0, 0, 0, 1] = np.inf, 0
+    shapes = (1, 2, 40, 40), (2, 1, 3, 3), (1, 2, 40, 40)
+    x, w, dy = (rng.normal(size=shape).astype(np.float32) for shape in shapes)
+    x[0, 0, 20, 20] = np.inf
+    w[0, 0, 0, 1] = 0
     options = "num_output: 2 group: 2 kernel_size: 3 pad: 1"
-    check_equal(
-        *(passes(engine, "Convolution", options, arrays)[0] for engine in ("fast", "plain"))
-    )
+    fast, _ = passes("fast", "Convolution", options, [x, w, dy])
+    plain, _ = passes("plain", "Convolution", options, [x, w, dy])
+    check_equal(fast, plain)
 
 
 NET = """
 force_backward: %s
-layer { name: "x" type: "Input" top: "x" input_param { shape { dim: %d dim: 1 dim: 32 dim: 32 } } }
+layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 3 dim: 1 dim: 32 dim: 32 } } }
 layer { name: "c1" type: "Convolution" bottom: "x" top: "y1"
         convolution_param { num_output: 4 kernel_size: 5 weight_filler { type: "gaussian" std: 0.1 } } }
 layer { name: "p1" type: "Pooling" bottom: "y1" top: "z1" pooling_param { kernel_size: 4 stride: 4 } }
@@ -156,35 +152,34 @@ layer { name: "p2" type: "Pooling" bottom: "y2" top: "z2" pooling_param { kernel
 """
 
 
-# tiles, or only the windows without background
-@pytest.mark.parametrize("force", ["true", "false"])
+@pytest.mark.parametrize("force", ["true", "false"], ids=["tiles", "windows without background"])
 @pytest.mark.parametrize("place", ["x", "c1", "c2"])
 def test_convolutions_on_tiles(force: str, place: str) -> None:
-    """The same of convolutions and poolings on tiles, and of the next pass without such a value."""
+    """One such value in x or in the weights of a layer; the next pass is without it."""
     rng = np.random.default_rng(0)
     x = rng.uniform(-1, 1, (3, 1, 32, 32))
-    # else rounding would decide which of the equal values of the background is the largest
+    # With a gradient of x, rounding would decide which value of a background is the largest.
     if force == "false":
         x[:, :, :6] = x[:, :, 20:] = 1
     nets = [
-        netlib.Net(prototxt.parse(NET % (force, 3)), netlib.TRAIN, engine=e, seed=1)
-        for e in ("plain", "fast")
+        netlib.Net(prototxt.parse(NET % force), netlib.TRAIN, engine=engine, seed=1)
+        for engine in ("plain", "fast")
     ]
-    tops = rng.normal(size=nets[0].forward(x=x)["z2"].shape)
+    dz = rng.normal(size=nets[0].forward(x=x)["z2"].shape)
     for value in [0, np.inf, -np.inf, np.nan, 0]:
         index, results = int(rng.integers(9)), []
         for net in nets:
-            image, weight = x.copy(), net.params[place][0].data if place != "x" else np.zeros(9)
-            (image[1, 0, 8, 9:20] if place == "x" else weight.reshape(-1))[index] = value
+            image = x.copy()
+            values = image[1, 0, 8, 9:20] if place == "x" else net.params[place][0].data.reshape(-1)
+            values[index] = value
             z = net.forward(x=image)["z2"].copy()
             net.clear_param_diffs()
-            net.backward(z2=tops)
+            net.backward(z2=dz)
             dx = [net.blobs["x"].diff.copy()] if force == "true" else []
-            results.append(
-                [z, *dx, *(p.diff.copy() for params in net.params.values() for p in params)]
-            )
-            weight.reshape(-1)[index] = 0.1
-        check_equal(results[1], results[0])
+            results.append([z, *dx, *(param.blob.diff.copy() for param in net.learnable)])
+            values[index] = 0.1
+        plain, fast = results
+        check_equal(fast, plain)
 
 
 LAYERS = [
@@ -221,15 +216,16 @@ def test_engines_agree_on_pooling_and_normalization(layer: str, phase: int) -> N
         x = rng.normal(size=(2, 4, 11, 12))
         dy = rng.normal(size=nets[0].forward(x=x)["y"].shape)
         for array in (x, dy):
-            kept, index = array.copy(), int(rng.integers(array.size))
-            array.reshape(-1)[index] = value
+            ordinary = array.copy()
+            array.reshape(-1)[rng.integers(array.size)] = value
             results = []
             for net in nets:
                 y = net.forward(x=x)["y"].copy()
                 net.backward(y=dy)
                 results.append([y, net.blobs["x"].diff.copy()])
-            check_equal(results[1], results[0])
-            array[...] = kept
+            plain, fast = results
+            check_equal(fast, plain)
+            array[...] = ordinary
 
 
 @pytest.mark.parametrize("share", [0, 1e-3, 0.03])
@@ -242,41 +238,34 @@ def test_large_values_spoil_only_their_windows(
     """
     rng = np.random.default_rng(1)
     x = rng.normal(size=(8, channels, size, size)).astype(np.float32)
-    large = rng.random((8, size, size)) < share
-    large[0, 5, 5] = True
-    x[:, 0][large] = 65535
+    is_large = rng.random((8, size, size)) < share
+    is_large[0, 5, 5] = True
+    x[:, 0][is_large] = 65535
     options = f"num_output: {channels} kernel_size: {kernel} pad: {kernel // 2} weight_filler {{ type: 'msra' }}"
-    found = []
-    for engine, dtype in (("plain", np.float64), ("fast", np.float32)):
-        text = f'layer {{ name: "c" type: "Convolution" bottom: "x" top: "y" convolution_param {{ {options} }} }}'
-        net = netlib.Net(
-            prototxt.parse(inputs(x=x.shape) + text),
-            netlib.TEST,
-            engine=engine,
-            dtype=dtype,
-            seed=1,
-        )
-        found.append(net.forward(x=x)["y"].copy())
-    seen = scipy.ndimage.maximum_filter(large, size=(1, kernel, kernel))
-    want, got = (y.swapaxes(0, 1)[:, ~seen] for y in found)
-    assert np.abs(got - want).max() <= 1e-3 * want.std()
+    text = f'layer {{ name: "c" type: "Convolution" bottom: "x" top: "y" convolution_param {{ {options} }} }}'
+    model = prototxt.parse(inputs(x=x.shape) + text)
+    nets = (
+        netlib.Net(model, netlib.TEST, engine=engine, dtype=dtype, seed=1)
+        for engine, dtype in (("plain", np.float64), ("fast", np.float32))
+    )
+    has_large = scipy.ndimage.maximum_filter(is_large, size=(1, kernel, kernel))
+    expected, found = (net.forward(x=x)["y"].swapaxes(0, 1)[:, ~has_large] for net in nets)
+    assert np.abs(found - expected).max() <= 1e-3 * expected.std()
 
 
 @pytest.mark.parametrize("values", ["normal", "half zeros", "black background", "long tail"])
 def test_ordinary_values_are_not_taken_for_large_ones(values: str) -> None:
     """The guard accepts the sums of ordinary inputs, and not those with one of 65535."""
     rng = np.random.default_rng(0)
-    x = (
-        rng.standard_t(3, (2, 64, 24, 24))
-        if values == "long tail"
-        else rng.normal(size=(2, 64, 24, 24))
-    )
-    x = (np.maximum(x, 0) if values == "half zeros" else x).astype(np.float32)
-    if values == "black background":
+    shape = (2, 64, 24, 24)
+    x = rng.standard_t(3, shape) if values == "long tail" else rng.normal(size=shape)
+    x = x.astype(np.float32)
+    if values == "half zeros":
+        np.maximum(x, 0, out=x)
+    elif values == "black background":
         x[..., 8:] = 0
-    sums = np.tensordot(
-        rng.normal(size=(64, 64)), scipy.ndimage.uniform_filter(x, (0, 0, 3, 3)), (1, 1)
-    )
+    means = scipy.ndimage.uniform_filter(x, (0, 0, 3, 3))
+    sums = np.tensordot(rng.normal(size=(64, 64)), means, (1, 1))
     check_spread(sums, x, 64)
     x[0, 0, 5, 5] = 65535
     with pytest.raises(NotFiniteError):

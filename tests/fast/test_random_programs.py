@@ -28,11 +28,11 @@ from tests.support.nets import inputs
 TOLERANCE = 1e-9  # of the largest value of an array, or of 1 where all are smaller
 
 # Options of layers, and weights of their choice. One of the <alternatives|in angle brackets> is
-# drawn. A layer reads a blob and, where "B" stands, any other; it writes a new one, and another one
-# where "Z" stands.
+# drawn. A layer reads a blob, and any other as its bottom "B"; it writes a new one, and another one
+# as its top "Z".
 CONVOLUTION = """type: "Convolution" convolution_param { num_output: <1|2|3|4> bias_term: <true|false>
     weight_filler { type: "gaussian" std: 0.5 } bias_filler { type: "uniform" min: -1 max: 1 } """
-# of two layers
+# Two layers with the same weights.
 SHARED = CONVOLUTION.replace("<1|2|3|4>", "2") + 'kernel_size: 2 } param { name: "w" }'
 RELU = 'type: <"ReLU" relu_param|"ReLU" relu_param|"ReLU6" relu6_param> { negative_slope: <0|0|0|0.1> }'
 LOSS = 'type: "Reduction" loss_weight: <1|2> reduction_param { operation: SUMSQ }'
@@ -70,47 +70,54 @@ def random_net(rng: Random) -> str:
 
     The name of an input ends in the step of its sizes: ``x1``.
     """
-    T = rng.choice([1] * 6 + [2, 4])  # 1, or of a depth image
-    C, sizes = (
-        rng.randint(1, 4 if T == 1 else 1),
-        [rng.randrange(max(6, 2 * T), 19, T) for _ in range(2)],
-    )
+    T = rng.choice([1] * 6 + [2, 4])  # 1, or the step of a depth image
+    C = rng.randint(1, 4 if T == 1 else 1)
+    sizes = [rng.randrange(max(6, 2 * T), 19, T) for _ in range(2)]
     names = ["x1", "y1", "z1"][: rng.choice([1, 1, 1, 2, 3])] if T == 1 else [f"x{T}"]
     text = inputs(**{name: (3, C, *rng.choice([sizes, sizes, sizes[::-1]])) for name in names})
     text += rng.choice(["", "", "force_backward: true "]) if T == 1 else ""
     layers = pick(rng, LAYERS, rng.randint(2, 10))
     layers += [SHARED] * layers.count(SHARED)
     if T > 1:
-        # A convolution and a pooling that fit together, whose windows of background the fast engine
-        # skips. A second max pooling would choose between values that differ only by rounding.
-        layers = [
-            CONVOLUTION + f"kernel_size: {T + 1} }}",
-            *[RELU] * rng.choice([0, 1, 1]),
-            f'type: "Pooling" pooling_param {{ kernel_size: {T} stride: {T} }}',
-            *pick(rng, ELEMENTWISE, rng.randint(0, 3)),
-            CONVOLUTION + "kernel_size: 1 }",
-            LOSS,
-        ]
+        layers = depth_layers(rng, T)
     for number, options in enumerate(layers):
         bottom = rng.choice([names[-1]] * 3 + names) if T == 1 else names[-1]
-        top = (
-            bottom
-            if options in ELEMENTWISE and bottom[0] == "b" and rng.random() < 0.7
-            else f"b{number}"
-        )
-        layer = f'layer {{ name: "n{number}" bottom: "{bottom}" top: "{top}" {options} }}\n'
-        layer = layer.replace('"B"', f'"{rng.choice(names)}"').replace('"Z"', f'"{top}z"')
-        while "<" in layer:
-            layer = re.sub("<([^<>]*)>", lambda found: rng.choice(found[1].split("|")), layer)
-        try:
-            blobs = netlib.Net(prototxt.parse(text + layer), netlib.TRAIN, engine="plain").blobs
-        except netlib.NetlibError:  # the layer does not fit its bottoms
-            continue
-        text, names = (
-            text + layer,
-            [name for name in blobs if blobs[name].shape and "split" not in name],
-        )
+        text, names = extended(rng, text, names, number, bottom, options)
     return text
+
+
+def depth_layers(rng: Random, T: int) -> list[str]:
+    """Return a convolution and a pooling that fit together, whose windows of background the fast
+    engine skips, with layers around them.
+
+    A second max pooling would choose between values that differ only by rounding.
+    """
+    return [
+        CONVOLUTION + f"kernel_size: {T + 1} }}",
+        *[RELU] * rng.choice([0, 1, 1]),
+        f'type: "Pooling" pooling_param {{ kernel_size: {T} stride: {T} }}',
+        *pick(rng, ELEMENTWISE, rng.randint(0, 3)),
+        CONVOLUTION + "kernel_size: 1 }",
+        LOSS,
+    ]
+
+
+def extended(
+    rng: Random, text: str, names: list[str], number: int, bottom: str, options: str
+) -> tuple[str, list[str]]:
+    """Append a layer, unless it does not fit its bottoms; returns the net and its blobs."""
+    top = f"b{number}"
+    if options in ELEMENTWISE and bottom[0] == "b" and rng.random() < 0.7:
+        top = bottom
+    layer = f'layer {{ name: "n{number}" bottom: "{bottom}" top: "{top}" {options} }}\n'
+    layer = layer.replace('"B"', f'"{rng.choice(names)}"').replace('"Z"', f'"{top}z"')
+    while "<" in layer:
+        layer = re.sub("<([^<>]*)>", lambda found: rng.choice(found[1].split("|")), layer)
+    try:
+        blobs = netlib.Net(prototxt.parse(text + layer), netlib.TRAIN, engine="plain").blobs
+    except netlib.NetlibError:
+        return text, names
+    return text + layer, [name for name in blobs if blobs[name].shape and "split" not in name]
 
 
 def images(net: netlib.Net, rng: np.random.Generator, new: float = 0) -> dict[str, Any]:
@@ -118,15 +125,20 @@ def images(net: netlib.Net, rng: np.random.Generator, new: float = 0) -> dict[st
     products are exact.
     """
     change = rng.integers(-2, 3, 2) * (rng.random() < new)
-    count, found = rng.integers(8) if rng.random() < new else None, {}
+    count = rng.integers(8) if rng.random() < new else None
+    batches = {}
     for name in net.inputs:
-        (N, C, *sizes), step = net.blobs[name].shape, int(name[1:])
+        N, C, *sizes = net.blobs[name].shape
+        step = int(name[1:])
         H, W = (max(6, 2 * step, size + step * more) for size, more in zip(sizes, change))
-        found[name] = rng.normal(size=(N if count is None else count, C, H, W))
-        for image in found[name] if step > 1 else ():
-            np.negative(abs(image), out=image)
-            image[:, rng.integers(H) :] = image[..., rng.integers(W) :] = 0
-    return found
+        batch = rng.normal(size=(N if count is None else count, C, H, W))
+        if step > 1:
+            np.negative(abs(batch), out=batch)
+            for image in batch:
+                image[:, rng.integers(H) :] = 0
+                image[..., rng.integers(W) :] = 0
+        batches[name] = batch
+    return batches
 
 
 def forward(net: netlib.Net, rng: np.random.Generator) -> dict[str, Any]:
@@ -151,21 +163,17 @@ def backward(net: netlib.Net, rng: np.random.Generator, fewer: bool = False) -> 
         for name in net.inputs[rng.integers(len(net.inputs)) :]:
             net.blobs[name].reshape(count, *net.blobs[name].shape[1:])
         net.reshape()
-    return net.backward(
-        **{
-            name: rng.normal(size=net.blobs[name].shape)
-            for name in net.outputs
-            if rng.random() < 0.8
-        }
-    )
+    diffs = {}
+    for name in net.outputs:
+        if rng.random() < 0.8:
+            diffs[name] = rng.normal(size=net.blobs[name].shape)
+    return net.backward(**diffs)
 
 
 def part(net: netlib.Net, rng: np.random.Generator) -> list[str | None]:
     """Draw the first and the last layer of a part of the net."""
-    return [
-        net.layers[i].name if rng.random() < 0.8 else None
-        for i in sorted(rng.choice(len(net.layers), 2))
-    ]
+    ends = sorted(rng.choice(len(net.layers), 2))
+    return [net.layers[i].name if rng.random() < 0.8 else None for i in ends]
 
 
 def read(blobs: dict[str, Blob], *halves: str) -> dict[str, Any]:
@@ -179,8 +187,8 @@ def write(rng: np.random.Generator, arrays: dict[str, Any]) -> None:
         array[...] = rng.normal(size=array.shape) if rng.random() < 0.5 else array
 
 
-# weight of the choice, effect, function of a net and a generator, which has the same
-# seed for each net
+# The weight of the choice, the effect, and a function of a net and a generator, which has the same
+# seed for each net.
 OPERATIONS = {
     "forward": (17, "pass", forward),
     "forward of new images": (3, "pass", lambda net, rng: net.forward(**images(net, rng))),
@@ -226,57 +234,54 @@ def check(seed: int) -> None:
     """Run the program of a seed; every second one in slices of two items, so that
     there are several.
     """
-    slices.MAX_SLICE, rng = 2 if seed % 2 else 64, Random(seed)
-    model, phase = (
-        prototxt.parse(random_net(rng)),
-        rng.choice([netlib.TRAIN, netlib.TRAIN, netlib.TEST]),
-    )
+    slices.MAX_SLICE = 2 if seed % 2 else 64
+    rng = Random(seed)
+    model = prototxt.parse(random_net(rng))
+    phase = rng.choice([netlib.TRAIN, netlib.TRAIN, netlib.TEST])
     nets = [
         netlib.Net(model, phase, dtype=np.float64, seed=1, engine=engine)
         for engine in ("plain", "fast", "fast")
     ]
     state = ""  # or "diffs", those of the last pass, or "new params", to which no diffs belong
-    some = pick(
-        rng, {name: weight for name, (weight, _, _) in OPERATIONS.items()}, rng.randint(3, 12)
-    )
+    weights = {name: weight for name, (weight, _, _) in OPERATIONS.items()}
+    some = pick(rng, weights, rng.randint(3, 12))
     for number, name in enumerate(["forward of new images", *some, "read data", "read diffs"]):
-        (_, effect, operation), where = (
-            OPERATIONS[name],
-            f"program {seed}, operation {number} ({name})",
-        )
+        _, effect, operation = OPERATIONS[name]
         if effect == "needs diffs" and state != "diffs":
             continue
         results = []
         for net, threads in zip(nets, (1, 1, 4)):
             netlib.set_threads(threads)
             try:
-                found = operation(net, np.random.default_rng([seed, number])) or {}
-                found |= read({name: net.blobs[name] for name in net.outputs}, "data")
-                results.append(
-                    found
-                    | read({param.label: param.blob for param in net.learnable}, "data", "diff")
-                )
+                results.append(values_after(operation, net, np.random.default_rng([seed, number])))
             except netlib.NetlibError as error:
                 results.append(error)
-        if any(
-            "run forward first" in str(one)
-            for one in results
-            if isinstance(one, netlib.NetlibError)
-        ):
+        errors = [result for result in results if isinstance(result, netlib.NetlibError)]
+        if any("run forward first" in str(error) for error in errors):
             return  # an engine may have to run other layers again
-        plain, one, four = results
-        assert type(plain) is type(one) is type(four), f"{where}: returned or raised {results}"
-        if isinstance(plain, netlib.NetlibError):
+        where = f"program {seed}, operation {number} ({name})"
+        assert len(errors) in (0, 3), f"{where}: returned or raised {results}"
+        if errors:
             return  # after a failed pass, half of the blobs have new shapes
-        for what in plain:
-            size = abs(plain[what][np.isfinite(plain[what])]).max(initial=1)
-            np.testing.assert_allclose(
-                one[what], plain[what], 0, TOLERANCE * size, err_msg=f"{where}: {what}"
-            )
-            np.testing.assert_array_equal(
-                four[what], one[what], f"{where}: {what} on 1 and on 4 threads"
-            )
+        compare(*results, where)
         state = {"pass": "", "new params": effect, "backward": state or "diffs"}.get(effect, state)
+
+
+def values_after(operation: Any, net: netlib.Net, rng: np.random.Generator) -> dict[str, Any]:
+    """Return what an operation returns, the outputs, the parameters and their gradients."""
+    returned = operation(net, rng) or {}
+    outputs = read({name: net.blobs[name] for name in net.outputs}, "data")
+    return returned | outputs | read({p.label: p.blob for p in net.learnable}, "data", "diff")
+
+
+def compare(
+    plain: dict[str, Any], one_thread: dict[str, Any], threads: dict[str, Any], where: str
+) -> None:
+    for what, expected in plain.items():
+        size = abs(expected[np.isfinite(expected)]).max(initial=1)
+        found, message = one_thread[what], f"{where}: {what}"
+        np.testing.assert_allclose(found, expected, 0, TOLERANCE * size, err_msg=message)
+        np.testing.assert_array_equal(threads[what], found, f"{message} on 1 and on 4 threads")
 
 
 @pytest.mark.filterwarnings("ignore")

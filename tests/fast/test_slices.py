@@ -160,17 +160,15 @@ def test_slices_agree_with_layer_by_layer_for_any_background(
     net_of: MakeNet, background: str
 ) -> None:
     inputs = batch(4)
+    depth = inputs["depth"]
     if background == "none":
-        inputs["depth"] = (
-            np.random.default_rng(0).normal(size=inputs["depth"].shape).astype(np.float32)
-        )
+        depth[...] = np.random.default_rng(0).normal(size=depth.shape)
     elif background == "another value":
-        inputs["depth"] = inputs["depth"] * np.float32(0.3) - np.float32(2)
+        depth[...] = 0.3 * depth - 2
     else:
-        inputs["depth"][...] = 0 if "zero" in background else 1
-    assert_close(
-        everything(net_of(PAPER), inputs), everything(layer_by_layer(net_of(PAPER)), inputs), 2e-5
-    )
+        depth[...] = 0 if "zero" in background else 1
+    expected = everything(layer_by_layer(net_of(PAPER)), inputs)
+    assert_close(everything(net_of(PAPER), inputs), expected, 2e-5)
 
 
 def expected_of(net_of: MakeNet, inputs: Arrays) -> dict[str, Arrays]:
@@ -196,7 +194,8 @@ def test_an_unstored_blob_is_correct_whenever_it_is_accessed(
     net_of: MakeNet, name: str, when: str
 ) -> None:
     """It is also correct in later passes; the access changes no other value."""
-    net, inputs = net_of(PAPER), batch(10, flat=name != "c2")
+    net = net_of(PAPER)
+    inputs = batch(10, flat=name != "c2")
     expected = expected_of(net_of, inputs)
     if when == "before forward":
         assert not net.blobs[name].data.any()
@@ -216,24 +215,24 @@ def test_an_unstored_blob_is_correct_whenever_it_is_accessed(
     check_blob(net, name, "diff", expected)
 
 
-def test_a_look_costs_one_pass_and_all_blobs_are_stored_from_then_on(
+def test_a_read_costs_one_pass_and_all_blobs_are_stored_from_then_on(
     net_of: MakeNet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     net = net_of(PAPER)
     everything(net, batch(3))
-    assert [(blob.shape, blob.count) for blob in net.blobs.values()]  # shapes are no look
+    assert [
+        (blob.shape, blob.count) for blob in net.blobs.values()
+    ]  # shapes are not read from memory
     assert unstored(net) == UNSTORED
     repeated = []
     store = SlicedStep.store
     monkeypatch.setattr(SlicedStep, "store", lambda self: repeated.append(self) or store(self))
-    assert [blob.data.shape for blob in net.blobs.values()] == [
-        blob.shape for blob in net.blobs.values()
-    ]
+    assert all(blob.data.shape == blob.shape for blob in net.blobs.values())
     assert len(repeated) == 1
     assert unstored(net) == []
 
 
-@pytest.mark.parametrize("how", ["a look", "a part"])
+@pytest.mark.parametrize("how", ["a read", "a part"])
 def test_recomputing_infinite_values_gives_no_warning(net_of: MakeNet, how: str) -> None:
     """As in the pass itself. (A warning fails the tests.)"""
     net = net_of(PAPER)
@@ -320,9 +319,8 @@ CONV = """
             convolution_param { num_output: 2 kernel_size: 3 weight_filler { type: "xavier" } } }
     layer { name: "r%s" type: "ReLU" bottom: "%s" top: "%s" }
 """
-OF_X, OF_Y = (
-    CONV % (name, bottom, name, name, name, name) for name, bottom in (("cx", "fx"), ("cy", "y"))
-)
+OF_X = CONV % (("cx", "fx") + ("cx",) * 4)
+OF_Y = CONV % (("cy", "y") + ("cy",) * 4)
 
 
 @pytest.mark.parametrize(
@@ -419,13 +417,11 @@ def test_no_relu_changes_places_with_a_max_pooling_that_has_empty_windows(net_of
     x = np.random.default_rng(0).normal(size=(3, 1, 9, 8))
     for net in (net_of(text), layer_by_layer(net_of(text))):
         net.params["d"][0].data[...] = 1
-        assert (
-            np.isneginf(net.forward(x=x)["d"]).tolist()
-            == [[[[False, False, True]] * 2 + [[True] * 3]]] * 3
-        )
+        is_empty = np.isneginf(net.forward(x=x)["d"])
+        assert is_empty.tolist() == [[[[False, False, True]] * 2 + [[True] * 3]]] * 3
 
 
-def test_a_look_repeats_only_what_ran_in_slices(net_of: MakeNet, rng: np.random.Generator) -> None:
+def test_a_read_repeats_only_what_ran_in_slices(net_of: MakeNet, rng: np.random.Generator) -> None:
     """A layer that ran whole keeps its output when an unstored blob is read after its
     input was written.
     """
@@ -445,20 +441,20 @@ def test_a_look_repeats_only_what_ran_in_slices(net_of: MakeNet, rng: np.random.
 
 
 CHANGES = {  # of a batch of images
-    "one value": lambda x: x.reshape(-1).__setitem__(5, 0.25),
+    "one value": lambda x: x[0, 0, 0, 5:6].fill(0.25),
     "a square": lambda x: x[0, 0, 10:18, 10:18].fill(0.25),
     "a row": lambda x: x[0, 0, 64].fill(0.25),
     "a sign": lambda x: np.negative(x[:1, :, 3, 3], out=x[:1, :, 3, 3]),
     "NaN": lambda x: x[:1, :, 3, 3].fill(np.nan),
-    "a flip": lambda x: x.__setitem__(..., x[..., ::-1].copy()),
-    "a roll": lambda x: x.__setitem__(..., np.roll(x, 1)),
-    "a shuffled batch": lambda x: x.__setitem__(..., x[::-1].copy()),
+    "a flip": lambda x: np.copyto(x, x[..., ::-1].copy()),
+    "a roll": lambda x: np.copyto(x, np.roll(x, 1)),
+    "a shuffled batch": lambda x: np.copyto(x, x[::-1].copy()),
     "all": lambda x: x.fill(0.25),
 }
 
 
 @pytest.mark.parametrize("change", CHANGES)
-def test_a_look_after_an_input_was_written_gives_the_values_of_the_pass(
+def test_a_read_after_an_input_was_written_gives_the_values_of_the_pass(
     net_of: MakeNet, change: str
 ) -> None:
     net, expected = net_of(PAPER), expected_of(net_of, batch(3))
@@ -482,7 +478,7 @@ def test_backward_after_an_input_was_written_is_an_error(net_of: MakeNet, change
     net.backward()
 
 
-def test_backward_after_a_look_may_use_new_inputs(net_of: MakeNet) -> None:
+def test_backward_after_a_read_may_use_new_inputs(net_of: MakeNet) -> None:
     """The net stores all blobs then, so the gradient is that of Caffe: of old blobs and
     the new input.
     """
@@ -493,7 +489,8 @@ def test_backward_after_a_look_may_use_new_inputs(net_of: MakeNet) -> None:
         one.blobs["depth"].data[...] = 0.5
         one.clear_param_diffs()
         one.backward()
-    assert_close(*({p.label: p.blob.diff for p in one.learnable} for one in (net, plain)), 2e-5)
+    found, expected = ({p.label: p.blob.diff for p in one.learnable} for one in (net, plain))
+    assert_close(found, expected, 2e-5)
 
 
 def test_a_part_after_an_input_was_written_continues_from_the_pass(net_of: MakeNet) -> None:
@@ -505,9 +502,10 @@ def test_a_part_after_an_input_was_written_continues_from_the_pass(net_of: MakeN
     assert difference(net.blobs["fc"].data, plain.blobs["fc"].data) <= 2e-5
 
 
-def test_a_look_after_weights_changed_before_backward(net_of: MakeNet) -> None:
+def test_a_read_after_weights_changed_before_backward(net_of: MakeNet) -> None:
     """Diffs are those of the weights of backward, data those of the weights of forward."""
-    net, plain = net_of(PAPER, dtype=np.float64), net_of(PAPER, engine="plain", dtype=np.float64)
+    net = net_of(PAPER, dtype=np.float64)
+    plain = net_of(PAPER, engine="plain", dtype=np.float64)
     for one in (net, plain):
         feed(one, batch(3, flat=False))
         one.params["c3"][0].data[...] *= 2
@@ -518,7 +516,7 @@ def test_a_look_after_weights_changed_before_backward(net_of: MakeNet) -> None:
         assert difference(net.blobs[name].diff, plain.blobs[name].diff) <= 1e-9, name
 
 
-def test_a_look_after_the_diff_of_a_top_was_written(net_of: MakeNet) -> None:
+def test_a_read_after_the_diff_of_a_top_was_written(net_of: MakeNet) -> None:
     net, expected = net_of(PAPER), expected_of(net_of, batch(3))
     everything(net, batch(3))
     net.blobs["c3"].diff.flat[7] += 1
@@ -526,7 +524,7 @@ def test_a_look_after_the_diff_of_a_top_was_written(net_of: MakeNet) -> None:
 
 
 @pytest.mark.parametrize("name, shape", [("depth", (5, 1, 128, 128)), ("label", (5, 10))])
-def test_a_look_after_a_blob_was_reshaped(
+def test_a_read_after_a_blob_was_reshaped(
     net_of: MakeNet, name: str, shape: tuple[int, ...]
 ) -> None:
     net, expected = net_of(PAPER), expected_of(net_of, batch(3))
@@ -536,7 +534,7 @@ def test_a_look_after_a_blob_was_reshaped(
     check_blob(net, "p2", "diff", expected)
 
 
-def test_a_look_after_a_parameter_was_reshaped(net_of: MakeNet) -> None:
+def test_a_read_after_a_parameter_was_reshaped(net_of: MakeNet) -> None:
     net, expected = net_of(PAPER), expected_of(net_of, batch(3))
     everything(net, batch(3))
     net.params["c1"][0].reshape(8, 25)
@@ -608,11 +606,11 @@ def test_an_unstored_blob_cannot_be_read_during_a_pass(
     layer = net.layer_dict["fc"]
     forward = layer.forward
 
-    def looking(bottom: netlib.Blobs, top: netlib.Blobs) -> None:
+    def reading_forward(bottom: netlib.Blobs, top: netlib.Blobs) -> None:
         net.blobs["c1"].data  # noqa: B018
         forward(bottom, top)
 
-    monkeypatch.setattr(layer, "forward", looking)
+    monkeypatch.setattr(layer, "forward", reading_forward)
     with pytest.raises(NetlibError, match="an unstored blob is read during a pass"):
         feed(net, batch(3))
     assert net.blobs["c1"].data.any()
@@ -627,21 +625,16 @@ SPLIT = """
 """
 
 
-@pytest.mark.parametrize("overwritten", ["", "b"])
+@pytest.mark.parametrize("overwritten", [False, True])
 def test_tops_of_a_split_share_memory_unless_a_layer_overwrites_it(
-    net_of: MakeNet, overwritten: str
+    net_of: MakeNet, overwritten: bool
 ) -> None:
-    over = (
-        f'layer {{ name: "over" type: "Exp" bottom: "{overwritten}" top: "{overwritten}" }}'
-        if overwritten
-        else ""
-    )
-    text, x = inputs(x=(1, 4)) + SPLIT % over, np.arange(4.0).reshape(1, 4)
+    over = 'layer { name: "over" type: "Exp" bottom: "b" top: "b" }' if overwritten else ""
+    text = inputs(x=(1, 4)) + SPLIT % over
     fast, plain = net_of(text, engine="fast"), net_of(text, engine="plain")
     for factor in (1, 2):
-        np.testing.assert_array_equal(
-            fast.forward(x=factor * x)["d"], plain.forward(x=factor * x)["d"]
-        )
+        x = factor * np.arange(4.0).reshape(1, 4)
+        np.testing.assert_array_equal(fast.forward(x=x)["d"], plain.forward(x=x)["d"])
     a, b, c = (fast.blobs[name].data for name in "abc")
     assert np.shares_memory(a, b) == (not overwritten)
     assert np.shares_memory(a, c)
@@ -671,9 +664,8 @@ def test_after_a_step_of_a_solver_all_blobs_have_its_values(tmp_path: Path) -> N
     assert unstored(fast.net) == UNSTORED
     for name, blob in plain.net.blobs.items():
         assert difference(fast.net.blobs[name].data, blob.data) <= 2e-5, name
-        assert np.linalg.norm(fast.net.blobs[name].diff - blob.diff) <= 1e-2 * np.linalg.norm(
-            blob.diff
-        ), name
+        error = np.linalg.norm(fast.net.blobs[name].diff - blob.diff)
+        assert error <= 1e-2 * np.linalg.norm(blob.diff), name
 
 
 BRANCHES = (
@@ -801,8 +793,8 @@ def test_diffs_are_unknown_after_numbers_of_items_differ(
         net.blobs["cy"].diff  # noqa: B018
 
 
-def test_after_a_part_all_blobs_are_stored_until_fewer_are_wanted(net_of: MakeNet) -> None:
-    """To want fewer before the part changes nothing: a resumed training does."""
+def test_a_part_stores_all_blobs_until_store_all_is_false(net_of: MakeNet) -> None:
+    """A call before the part, as by a resumed training, changes nothing."""
     net = net_of(PAPER)
     net.store_all(False)
     feed(net, batch(3))
@@ -844,7 +836,7 @@ def test_moving_averages_that_another_layer_updates_between_the_passes(net_of: M
 
 
 def test_prelu_reads_its_bottom_in_backward(net_of: MakeNet) -> None:
-    """After a look, a caller may write the bottom before backward: the gradient is Caffe's."""
+    """After a read, a caller may write the bottom before backward: the gradient is Caffe's."""
     text = """
         force_backward: true
         layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 3 dim: 2 dim: 6 dim: 6 } } }

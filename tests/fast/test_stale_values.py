@@ -46,11 +46,8 @@ def test_narrower_and_lower_images_after_wider_and_higher_ones(
 ) -> None:
     """The padding of tiles has no values of larger images whose tiles had the same shape."""
     sizes = [(9, 6), (9, 5), (9, 6), (8, 6), (8, 5), (9, 5)]
-    agree(
-        CONVOLUTION % (between, loss),
-        *({"x": rng.normal(size=(3, 1, *size))} for size in sizes),
-        tolerance=1e-11,
-    )
+    batches = [{"x": rng.normal(size=(3, 1, *size))} for size in sizes]
+    agree(CONVOLUTION % (between, loss), *batches, tolerance=1e-11)
 
 
 @pytest.mark.parametrize(
@@ -70,16 +67,13 @@ def test_a_layer_that_overwrites_pooled_values(
     """A ReLU is not moved behind a pooling whose values are overwritten, because its backward
     reads their signs.
     """
-    agree(
-        CONVOLUTION % (POOLING + IN_PLACE % function, "d"),
-        {"x": rng.normal(size=(3, 1, 9, 6))},
-        tolerance=1e-11,
-    )
+    text = CONVOLUTION % (POOLING + IN_PLACE % function, "d")
+    agree(text, {"x": rng.normal(size=(3, 1, 9, 6))}, tolerance=1e-11)
 
 
 @pytest.mark.parametrize("change", ["parameters", "shared parameters", "output"])
 @pytest.mark.parametrize("half", ["data", "diff"])
-def test_a_first_look_shows_the_last_pass(
+def test_the_first_read_returns_the_values_of_the_last_pass(
     net_of: MakeNet, rng: np.random.Generator, half: str, change: str
 ) -> None:
     """The first access returns the values of the last pass, even if blobs were modified
@@ -87,7 +81,8 @@ def test_a_first_look_shows_the_last_pass(
     """
     text = CONVOLUTION % (POOLING + IN_PLACE % 'type: "Sigmoid"', "d")
     fast, plain = both(net_of, text)
-    x, value = rng.normal(size=(3, 1, 9, 6)), rng.normal(size=(3, 1, 4, 3))
+    x = rng.normal(size=(3, 1, 9, 6))
+    d = rng.normal(size=(3, 1, 4, 3))
     for net, other in zip((fast, plain), both(net_of, text, seed=2)):
         net.forward(x=x)
         net.backward()
@@ -96,13 +91,13 @@ def test_a_first_look_shows_the_last_pass(
         elif change == "shared parameters":
             net.share_params(other)
         else:
-            net.blobs["d"].data[...] = value
+            net.blobs["d"].data[...] = d
     for name in ("c", "p"):
-        got, want = getattr(fast.blobs[name], half), getattr(plain.blobs[name], half)
-        np.testing.assert_allclose(got, want, rtol=1e-11, atol=1e-11)
+        found, expected = (getattr(net.blobs[name], half) for net in (fast, plain))
+        np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-11)
 
 
-def test_a_look_leaves_shared_parameters_alone(net_of: MakeNet, rng: np.random.Generator) -> None:
+def test_a_read_does_not_write_shared_parameters(net_of: MakeNet, rng: np.random.Generator) -> None:
     """Computing a blob again does not write to parameters, which another net may be using."""
     fast, _ = both(net_of, CONVOLUTION % (POOLING, "p"))
     fast.forward(x=rng.normal(size=(3, 1, 9, 6)))

@@ -52,7 +52,7 @@ DARK_AREAS = {
 }
 
 
-def new_figure(width: float = 8.0, height: float = 4.0) -> Any:
+def new_figure(width: float, height: float) -> Any:
     """An empty figure, in inches."""
     from matplotlib.figure import Figure
 

@@ -11,9 +11,11 @@ from layers.hand.kinematics import Kinematics
 from layers.hand.skeleton import load
 from netlib.blob import Array
 
-# they lead the arm to (3, 4) and (3, 6)
-SHOULDER, ELBOW = np.arctan2(4, 3), np.pi / 2 - np.arctan2(4, 3)
+# With these angles, the elbow is at (3, 4) and the wrist at (3, 6).
+SHOULDER = np.arctan2(4, 3)
+ELBOW = np.pi / 2 - SHOULDER
 BONES = (5.0, 2.0)
+HALF_CUBE_MM = 150
 
 
 def arm_joints(theta: Array) -> Array:
@@ -37,17 +39,15 @@ def arm() -> Any:
     """The arm of chapter 8 with the frame of each joint."""
     figure, axes = _plane(5.2, 4.6)
     _bones(axes, ARM)
-    for place, turn, name in zip(
-        ARM, (0.0, SHOULDER, SHOULDER + ELBOW), ("shoulder", "elbow", "wrist")
-    ):
+    turns = (0.0, SHOULDER, SHOULDER + ELBOW)
+    for place, turn, name in zip(ARM, turns, ("shoulder", "elbow", "wrist")):
         for axis, colour in ((0.0, AXES[0]), (np.pi / 2, AXES[1])):
             _arrow(axes, place, place + 1.1 * _direction(turn + axis), colour, 1.6)
         x, y = place
         label = x + 0.25, y + (0.15 if name == "wrist" else -0.45)
         axes.text(*label, f"{name} ({x:g}, {y:g})", fontsize=9)
-    for place, begin, turn, words in zip(
-        ARM, (0.0, SHOULDER), (SHOULDER, ELBOW), ("53.13°", "+ 36.87°")
-    ):
+    angles = (SHOULDER, "53.13°"), (ELBOW, "+ 36.87°")
+    for place, begin, (turn, words) in zip(ARM, turns, angles):
         _arc(axes, place, 1.5, begin, begin + turn, INK)
         label = place + 1.7 * _direction(begin + turn / 2)
         axes.text(*label, words, fontsize=8, color=INK, va="center")
@@ -60,19 +60,21 @@ def arm() -> Any:
 def lever() -> Any:
     """A force on the wrist of that arm, and its lever about either joint."""
     figure, axes = _plane(5.2, 4.6)
-    wrist, force = ARM[2], np.array([1.0, 2.0])
+    wrist = ARM[2]
+    force = np.array([1.0, 2.0])
     _bones(axes, ARM)
     _arrow(axes, wrist, wrist + force, FORCE, 2)
     axes.text(*(wrist + force + (0.15, -0.1)), "f = (1, 2)", color=FORCE)
+    shifts = (0.0, -0.18)  # the elbow's lever is beside its bone
     for pivot, name, torque, shift in zip(
-        ARM, ("shoulder", "elbow"), arm_torques(ARM, force), (0.0, -0.18)
+        ARM, ("shoulder", "elbow"), arm_torques(ARM, force), shifts
     ):
-        # the elbow's is on the bone
-        axes.plot(*(np.array([pivot, wrist]) + (shift, 0)).T, "--", color=INK, lw=1)
+        lever = np.array([pivot, wrist]) + (shift, 0)
+        axes.plot(*lever.T, "--", color=INK, lw=1)
         if abs(torque) > 1e-9:
             arc = _arc(axes, pivot, 0.8, 2.4, 2.4 + np.sign(torque) * 1.8, FORCE)
             _arrow(axes, arc[-3], arc[-1], FORCE, 1.6)
-        x, y, torque = np.round([*(wrist - pivot), torque], 6) + 0.0  # no -0
+        x, y, torque = np.round([*(wrist - pivot), torque], 6) + 0.0  # turns -0 into 0
         words = f"{name}: lever ({x:g}, {y:g})\ntorque {torque:g}"
         axes.text(*(pivot + (0.35, -0.55)), words, fontsize=9)
     axes.set(xlim=(-1.2, 6.8), ylim=(-1.2, 8.6), title="torque = lever × force")
@@ -84,7 +86,8 @@ def reach() -> Any:
     gradient descent.
     """
     figure, axes = _plane(5.2, 4.2)
-    target, theta = np.array([-3.0, 5.0]), np.array([SHOULDER, ELBOW])
+    target = np.array([-3.0, 5.0])
+    theta = np.array([SHOULDER, ELBOW])
     shown = (0, 1, 2, 3, 5, 8, 13, 21, 34, 55, 100)
     for step in range(max(shown) + 1):
         joints = arm_joints(theta)
@@ -102,7 +105,7 @@ def hand_joints() -> Any:
     with their names.
     """
     hand = load()
-    xyz = 150 * Kinematics(hand).joints(np.zeros((1, 47)))[0]
+    xyz = HALF_CUBE_MM * Kinematics(hand).joints(np.zeros((1, 47)))[0]
     figure = new_figure(10, 6.2)
     front, side, names = figure.subplots(1, 3, gridspec_kw={"width_ratios": (4.4, 2.6, 2.2)})
     views = (front, 0, "x, mm", "from the camera"), (side, 2, "z, mm (away)", "from the side")
@@ -119,21 +122,14 @@ def hand_joints() -> Any:
     names.axis("off")
     for j, name in enumerate(hand.joint_names):
         height = 1 - j / len(hand.joint_names)
-        names.text(
-            0,
-            height,
-            f"{j:2d}  {name}",
-            fontsize=8,
-            family="monospace",
-            color=_colour(name),
-            va="top",
-        )
+        line = f"{j:2d}  {name}"
+        names.text(0, height, line, fontsize=8, family="monospace", color=_colour(name), va="top")
     return figure
 
 
 def _colour(name: str) -> str:
     """The colour of a joint: its finger's, or the palm's."""
-    finger = name.split("_", maxsplit=1)[0]
+    finger = name.partition("_")[0]
     return PALM if name.endswith("_mcp") and finger != "thumb" else FINGERS.get(finger, PALM)
 
 
@@ -141,7 +137,7 @@ def _direction(angle: float) -> Array:
     return np.array([np.cos(angle), np.sin(angle)])
 
 
-def _arrow(axes: Any, start: Array, end: Array, colour: str, width: float = 1.0) -> None:
+def _arrow(axes: Any, start: Array, end: Array, colour: str, width: float) -> None:
     axes.annotate("", end, start, arrowprops={"arrowstyle": "->", "color": colour, "lw": width})
 
 

@@ -24,10 +24,10 @@ from netlib.blob import Array
 
 IMAGE = np.array([[1, 2, 0, 1], [0, 1, 3, 1], [2, 0, 1, 0], [1, 1, 0, 2]])  # of chapter 3
 KERNEL = np.array([[1, 2], [0, -1]])
-Place = tuple[float, float]
+Point = tuple[float, float]
 
 
-def _canvas(inches: Place, size: Place) -> tuple[Any, Any]:
+def _canvas(inches: Point, size: Point) -> tuple[Any, Any]:
     """A figure and its axes, which are not drawn; ``size`` is the range of x and y."""
     figure = new_figure(*inches)
     axes = figure.add_subplot()
@@ -40,19 +40,16 @@ def _box(axes: Any, x: float, y: float, words: str, width: float, colour: str = 
     from matplotlib.patches import FancyBboxPatch
 
     corner = (x - width / 2, y - 0.32)
-    axes.add_patch(
-        FancyBboxPatch(
-            corner, width, 0.64, boxstyle="round,pad=0.05", facecolor=colour, edgecolor=LINE
-        )
-    )
+    box = FancyBboxPatch(corner, width, 0.64, boxstyle="round,pad=0.05", fc=colour, ec=LINE)
+    axes.add_patch(box)
     axes.text(x, y, words, ha="center", va="center", fontsize=9)
 
 
-def _arrow(axes: Any, start: Place, end: Place, colour: str = INK) -> None:
+def _arrow(axes: Any, start: Point, end: Point, colour: str = INK) -> None:
     axes.annotate("", end, start, arrowprops={"arrowstyle": "->", "color": colour, "lw": 1.2})
 
 
-def _wire(axes: Any, start: Place, end: Place, value: str, gradient: str, side: int = 0) -> None:
+def _wire(axes: Any, start: Point, end: Point, value: str, gradient: str, side: int = 0) -> None:
     """An arrow with its value above and its gradient below; both above (1) or below (-1) one
     that is not level.
     """
@@ -80,9 +77,8 @@ def _grid(
         left, bottom = x + column * size, y - (row + 1) * size
         colour = (shade[row, column] if shade is not None else "") or "white"
         opacity = 0.55 if colour != "white" else 1
-        axes.add_patch(
-            Rectangle((left, bottom), size, size, facecolor=colour, edgecolor=LINE, alpha=opacity)
-        )
+        square = Rectangle((left, bottom), size, size, fc=colour, ec=LINE, alpha=opacity)
+        axes.add_patch(square)
         center = left + size / 2, bottom + size / 2
         axes.text(*center, f"{number:g}", ha="center", va="center", fontsize=9)
 
@@ -90,8 +86,10 @@ def _grid(
 def circuit() -> Any:
     """Chapter 1's chain: a = w x, y = max(a, 0), L = ½ (y − t)², with x = 2, w = 3, t = 5."""
     x, w, t = 2.0, 3.0, 5.0
-    a, y = w * x, max(w * x, 0.0)
-    loss, dy = 0.5 * (y - t) ** 2, y - t
+    a = w * x
+    y = max(a, 0.0)
+    loss = 0.5 * (y - t) ** 2
+    dy = y - t
     da = dy * (a > 0)
     dx, dw = da * w, da * x
     figure, axes = _canvas((8.0, 2.4), (11.2, 3.2))
@@ -130,19 +128,21 @@ def outer() -> Any:
 def window() -> Any:
     """Chapter 3: a window and its number; a number of dy and its stamp."""
     figure, axes = _canvas((8.5, 3.3), (14.4, 4.6))
-    shade, one = np.full((4, 4), "", dtype=object), np.full((3, 3), "", dtype=object)
-    shade[1:3, 2:4] = one[1, 2] = FIRST
+    shade = np.full((4, 4), "", dtype=object)
+    shade[1:3, 2:4] = FIRST
+    output_shade = np.full((3, 3), "", dtype=object)
+    output_shade[1, 2] = FIRST
     windows = np.lib.stride_tricks.sliding_window_view(IMAGE, KERNEL.shape)
     y = (windows * KERNEL).sum(axis=(2, 3)) + 1
     _grid(axes, 0.1, 3.9, IMAGE, shade)
     _grid(axes, 3.3, 3.2, KERNEL, np.full((2, 2), SECOND))
-    _grid(axes, 5.2, 3.6, y, one)
+    _grid(axes, 5.2, 3.6, y, output_shade)
     axes.text(0.1, 4.15, "forward: x, kernel, y", fontsize=9)
     axes.text(0.1, 0.4, "window × kernel, summed, + 1 = 6", fontsize=9)
     dy = np.array([[1, 0, 0], [0, 0, 2], [0, -1, 0]])
     stamp = np.zeros((4, 4))
     stamp[1:3, 2:4] = dy[1, 2] * KERNEL
-    _grid(axes, 8.4, 3.6, dy, one)
+    _grid(axes, 8.4, 3.6, dy, output_shade)
     _grid(axes, 11.3, 3.9, stamp, np.where(shade == "", "", SECOND))
     axes.text(8.4, 4.15, "backward: dy, its stamp on dx", fontsize=9)
     axes.text(8.4, 0.4, "2 × kernel, added where the window was", fontsize=9)
@@ -155,18 +155,19 @@ def im2col() -> Any:
     shade = np.full((4, 4), "", dtype=object)
     for place, colour in zip(((0, 0), (1, 1), (1, 2), (2, 3)), (FIRST, SECOND, THIRD, FOURTH)):
         shade[place] = colour
-    columns, colours = np.zeros((4, 9)), np.full((4, 9), "", dtype=object)
+    columns = np.zeros((4, 9))
+    colours = np.full((4, 9), "", dtype=object)
     for row, (i, j) in enumerate(np.ndindex(2, 2)):
-        seen = np.s_[i : i + 3, j : j + 3]  # the pixels that w[i, j] is multiplied by
-        columns[row] = IMAGE[seen].ravel()
-        colours[row] = shade[seen].ravel()
+        factors = np.s_[i : i + 3, j : j + 3]  # the pixels that w[i, j] is multiplied by
+        columns[row] = IMAGE[factors].ravel()
+        colours[row] = shade[factors].ravel()
         y = 3.35 - 0.7 * row
         axes.text(5.45, y, f"times w[{i}, {j}]", ha="right", va="center", fontsize=8.5)
-    for left, numbers, own, title in (
+    for left, numbers, shading, title in (
         (0.1, IMAGE, shade, "x"),
         (5.6, columns, colours, "a column for each of the nine windows"),
     ):
-        _grid(axes, left, 3.7, numbers, own)
+        _grid(axes, left, 3.7, numbers, shading)
         axes.text(left, 4.0, title, fontsize=9)
     return figure
 
@@ -176,13 +177,15 @@ def winners() -> Any:
     x = np.array(
         [[0.0, 0, 3, 1, 2], [0, 0, 1, 4, 2], [5, 1, 0, 0, 0], [2, 6, 0, 0, 7], [1, 1, 2, 2, 9]]
     )
-    shade, dx = np.full((5, 5), "", dtype=object), np.zeros((5, 5))
-    for number, (h, v) in enumerate(np.ndindex(3, 3)):
-        top, begin = 2 * h, 2 * v
-        part = x[top : top + 2, begin : begin + 2]
+    shade = np.full((5, 5), "", dtype=object)
+    dx = np.zeros((5, 5))
+    for dy, (i, j) in enumerate(np.ndindex(3, 3), 1):
+        top, left = 2 * i, 2 * j
+        part = x[top : top + 2, left : left + 2]
         row, column = np.unravel_index(part.argmax(), part.shape)
-        place = top + int(row), begin + int(column)
-        shade[place], dx[place] = SECOND, number + 1
+        winner = top + int(row), left + int(column)
+        shade[winner] = SECOND
+        dx[winner] = dy
     figure, axes = _canvas((7.0, 3.2), (9.6, 4.4))
     for left, numbers, title in (
         (0.2, x, "x: winners in orange"),
@@ -234,8 +237,9 @@ def dropout() -> Any:
     forward = ((0.2, x, "x"), (3.4, 2 * keep, "keep / (1 − p)"), (6.6, 2 * keep * x, "y"))
     backward = ((6.6, dy, "dy"), (3.4, 2 * keep, "the same factors"), (0.2, 2 * keep * dy, "dx"))
     for row, y, label_y, colour in ((forward, 2.6, 2.75, DATA), (backward, 1.2, 0.1, DIFF)):
+        kept = np.where(keep > 0, colour, "")
         for n, (left, numbers, words) in enumerate(row):
-            _grid(axes, left, y, numbers, np.where(keep > 0, colour, "") if n else None)
+            _grid(axes, left, y, numbers, kept if n > 0 else None)
             axes.text(left, label_y, words, fontsize=9, color=colour)
     axes.text(9.8, 2.25, "forward →", fontsize=9, color=DATA, va="center")
     axes.text(9.8, 0.85, "← backward", fontsize=9, color=DIFF, va="center")
@@ -246,7 +250,8 @@ def rotations() -> Any:
     """Chapter 8: a palm with fingers along y, rotated by quarter turns about x and z
     in two orders.
     """
-    x, z = rotation(0, np.pi / 2), rotation(2, np.pi / 2)
+    x = rotation(0, np.pi / 2)
+    z = rotation(2, np.pi / 2)
     away = np.array([0.45, 0.35])  # how z, away from the viewer, is drawn
     figure = new_figure(8.5, 3.0)
     turns = (

@@ -21,9 +21,8 @@ def differences() -> Any:
         steps = np.logspace(-12 if dtype is np.float64 else -7, 0, 100)
         for kind, style in (("central", "-"), ("one-sided", ":")):
             errors = [error(dtype, h, kind) for h in steps]
-            axes.loglog(
-                steps, errors, style, color=colour, label=f"{kind}, {dtype.__name__}", lw=1.2
-            )
+            name = f"{kind}, {dtype.__name__}"
+            axes.loglog(steps, errors, style, color=colour, label=name, lw=1.2)
     title = "the slope of x³ by differences, the worst of 31 places between ½ and 1"
     axes.set(xlabel="step h", ylabel="relative error", title=title)
     axes.grid(alpha=0.3)
@@ -35,12 +34,15 @@ def error(dtype: Any, h: float, kind: str) -> float:
     """The relative error of a difference quotient of x³, the largest of 31 places: in one place
     errors may cancel.
     """
-    x, step = np.linspace(0.5, 1, 31).astype(dtype), dtype(h)
-    above, below = x + step, x - step if kind == "central" else x
-    width = step + step if kind == "central" else step
-    # products: the same on every machine
+    x = np.linspace(0.5, 1, 31).astype(dtype)
+    step = dtype(h)
+    above, below, width = x + step, x, step
+    if kind == "central":
+        below, width = x - step, step + step
+    # Products are the same on every machine, powers are not.
     quotient = (above * above * above - below * below * below) / width
-    return float(abs(quotient / (3 * x.astype(float) ** 2) - 1).max())
+    slope = 3 * x.astype(float) ** 2
+    return float(abs(quotient / slope - 1).max())
 
 
 def initial() -> Any:
@@ -48,7 +50,7 @@ def initial() -> Any:
     figure = new_figure(6.5, 3.0)
     axes = figure.add_subplot()
     for factor, name, colour in ((1, "Xavier, 1/I", FIRST), (2, "He, 2/I", SECOND)):
-        axes.semilogy(range(1, 11), deviations(factor), "o-", color=colour, label=name)
+        axes.semilogy(range(1, 11), deviations_of(factor), "o-", color=colour, label=name)
     axes.set(xlabel="layer", ylabel="standard deviation", ylim=(0.01, 2))
     axes.set_title("ten layers of 512 with ReLU between them")
     axes.grid(alpha=0.3)
@@ -56,20 +58,22 @@ def initial() -> Any:
     return figure
 
 
-def deviations(factor: float) -> list[float]:
+def deviations_of(factor: float) -> list[float]:
     """The standard deviation of each layer's output for weights of the variance factor / inputs."""
-    rng, found = np.random.default_rng(0), []
+    rng = np.random.default_rng(0)
+    deviations = []
     y = rng.normal(size=(1000, 512))
     for _ in range(10):
-        y = np.maximum(y, 0) @ rng.normal(0, np.sqrt(factor / 512), (512, 512)).T
-        found.append(y.std())
-    return found
+        w = rng.normal(0, np.sqrt(factor / 512), (512, 512))
+        y = np.maximum(y, 0) @ w.T
+        deviations.append(y.std())
+    return deviations
 
 
 START = (10.0, 2.0)
 STEEP = np.array([1.0, 9.0])  # the curvatures of the valley ½ (x² + 9 y²)
 STEPS = 30
-# the best options for this valley, except Adam's
+# Label, colour, marker, rule and options; the options are the best for this valley, except Adam's.
 PATHS: tuple[tuple[str, str, str, str, dict[str, float]], ...] = (
     ("plain, r = 0.2", FIRST, "o", "SGD", {"base_lr": 0.2}),
     ("momentum, r = 0.25, m = 0.25", SECOND, "s", "SGD", {"base_lr": 0.25, "momentum": 0.25}),
@@ -101,7 +105,8 @@ def path_of(rule: str, **options: float) -> Array:
     """The positions (STEPS + 1, 2) on the way down."""
     param = schema.changed(SolverParameter(), **options)
     update, count = RULES[rule]
-    w, histories = np.array(START), [np.zeros(2) for _ in range(count)]
+    w = np.array(START)
+    histories = [np.zeros(2) for _ in range(count)]
     path = [w.copy()]
     for t in range(STEPS):
         update(param, w, STEEP * w, param.base_lr, histories, t + 1)
@@ -127,12 +132,10 @@ POLICIES: tuple[tuple[str, dict[str, Any]], ...] = (
 def rates() -> Any:
     """Chapter 7: the learning-rate policies as functions of the iteration."""
     figure = new_figure(8.5, 4.0)
-    for axes, (name, options) in zip(
-        figure.subplots(2, 4, sharex=True, sharey=True).flat, POLICIES
-    ):
-        param = schema.changed(
-            SolverParameter(), base_lr=1.0, lr_policy=name.partition(":")[0], **options
-        )
+    grid = figure.subplots(2, 4, sharex=True, sharey=True)
+    for axes, (name, options) in zip(grid.flat, POLICIES):
+        policy = name.partition(":")[0]
+        param = schema.changed(SolverParameter(), base_lr=1.0, lr_policy=policy, **options)
         axes.plot([learning_rate(param, i) for i in range(101)], color=FIRST, lw=1.5)
         axes.set_title(name.replace(": ", "\n").replace(", with", "\nwith"), fontsize=8)
         axes.set_ylim(-0.05, 1.1)
@@ -166,15 +169,19 @@ def losses_on_noise(decay: float) -> tuple[list[float], list[float]]:
         x = rng.normal(size=(count, 20))
         return x, x[:, 0] - x[:, 1] + rng.normal(size=count)
 
-    (x, t), (other_x, other_t) = rows(30), rows(1000)
-    w, b, seen, unseen = np.zeros(20), 0.0, [], []
+    x, t = rows(30)
+    other_x, other_t = rows(1000)
+    w = np.zeros(20)
+    b = 0.0
+    seen, unseen = [], []
     for _ in range(501):
         residual = x @ w + b - t
         seen.append(0.5 * (residual**2).mean())
         unseen.append(0.5 * ((other_x @ w + b - other_t) ** 2).mean())
         dw = x.T @ residual / len(x) + decay * w
         db = residual.mean() + decay * b
-        w, b = w - 0.1 * dw, b - 0.1 * db
+        w = w - 0.1 * dw
+        b = b - 0.1 * db
     return seen, unseen
 
 

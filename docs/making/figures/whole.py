@@ -17,7 +17,8 @@ from handpose.output.drawing import hands
 from handpose.synthetic.generator import BLOCK, Generator, Split
 from layers.hand import skeleton as skeletons
 from layers.hand.skeleton import Skeleton
-from netlib.blob import Array
+from netlib.blob import Array, divide_up
+from netlib.net import Net
 from netlib.training.trained import trained
 
 HALF_CUBE_MM = CUBE_MM / 2
@@ -38,7 +39,7 @@ class Frames(NamedTuple):
 def rendered(split: Split, count: int) -> Frames:
     """The first frames of a split."""
     generator = Generator(seed=0, split=split)
-    blocks = [generator.block(number) for number in range(-(-count // BLOCK))]
+    blocks = list(map(generator.block, range(divide_up(count, BLOCK))))
 
     def joined(name: str) -> Array:
         return np.concatenate([getattr(block, name) for block in blocks])[:count]
@@ -63,10 +64,15 @@ def predictions() -> Predictions:
     """Predictions for 256 frames."""
     frames = rendered("test", 256)
     net = trained(PAPER_HAND / "deploy.prototxt", PAPER_HAND / "paper_hand.caffemodel.h5")
-    net.blobs["depth"].reshape(*frames.depth.shape)
-    joints = net.forward(depth=frames.depth)["pred"].reshape(-1, 31, 3).copy()
+    joints = joints_of(net, frames.depth)
     inputs = net.blobs["DoF"].data.copy()
     return Predictions(frames, joints, inputs, skeleton_to_fit(net))
+
+
+def joints_of(net: Net, depth: Array) -> Array:
+    """The joints (N, 31, 3) that a network predicts for crops (N, 1, 128, 128)."""
+    net.blobs["depth"].reshape(*depth.shape)
+    return net.forward(depth=depth)["pred"].reshape(-1, 31, 3).copy()
 
 
 def crop() -> Any:
@@ -102,11 +108,15 @@ def six_hands() -> Any:
     figure = new_figure(8.5, 6.0)
     for n, axes in enumerate(figure.subplots(2, 3).flat):
         draw_hands(axes, found.frames, n, found.joints[n], found.skeleton)
-        distances = np.linalg.norm(found.joints[n] - found.frames.joints[n], axis=1)
-        error = distances.mean() * HALF_CUBE_MM
+        error = error_mm(found.joints[n], found.frames.joints[n])
         axes.set_title(f"frame {n}: {error:.0f} mm", fontsize=9)
         axes.set_axis_off()
     return figure
+
+
+def error_mm(joints: Array, truth: Array) -> float:
+    """The mean distance of joints (..., 31, 3) in half-cubes."""
+    return float(HALF_CUBE_MM * np.linalg.norm(joints - truth, axis=-1).mean())
 
 
 def draw_hands(axes: Any, frames: Frames, n: int, predicted: Array, skeleton: Skeleton) -> None:
@@ -136,7 +146,8 @@ def joint_errors() -> Any:
     bars, bent = figure.subplots(1, 2, gridspec_kw={"width_ratios": (1.5, 1)})
     distances = np.linalg.norm(found.joints - found.frames.joints, axis=2)
     errors = distances.mean(axis=0) * HALF_CUBE_MM
-    order, colours = np.argsort(errors), joint_colours(found.skeleton)
+    order = np.argsort(errors)
+    colours = joint_colours(found.skeleton)
     places = np.arange(len(order))
     bars.barh(places, errors[order], color=[colours[j] for j in order])
     bars.set_yticks(places, [found.skeleton.joint_names[j] for j in order], fontsize=6)

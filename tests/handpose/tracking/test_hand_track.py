@@ -23,9 +23,8 @@ from handpose.tracking.settings import TrackSettings
 from handpose.tracking.sizing import SizeKeeper
 from tests.support.views import frame_of
 
-FRAME = 1 / 30
-SECOND = 30  # frames
-
+FRAME = 1 / 30  # in seconds
+SECOND = 30  # in frames
 
 SETTINGS = TrackSettings()
 FOLLOW = SETTINGS.follow
@@ -47,11 +46,9 @@ def frame_with(presence: float | None) -> Any:
     """A frame in which the finder sees every hand 7 mm farther right, or none."""
 
     def near(place: np.ndarray, within_mm: float) -> FoundHand | None:
-        return (
-            None
-            if presence is None
-            else FoundHand(presence, place + (7, 0, 0), np.ones((1, 1), bool))
-        )
+        if presence is None:
+            return None
+        return FoundHand(presence, place + (7, 0, 0), np.ones((1, 1), bool))
 
     view = SimpleNamespace(camera=Estimator.camera)
     return SimpleNamespace(view=SimpleNamespace(of=lambda side: view), near=near)
@@ -69,7 +66,9 @@ def estimate(
     is_tracked: bool = True,
 ) -> HandEstimate:
     """An estimate of a hand of which only the place is known, at x mm."""
-    one, none, place = np.ones(1), np.zeros((1, 3)), np.array([x, 0, 600])
+    one = np.ones(1)
+    none = np.zeros((1, 3))
+    place = np.array([x, 0, 600])
     fit = DepthFit(none[None], none, cost * one, cost * one, none, np.full((1, 5), 3.0), one)
     hand = HandEstimate(
         side,
@@ -103,10 +102,9 @@ def followed(one: HandTrack, estimates: list[list[HandEstimate]], first: int = 1
     """The track after a frame of each estimate, at 30 per second, in which all sides are also
     estimated again.
     """
-    for n, seen in enumerate(estimates, first):
-        assert one.take(
-            [own for own in seen if own.hand in one.sides], seen, n * FRAME, (n - 1) * FRAME
-        )
+    for n, again in enumerate(estimates, first):
+        of_sides = [hand for hand in again if hand.hand in one.sides]
+        assert one.take(of_sides, again, n * FRAME, (n - 1) * FRAME)
     return one
 
 
@@ -135,17 +133,15 @@ def test_the_mean_decides_which_hand_it_is(
         followed(one, [both(right=costs[n][0], left=costs[n][1])], n)
         if one.is_decided:
             break
-        assert (
-            set(one.sides)
-            == {region.side for region in one.regions(n * FRAME, (n - 1) * FRAME)}
-            == set(SIDES)
-        )
+        regions = one.regions(n * FRAME, (n - 1) * FRAME)
+        assert set(one.sides) == {region.side for region in regions} == set(SIDES)
         assert 0.5 <= one.side_confidence < 1 and one.decided is None
     assert abs(n - decided) <= 1
-    other = both(right=1.0 if side == "left" else 9.0, left=1.0 if side == "right" else 9.0)
-    followed(one, [other] * SECOND, n + 1)
+    opposite = both(right=9.0) if side == "right" else both(left=9.0)
+    followed(one, [opposite] * SECOND, n + 1)
     assert list(one.sides) == [side] == [region.side for region in one.regions(9.0, 9.0 - FRAME)]
-    assert one.hand == one.decided == one.best.estimate.hand == side and one.side_confidence == 1
+    assert one.hand == one.decided == one.best.estimate.hand == side
+    assert one.side_confidence == 1
 
 
 def test_an_unseen_side_is_no_evidence() -> None:
@@ -163,22 +159,19 @@ def test_an_unseen_side_is_no_evidence() -> None:
 def test_only_one_side_is_looked_for() -> None:
     """If only one side is tracked, it is decided from the start."""
     one = track([estimate("left")], size=1.1)
-    assert (
-        one.is_decided
-        and one.decided == "left"
-        and [region.size for region in one.regions(FRAME, 0.0)] == [1.1]
-    )
+    assert one.is_decided and one.decided == "left"
+    assert [region.size for region in one.regions(FRAME, 0.0)] == [1.1]
 
 
 def test_a_hand_that_returns_is_known() -> None:
     before, again = track([estimate("left")], size=1.1), track(both())
     again.identify(4, before)
-    assert (again.id, again.size, again.decided) == (4, 1.1, "left") and again.sizes is before.sizes
+    assert (again.id, again.size, again.decided) == (4, 1.1, "left")
+    assert again.sizes is before.sizes
     new = track([estimate("right")])
     new.identify(5)
-    assert (new.id, new.size, new.decided) == (5, None, "right") and isinstance(
-        new.sizes, SizeKeeper
-    )
+    assert (new.id, new.size, new.decided) == (5, None, "right")
+    assert isinstance(new.sizes, SizeKeeper)
 
 
 # --------------------------------------------------------------------------------------- where next
@@ -202,23 +195,16 @@ def test_the_next_region_is_extrapolated() -> None:
     """
     assert expected_x(moving([0.0]), 1) == 0
     one = moving([10.0 * n for n in range(10)])
-    places = [expected_x(one, frame) for frame in (10, 12, 21, 99)]
-    assert (
-        90 < places[0] <= 100
-        and places[0] < places[1] <= 120
-        and places[1] < places[2] == pytest.approx(places[3])
-    )
+    first, second, third, last = (expected_x(one, frame) for frame in (10, 12, 21, 99))
+    assert 90 < first <= 100 and first < second <= 120
+    assert second < third == pytest.approx(last)
 
 
 @pytest.mark.parametrize(
     ("before", "found", "least", "most"),
     [
-        (
-            range(0, 100, 10),
-            250,
-            256,
-            260,
-        ),  # too far away for a motion: the hand moves on as before
+        # too far away for a motion: the hand moves on as before
+        (range(0, 100, 10), 250, 256, 260),
         ([0, 0, 0], 180, 180, 180),
         ([0, 0, 0], 50, 65, 75),  # as far as a fast hand gets
     ],
@@ -242,76 +228,71 @@ def test_the_network_runs_only_in_some_frames_while_the_fit_is_good() -> None:
     """While the fit is not good, it runs in every frame. Where it does not run, its last error is
     reused.
     """
-    one, asked = track([estimate()]), []
+    one = track([estimate()])
+    errors_mm = []
     for n in range(1, 31):
         (region,) = one.regions(n * FRAME, (n - 1) * FRAME)
-        asked.append(region.moved_mm is None)
-        assert asked[-1] or region.moved_mm == 3
+        errors_mm.append(region.moved_mm)
         followed(one, [[estimate()]], n)
-    assert 0 < sum(asked) < 15
+    assert set(errors_mm) == {None, 3} and errors_mm.count(None) < 15
+    # After a frame without a pose.
     assert not one.take([estimate(confidence=0.1)], [], 31 * FRAME, 30 * FRAME)
-    assert one.regions(32 * FRAME, 31 * FRAME)[0].moved_mm is None, (
-        "it had no pose in the frame before"
-    )
+    assert one.regions(32 * FRAME, 31 * FRAME)[0].moved_mm is None
     undecided = track(both())
-    assert all(
-        region.moved_mm is None
-        for n in range(1, 9)
-        for region in undecided.regions(n * FRAME, (n - 1) * FRAME)
-    )
+    for n in range(1, 9):
+        regions = undecided.regions(n * FRAME, (n - 1) * FRAME)
+        assert [region.moved_mm for region in regions] == [None, None]
 
 
-def test_a_second_look() -> None:
+def test_an_uncertain_hand_is_estimated_again() -> None:
     """An uncertain hand gets a region at the palm that the network sees, from the finder's hand
     or the crop on.
     """
-    one, unsure = track([estimate(x=5)], size=0.9), [estimate(x=20, confidence=0.6)]
+    one = track([estimate(x=5)], size=0.9)
+    unsure = [estimate(x=20, confidence=0.6)]
     assert one.other_regions(SEEN, [estimate()], 1.0) == []
     (first,) = one.other_regions(SEEN, unsure, 1.0)
     assert (first.center_uvd[0], first.side, first.size) == (29, "right", 0.9)
     assert [region.center_uvd[0] for region in one.other_regions(UNSEEN, unsure, 1.0)] == [22]
     assert [region.center_uvd[0] for region in one.other_regions(UNSEEN, [], 1.0)] == [5]
     one.take(unsure, [], 1.0, 1.0 - FRAME)
-    assert one.other_regions(SEEN, unsure, 1.0 + FRAME) == [], "it looked a moment ago"
+    assert one.other_regions(SEEN, unsure, 1.0 + FRAME) == []  # too soon
     assert one.other_regions(SEEN, unsure, 1.0 + SECOND * FRAME) != []
     # both sides get a second region, however certain the estimates are
     undecided = track(both(x=5))
     regions = undecided.other_regions(SEEN, both(x=20), 1.0)
-    assert [(region.center_uvd[0], region.side) for region in regions] == [
-        (29, "right"),
-        (15, "left"),
-    ]
+    found = [(region.center_uvd[0], region.side) for region in regions]
+    assert found == [(29, "right"), (15, "left")]
     assert all(region.before is undecided.sides[region.side].estimate.body for region in regions)
 
 
 @pytest.mark.parametrize(
     ("confidence", "least", "most"), [(0.6, 30, 50), (0.1, 70, 110)], ids=["unsure", "no pose"]
 )
-def test_second_looks_are_rare(confidence: float, least: int, most: int) -> None:
+def test_second_estimates_are_rare(confidence: float, least: int, most: int) -> None:
     """Of 300 uncertain frames in ten seconds few get a second estimate; more if
     there is no pose.
     """
-    one, seen, looks = track([estimate()]), [estimate(confidence=confidence)], 0
+    one = track([estimate()])
+    uncertain = [estimate(confidence=confidence)]
+    count = 0
     for n in range(1, 301):
-        regions = one.other_regions(SEEN, seen, n * FRAME)
-        looks += bool(regions)
-        one.take(seen, seen if regions else None, n * FRAME, (n - 1) * FRAME)
-    assert least <= looks <= most
+        regions = one.other_regions(SEEN, uncertain, n * FRAME)
+        count += bool(regions)
+        one.take(uncertain, uncertain if regions else None, n * FRAME, (n - 1) * FRAME)
+    assert least <= count <= most
 
 
-def test_of_several_looks_the_best_counts() -> None:
+def test_the_best_of_several_estimates_is_used() -> None:
     """The estimate with the least expected error is used; a side without an estimate
     keeps its pose.
     """
     one = track(both())
-    assert one.take(
-        [estimate(x=1, error=9)], [estimate(x=2, error=4), estimate(x=3, error=6)], FRAME, 0.0
-    )
-    assert (
-        one.sides["right"].estimate.body.place[0] == 2
-        and one.sides["left"].estimate.body.place[0] == 0
-    )
-    assert one.time == one.sides["right"].time == FRAME and one.sides["left"].time == 0
+    others = [estimate(x=2, error=4), estimate(x=3, error=6)]
+    assert one.take([estimate(x=1, error=9)], others, FRAME, 0.0)
+    right, left = one.sides["right"], one.sides["left"]
+    assert (right.estimate.body.place[0], left.estimate.body.place[0]) == (2, 0)
+    assert one.time == right.time == FRAME and left.time == 0
     assert one.take([estimate(x=4, error=1)], [estimate(x=5)], 2 * FRAME, FRAME)
     assert one.sides["right"].estimate.body.place[0] == 4
 
@@ -325,17 +306,14 @@ def test_a_track_ends_when_its_credit_is_used_up(seen: list[HandEstimate]) -> No
     one = moving([0, 1])
     assert one.credit == pytest.approx(FOLLOW.first_credit + 2 * FRAME)
     smooth = one.best.smooth.place[0]
-    assert not one.take(seen, seen, 2 * FRAME, FRAME) and one.credit == pytest.approx(
-        FOLLOW.first_credit + FRAME
-    )
-    assert (
-        one.time == FRAME
-        and one.best.estimate.body.place[0] == 1
-        and one.best.smooth.place[0] == smooth
-    )
+    assert not one.take(seen, seen, 2 * FRAME, FRAME)
+    assert one.credit == pytest.approx(FOLLOW.first_credit + FRAME)
+    assert one.time == FRAME
+    assert (one.best.estimate.body.place[0], one.best.smooth.place[0]) == (1, smooth)
     followed(one, [[estimate(x=2)]] * 60, 3)
     assert one.time == 62 * FRAME and one.credit == FOLLOW.most_credit
-    assert not one.take(seen, seen, 63 * FRAME + FOLLOW.most_credit, 62 * FRAME) and one.credit < 0
+    assert not one.take(seen, seen, 63 * FRAME + FOLLOW.most_credit, 62 * FRAME)
+    assert one.credit < 0
 
 
 def test_smoothing_begins_with_the_first_pose() -> None:

@@ -93,19 +93,16 @@ def test_estimates_of_several_regions_equal_those_of_single_ones(
         (alone,) = estimator.in_regions(frame, [region])
         assert estimate is not None and alone is not None and estimate.hand == region.side
         np.testing.assert_allclose(estimate.xyz, alone.xyz, atol=3)
-    assert estimator.in_regions(frame, []) == [] and estimator.in_regions(frame, regions[:1]) == [
-        None
-    ]
+    assert estimator.in_regions(frame, []) == []
+    assert estimator.in_regions(frame, regions[:1]) == [None]
 
 
 def test_a_known_size(estimator: HandEstimator, frame: SideView, center: np.ndarray) -> None:
     """Each region can have its own known size."""
-    estimates = estimator.in_regions(
-        frame, [SearchRegion(center, "right", size=size) for size in (0.9, 1.1)]
-    )
-    assert [estimate.size for estimate in estimates if estimate] == pytest.approx(
-        [0.9, 1.1], abs=5e-3
-    )
+    sizes = [0.9, 1.1]
+    regions = [SearchRegion(center, "right", size=size) for size in sizes]
+    found = [estimate.size for estimate in estimator.in_regions(frame, regions) if estimate]
+    assert found == pytest.approx(sizes, abs=5e-3)
 
 
 def test_the_network_does_not_run_if_its_last_error_is_given(
@@ -119,15 +116,16 @@ def test_the_network_does_not_run_if_its_last_error_is_given(
     (first,) = estimator.in_regions(frame, [SearchRegion(center, "right")])
     assert first is not None
     monkeypatch.setattr("handpose.estimate.crop_fits.fit_starts", None)  # any call raises an error
-    where = ((0, 0, 0), (0, 0, 0), (8, -6, 20))
+    offsets_and_errors = ((0, 0, 0), 1.0), ((0, 0, 0), 25.0), ((8, -6, 20), 25.0)
     regions = [
-        SearchRegion(center + by, "right", first.body, None, moved)
-        for by, moved in zip(where, (1.0, 25.0, 25.0))
+        SearchRegion(center + offset, "right", first.body, None, moved_mm)
+        for offset, moved_mm in offsets_and_errors
     ]
-    near, far, aside = estimator.in_regions(frame, regions)
-    assert near is not None and far is not None and aside is not None
-    assert not first.is_tracked and near.is_tracked and far.is_tracked and aside.is_tracked
-    assert max(error(estimate, shown) for estimate in (near, far, aside)) < 15
+    estimates = estimator.in_regions(frame, regions)
+    assert not first.is_tracked
+    for estimate in estimates:
+        assert error(estimate, shown) < 15 and estimate.is_tracked
+    near, far, _ = estimates
     assert near.moved_mm >= 1 and far.moved_mm >= 25 and far.error_mm > near.error_mm
     with pytest.raises(TypeError):
         estimator.in_regions(frame, [SearchRegion(center, "right", first.body)])
@@ -138,21 +136,20 @@ def test_is_tracked_only_if_the_previous_pose_wins_against_the_networks(
 ) -> None:
     (first,) = estimator.in_regions(frame, [SearchRegion(center, "right")])
     assert first is not None
-    far = first.body._replace(
-        others=-first.body.others, rotation=first.body.rotation @ np.diag([-1.0, 1, -1])
-    )
-    again, anew = estimator.in_regions(
-        frame, [SearchRegion(center, "right", body) for body in (first.body, far)]
-    )
-    assert again is not None and again.is_tracked and anew is not None and not anew.is_tracked
+    turned = first.body.rotation @ np.diag([-1.0, 1, -1])
+    far = first.body._replace(others=-first.body.others, rotation=turned)
+    regions = [SearchRegion(center, "right", body) for body in (first.body, far)]
+    from_pose, from_network = estimator.in_regions(frame, regions)
+    assert from_pose is not None and from_pose.is_tracked
+    assert from_network is not None and not from_network.is_tracked
 
 
 def test_a_left_hand_is_the_mirror_image() -> None:
     """A left hand in the mirrored image, with an off-centre principal point, is mirrored."""
-    recording = SyntheticRecording(
-        Script(3, {"right": (Act("gestures", 3),)}), ASIDE, rate=15, seed=2
-    )
-    depth, center = recording.frame(20).depth, recording.truth(20).hands[0].pose.center_uvd
+    script = Script(3, {"right": (Act("gestures", 3),)})
+    recording = SyntheticRecording(script, ASIDE, rate=15, seed=2)
+    depth = recording.frame(20).depth
+    center = recording.truth(20).hands[0].pose.center_uvd
     in_mirror = ASIDE.mirrored()
     right, left = (load_predictor(own, fit="accurate").estimator for own in (ASIDE, in_mirror))
     (one,) = right.in_regions(frame_of(depth, ASIDE), [SearchRegion(center, "right")])
@@ -185,9 +182,8 @@ def test_the_next_crop_is_near_the_middle_of_the_palm(
 @given(place=st.tuples(st.floats(-200, 200), st.floats(-150, 150), st.floats(400, 900)))
 def test_crops_move_with_the_body(estimator: HandEstimator, place: tuple[float, ...]) -> None:
     """The centre moves as far as the body."""
-    body = WorldPose(
-        np.array(place), np.eye(3), np.zeros(len(estimator.the_fitter.model.root_motion.others))
-    )
+    others = np.zeros(len(estimator.the_fitter.model.root_motion.others))
+    body = WorldPose(np.array(place), np.eye(3), others)
     moved = body._replace(place=body.place + (10, 20, -30))
     first, second = (
         ICVL.unproject(estimator.expected.center_of(one, ICVL)) for one in (body, moved)
@@ -220,22 +216,18 @@ def test_unread_pixels_around_the_hand_are_unknown(
     """
     (whole,) = estimator.in_regions(frame, [SearchRegion(center, "right")])
     assert whole is not None
-    half, around_mm = np.array(frame.depth), estimator.settings.expected.around_mm
+    around_mm = estimator.settings.expected.around_mm
+    half = np.array(frame.depth)
     half[:, : int(center[0])] = 0
-    candidate = estimator._in_region(
-        frame_of(half, ICVL), SearchRegion(center, "right", whole.body)
-    )
+    region = SearchRegion(center, "right", whole.body)
+    candidate = estimator._in_region(frame_of(half, ICVL), region)
     assert candidate.shown is not None
     hand = estimator.expected.capsules(whole.body).chosen(~estimator.the_fitter.model.surface.limbs)
     beside = (estimator.expected._rendered(hand, center, ICVL) == 1).astype(np.uint8)
     away_mm = cv2.distanceTransform(beside, cv2.DIST_L2, 5) * estimator.cube_mm / SIZE
-    is_unknown, is_unread = (
-        candidate.crop != candidate.shown,
-        unread(half, center, estimator.cube_mm, ICVL),
-    )
+    is_unknown = candidate.crop != candidate.shown
+    is_unread = unread(half, center, estimator.cube_mm, ICVL)
     assert (candidate.crop[is_unknown] == -1).all() and (is_unread | ~is_unknown).all()
     assert is_unknown[is_unread & (away_mm < 0.7 * around_mm)].all()
-    assert (
-        not is_unknown[away_mm > 1.3 * around_mm].any()
-        and is_unread[away_mm > 1.3 * around_mm].any()
-    )
+    beyond = away_mm > 1.3 * around_mm
+    assert not is_unknown[beyond].any() and is_unread[beyond].any()

@@ -35,18 +35,23 @@ def take(
     """A track of one hand with these variables (N, V), smoothed by a tracker; some frames
     are without it.
     """
-    one, hands = PoseFilter(SmoothSettings()), {}
-    for n in (n for n in range(len(poses)) if n not in missing):
-        fitted = world_pose(model, poses[n], ORIGIN * mirror_of(side))
-        followed = TrackedPoses(fitted, one(fitted, n / RATE), 5.0, size)
-        hands[n] = with_pose(tracked(side), origin_mm=ORIGIN, followed=followed)
-    return frames_of(*((hands[n],) if n in hands else () for n in range(len(poses))), step=1 / RATE)
+    pose_filter = PoseFilter(SmoothSettings())
+    hands: list[tuple[TrackedHand, ...]] = []
+    for n, x in enumerate(poses):
+        if n in missing:
+            hands.append(())
+            continue
+        fitted = world_pose(model, x, ORIGIN * mirror_of(side))
+        followed = TrackedPoses(fitted, pose_filter(fitted, n / RATE), 5.0, size)
+        hands.append((with_pose(tracked(side), origin_mm=ORIGIN, followed=followed),))
+    return frames_of(*hands, step=1 / RATE)
 
 
 def smoothed(model: CapsuleModel, frames: list[TrackedFrame]) -> list[TrackedFrame]:
     """All frames, smoothed."""
-    one = LaterFrames[int](model)
-    released = [pair for frame in frames for pair in one.add(frame.number, frame)] + one.finish()
+    later = LaterFrames[int](model)
+    released = [pair for frame in frames for pair in later.add(frame.number, frame)]
+    released += later.finish()
     assert [item for item, _ in released] == [frame.number for frame in frames]
     return [frame for _, frame in released]
 
@@ -73,10 +78,10 @@ def swinging(model: CapsuleModel) -> np.ndarray:
     """
     phase = 2 * np.pi * np.arange(120) / RATE
     x = np.zeros((120, model.variables))
-    x[:, 0], x[:, 5] = 0.05 / 0.15 * np.sin(phase), 0.2 * np.sin(phase)
-    x[:, model.limbs] = np.clip(
-        0.3 + 0.3 * np.sin(phase)[:, None], model.lower[model.limbs], model.upper[model.limbs]
-    )
+    x[:, 0] = 0.05 / 0.15 * np.sin(phase)
+    x[:, 5] = 0.2 * np.sin(phase)
+    bent = 0.3 + 0.3 * np.sin(phase)[:, None]
+    x[:, model.limbs] = np.clip(bent, model.lower[model.limbs], model.upper[model.limbs])
     return x
 
 
@@ -136,18 +141,18 @@ def test_a_moving_hand_is_followed_without_lag(model: CapsuleModel) -> None:
     """
     x = swinging(model)
     true = model.joints(x) + ORIGIN
-    before, off = (
+    before, after = (
         np.linalg.norm(xyz - true, axis=2)[30:-30].mean() for xyz in joints(model, take(model, x))
     )
-    assert off < 0.5 * before
+    assert after < 0.5 * before
 
 
 def test_a_trembling_hand_becomes_steadier(model: CapsuleModel) -> None:
     """The deviation at rest is smaller than that of the tracker's smoothing."""
-    off = np.random.default_rng(0).normal(0, 0.004, (120, model.variables))
-    off[:, SIZE_INDEX:] = 0
+    noise = np.random.default_rng(0).normal(0, 0.004, (120, model.variables))
+    noise[:, SIZE_INDEX:] = 0
     before, after = (
-        xyz[30:-30].std(axis=0).mean() for xyz in joints(model, take(model, 0.1 + off))
+        xyz[30:-30].std(axis=0).mean() for xyz in joints(model, take(model, 0.1 + noise))
     )
     assert after < 0.9 * before
 
@@ -161,16 +166,14 @@ def test_the_values_of_a_hand_agree(model: CapsuleModel, side: Side) -> None:
     for frame in frames[::40]:
         (hand,) = frame.hands
         pose = hand.pose
-        own = joints_of(
-            HEADER.skeleton, HEADER.unit_mm, side, pose.inputs, pose.bones, pose.origin_mm
-        )
-        np.testing.assert_allclose(hand.xyz, own, atol=1e-6)
+        values = pose.inputs, pose.bones, pose.origin_mm
+        by_values = joints_of(HEADER.skeleton, HEADER.unit_mm, side, *values)
+        np.testing.assert_allclose(hand.xyz, by_values, atol=1e-6)
         np.testing.assert_allclose(pose.bones, 0.9 * model.skeleton.bones)
         x = variables_of(model, hand)
         x[:, SIZE_INDEX] = np.log(0.9)
-        expected = model.capsules(x, (ORIGIN * mirror_of(side))[None]).mirrored(
-            mirror_of(side)[None]
-        )
+        mirror = mirror_of(side)[None]
+        expected = model.capsules(x, ORIGIN * mirror).mirrored(mirror)
         np.testing.assert_allclose(pose.capsules.a, expected.a, atol=1e-4)
 
 
@@ -199,9 +202,8 @@ def test_a_missing_hand_is_not_smoothed_across(model: CapsuleModel) -> None:
 def test_hands_that_were_not_smoothed_are_unchanged(model: CapsuleModel) -> None:
     """Raw poses, and those of other sources, pass."""
     frames = frames_of(*[(tracked(id=0),)] * 5, step=1 / RATE)
-    assert all(
-        found.hands[0] is given.hands[0] for found, given in zip(smoothed(model, frames), frames)
-    )
+    for found, given in zip(smoothed(model, frames), frames):
+        assert found.hands[0] is given.hands[0]
 
 
 def test_errors_and_confidences_are_averaged_over_time(model: CapsuleModel) -> None:
@@ -220,8 +222,9 @@ def test_errors_and_confidences_are_averaged_over_time(model: CapsuleModel) -> N
         # another hand changes nothing
         hands.append((own, replace(own, id=7, error_mm=90.0, confidence=0.0)))
     found = [frame.hands[0] for frame in smoothed(model, frames_of(*hands, step=1 / RATE))]
-    around = round(2 * LATER.lasting_s * RATE) + 1
-    expected = {20: (10, 0.9), 38: (10 + 60 / around, 0.9 - 1.4 / around), 40: (GOOD_MM * 0.8, 0.2)}
+    averaged = round(2 * LATER.lasting_s * RATE) + 1  # frames
+    near = 10 + 60 / averaged, 0.9 - 1.4 / averaged
+    expected = {20: (10, 0.9), 38: near, 40: (GOOD_MM * 0.8, 0.2)}
     for n, values in expected.items():
         assert (found[n].error_mm, found[n].confidence) == pytest.approx(values)
     assert found[40].finger_error_mm.tolist() == [80] * 5

@@ -33,7 +33,8 @@ EMPTY = np.zeros((NYU.height, NYU.width), np.float32)
 def image_of(model: CapsuleModel, side: Side = "right") -> np.ndarray:
     """The depth image of this pose as a hand of this side, in front of a wall."""
     mirror = mirror_of(side)[None]
-    x, origin = variables(model)[None], NYU.unproject(CENTER) * mirror
+    x = variables(model)[None]
+    origin = NYU.unproject(CENTER) * mirror
     capsules = model.capsules(x, origin).mirrored(mirror)
     return render_image(capsules, NYU, background=1500.0)[0]
 
@@ -53,7 +54,8 @@ def state(
     time: float = 0.0,
 ) -> Any:
     """A track's state for one side: this pose, smoothed to one ``apart`` mm farther along x."""
-    x, one = variables(model)[None], np.ones(1)
+    x = variables(model)[None]
+    one = np.ones(1)
     signs = np.array([[30.0, 2, 0.2, 5, 10]])
     fit = DepthFit(model.joints(x), model.joints(x), one, one, x, signs, one)
     hand = HandEstimate(
@@ -66,10 +68,10 @@ def state(
         fit,
         model,
     )
-    [seen] = [hand] if readings is None else judge([hand], frame_of(readings, NYU), JUDGE)
-    return SimpleNamespace(
-        estimate=seen, smooth=seen.body._replace(place=seen.body.place + (apart, 0, 0)), time=time
-    )
+    if readings is not None:
+        [hand] = judge([hand], frame_of(readings, NYU), JUDGE)
+    smooth = hand.body._replace(place=hand.body.place + (apart, 0, 0))
+    return SimpleNamespace(estimate=hand, smooth=smooth, time=time)
 
 
 def output(
@@ -92,30 +94,36 @@ def output(
 
 
 @pytest.mark.parametrize("side", SIDES)
-@pytest.mark.parametrize("apart", [None, 6.0])
-def test_a_hand(model: CapsuleModel, side: Side, apart: float | None) -> None:
-    """The joints are those of the body, smoothed if asked for, and of the reported inputs; all else
-    is as estimated.
-    """
-    hand = output(model, state(model, side, apart or 9.0), smooth=apart is not None)
-    origin, raw = NYU.unproject(CENTER), model.joints(variables(model)[None])[0]
-    xyz = (raw + (apart or 0.0, 0, 0)) * mirror_of(side) + origin
-    np.testing.assert_allclose(hand.xyz, xyz, atol=1e-4)
+@pytest.mark.parametrize("smooth", [False, True])
+def test_the_joints_of_a_hand(model: CapsuleModel, side: Side, smooth: bool) -> None:
+    """They are those of the body, smoothed if asked for, and those of the reported inputs."""
+    hand = output(model, state(model, side), smooth=smooth)
+    origin = NYU.unproject(CENTER)
+    in_body = model.joints(variables(model)[None])[0]
+    raw, smoothed = ((in_body + (moved, 0, 0)) * mirror_of(side) + origin for moved in (0.0, 6.0))
+    np.testing.assert_allclose(hand.xyz, smoothed if smooth else raw, atol=1e-4)
     pose = hand.pose
-    again = joints_of(model.skeleton, 150.0, side, pose.inputs, pose.bones, pose.origin_mm)
-    np.testing.assert_allclose(again, hand.xyz, atol=1e-9)
+    by_inputs = joints_of(model.skeleton, 150.0, side, pose.inputs, pose.bones, pose.origin_mm)
+    np.testing.assert_allclose(by_inputs, hand.xyz, atol=1e-9)
+    assert (pose.raw_xyz is None) == (pose.followed is None) == (not smooth)
+    if smooth:
+        np.testing.assert_allclose(pose.raw_xyz, raw, atol=1e-4)
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_a_hand(model: CapsuleModel, side: Side) -> None:
+    """All but the joints is as estimated, and the surface is around the joints."""
+    hand = output(model, state(model, side))
+    pose = hand.pose
     np.testing.assert_allclose(pose.bones, 0.95 * model.skeleton.bones)
-    np.testing.assert_allclose(pose.origin_mm, origin)
-    assert (hand.id, hand.hand, pose.side, pose.cube_mm) == (4, side, side, 300)
+    np.testing.assert_allclose(pose.origin_mm, NYU.unproject(CENTER))
     np.testing.assert_allclose(pose.center_uvd, CENTER)
+    assert (hand.id, hand.hand, pose.side, pose.cube_mm) == (4, side, side, 300)
     assert (hand.side_confidence, hand.other, hand.presence) == (1, None, max(0.5, hand.confidence))
-    assert (pose.raw_xyz is None) == (pose.followed is None) == (apart is None)
-    if pose.raw_xyz is not None:
-        np.testing.assert_allclose(pose.raw_xyz, raw * mirror_of(side) + origin, atol=1e-4)
     assert pose.capsules is pose.capsules and (pose.capsules.radius_a > 0).all()
     ends = np.concatenate([pose.capsules.a[0], pose.capsules.b[0]])
-    # the surface is around them
-    assert np.median(np.linalg.norm(hand.xyz[:, None] - ends, axis=2).min(axis=1)) < 10
+    distances = np.linalg.norm(hand.xyz[:, None] - ends, axis=2).min(axis=1)
+    assert np.median(distances) < 10
 
 
 def test_a_known_size(model: CapsuleModel) -> None:
@@ -147,7 +155,8 @@ def test_a_hand_of_a_single_image(model: CapsuleModel) -> None:
 def test_another_body_of_a_single_image() -> None:
     """It has no side; what only a fit determines is unknown."""
     skeleton = any_skeleton(2)
-    joints, crop = np.zeros((7, 3)), np.zeros((128, 128), np.float32)
+    joints = np.zeros((7, 3))
+    crop = np.zeros((128, 128), np.float32)
     body = predicted_hand(HandEstimate("right", crop, CENTER, 300.0, NYU, joints), skeleton)
     assert (body.hand, body.known_side, body.pose.side) == (None, None, "right")
     assert np.isnan([*body.pose.inputs, *body.pose.bones, body.confidence]).all()
@@ -159,14 +168,13 @@ def test_a_hand_of_an_undecided_side(model: CapsuleModel) -> None:
     are multiplied.
     """
     right, left = (state(model, side, readings=image_of(model)) for side in SIDES)
-    alone, both = output(model, right), output(model, right, left)
+    alone = output(model, right)
+    both = output(model, right, left)
     assert (both.hand, both.side_confidence, both.other.hand) == ("right", 0.7, "left")
-    assert (
-        both.confidence == pytest.approx(0.7 * alone.confidence) and both.error_mm == alone.error_mm
-    )
-    assert (
-        both.other.side_confidence == pytest.approx(0.3) and both.presence == alone.confidence > 0.5
-    )
+    assert both.confidence == pytest.approx(0.7 * alone.confidence)
+    assert both.error_mm == alone.error_mm
+    assert both.other.side_confidence == pytest.approx(0.3)
+    assert both.presence == alone.confidence > 0.5
     np.testing.assert_allclose(both.other.xyz, output(model, left).xyz)
     assert output(model, right, state(model, "left", time=-1.0)).other is None
 
@@ -176,28 +184,30 @@ def test_confidence_and_error_are_of_the_reported_pose(model: CapsuleModel) -> N
     are less certain.
     """
     image = image_of(model)
+    middle = int(np.median(np.argwhere(image < 1000)[:, 1]))
     covered = image.copy()
-    covered[:, : int(np.median(np.argwhere(image < 1000)[:, 1]))] = 400
+    covered[:, :middle] = 400
 
     def judged(readings: np.ndarray, apart: float | None = None) -> tuple[float, float]:
-        hand = output(
-            model, state(model, "right", apart or 0.0, readings), smooth=apart is not None
-        )
+        one = state(model, "right", apart or 0.0, readings)
+        hand = output(model, one, smooth=apart is not None)
         return hand.confidence, hand.error_mm
 
-    whole, error = judged(image)
-    assert whole > 0.9 and error < 20
-    for worse in (judged(image, 30), judged(covered), judged(EMPTY)):
-        assert worse[0] < whole - 0.05 and worse[1] > error + 2
+    confidence, error_mm = judged(image)
+    assert confidence > 0.9 and error_mm < 20
+    for less, more_mm in (judged(image, 30), judged(covered), judged(EMPTY)):
+        assert less < confidence - 0.05 and more_mm > error_mm + 2
     assert judged(EMPTY)[0] < 0.1
-    assert judged(image, 0) == pytest.approx((whole, error))
+    assert judged(image, 0) == pytest.approx((confidence, error_mm))
 
 
 @pytest.mark.parametrize("side", SIDES)
 def test_the_error_of_each_finger(model: CapsuleModel, side: Side) -> None:
     """What covers the thumb raises its expected error most, also of a left hand."""
-    image, thumb = image_of(model, side), model.skeleton.joint_names.index("thumb_tip")
-    u, v, _ = np.rint(NYU.project(output(model, state(model, side)).xyz[thumb])).astype(int)
+    image = image_of(model, side)
+    thumb = model.skeleton.joint_names.index("thumb_tip")
+    thumb_mm = output(model, state(model, side)).xyz[thumb]
+    u, v, _ = np.rint(NYU.project(thumb_mm)).astype(int)
     covered = image.copy()
     covered[v - 15 : v + 15, u - 15 : u + 15] = 400
     whole, worse = (

@@ -20,10 +20,8 @@ from tests.support.tracked_hands import HEADER, facts, lost, present, tracked
 
 SETTINGS = TrackSettings()
 MIN_GIVEN = SETTINGS.present.min_given
-SURE, UNSURE = (
-    replace(tracked(id=0, confidence=0.3), presence=0.8),
-    replace(tracked(id=0, confidence=0.299), presence=0.7),
-)
+SURE = replace(tracked(id=0, confidence=0.3), presence=0.8)
+UNSURE = replace(tracked(id=0, confidence=0.299), presence=0.7)
 GONE = lost(0, since=1.0)
 
 
@@ -46,12 +44,12 @@ def test_a_hand_that_becomes_unsure() -> None:
     """It is present, and its joints are given again later; the tracker's reason for losing
     it is reported.
     """
-    before = [(SURE,)] * (MIN_GIVEN - 2)
-    frames = reported(*before, (SURE,), (UNSURE,), (UNSURE,), (SURE,), (UNSURE,), (GONE,))[
-        len(before) :
-    ]
+    before = MIN_GIVEN - 2
+    hands = SURE, UNSURE, UNSURE, SURE, UNSURE, GONE
+    frames = reported(*[(SURE,)] * before, *((hand,) for hand in hands))[before:]
     assert [frame.hands for frame in frames] == [(SURE,), (), (), (SURE,), (), ()]
-    unsure, gone = facts([withheld(UNSURE)]), lost(0, since=len(before) + 4.0)
+    unsure = facts([withheld(UNSURE)])
+    gone = lost(0, since=before + 4.0)
     assert [facts(frame.present) for frame in frames] == [[], unsure, unsure, [], unsure, []]
     assert [facts(frame.lost) for frame in frames] == [[]] * 5 + [facts([gone])]
 
@@ -71,13 +69,13 @@ def test_only_a_hand_that_had_joints_for_some_frames_is_lost(frames: int) -> Non
     assert ids(last.lost) == [0] * (frames == MIN_GIVEN)
 
 
-PLACE = present(2, 0.6, 0.0, is_sure=False)
+DOUBTFUL = present(2, 0.6, 0.0, is_sure=False)  # without joints
 
 
 def test_a_hand_with_joints_hides_present_ones_unless_they_are_sure() -> None:
-    sure = replace(PLACE, id=1, is_sure=True)
-    frames = reported((SURE, PLACE, sure), (UNSURE, PLACE), (PLACE,))
-    expected = [sure], [withheld(UNSURE), PLACE], [PLACE]
+    sure = replace(DOUBTFUL, id=1, is_sure=True)
+    frames = reported((SURE, DOUBTFUL, sure), (UNSURE, DOUBTFUL), (DOUBTFUL,))
+    expected = [sure], [withheld(UNSURE), DOUBTFUL], [DOUBTFUL]
     assert [facts(frame.present) for frame in frames] == [facts(hands) for hands in expected]
 
 
@@ -87,12 +85,12 @@ def test_a_recent_hand_with_joints_hides_present_ones(later: tuple[TrackedHand])
     frame.
     """
     frames = frames_of(
-        *[(SURE, PLACE)] * MIN_GIVEN, *[(*later, PLACE)] * 8, step=SETTINGS.follow.recent_s / 4
+        *[(SURE, DOUBTFUL)] * MIN_GIVEN,
+        *[(*later, DOUBTFUL)] * 8,
+        step=SETTINGS.follow.recent_s / 4,
     )
-    counts = [
-        sum(one.place == PLACE.place for one in frame.present)
-        for frame in map(SureHands(0.3, SETTINGS), frames)
-    ]
+    reports = map(SureHands(0.3, SETTINGS), frames)
+    counts = [sum(hand.place == DOUBTFUL.place for hand in frame.present) for frame in reports]
     assert counts == [0] * (MIN_GIVEN + 4) + [1] * 4
 
 
@@ -133,7 +131,7 @@ def test_a_minimum_confidence_of_0_removes_nothing() -> None:
 @pytest.mark.parametrize("minimum", [0, 0.3])
 def test_ids_are_counted_in_the_order_of_first_reports(minimum: float) -> None:
     """In one frame a hand with joints comes before one without; a hand that returns has its id."""
-    sure, first, second = replace(PLACE, id=1, is_sure=True), tracked(id=5), tracked(id=3)
+    sure, first, second = replace(DOUBTFUL, id=1, is_sure=True), tracked(id=5), tracked(id=3)
     frames = frames_of(*[(first, sure)] * MIN_GIVEN, (second, sure, lost(5)), (first, second, sure))
     *_, before, without, after = map(SureHands(minimum, SETTINGS), frames)
     assert ids(before.hands) == [0] and ids(before.present) == [1]
@@ -143,7 +141,7 @@ def test_ids_are_counted_in_the_order_of_first_reports(minimum: float) -> None:
 
 def test_unreported_hands_have_no_id() -> None:
     """Neither a place that is hidden by a hand with joints, nor a hand that is lost at once."""
-    found = reported((SURE, PLACE), (SURE, tracked(id=9), replace(GONE, id=7)))
+    found = reported((SURE, DOUBTFUL), (SURE, tracked(id=9), replace(GONE, id=7)))
     assert ids(found[1].hands) == [0, 1] and not found[1].lost
     [frame] = frames_of((replace(GONE, id=7),))
     assert not SureHands(0, SETTINGS)(frame).lost
@@ -157,10 +155,8 @@ def test_a_hand_of_an_undecided_side_has_its_id_as_either() -> None:
 
 def test_no_output_has_the_joints(tmp_path: Path) -> None:
     """Files and messages have the reason in their place."""
-    frames, reason = (
-        reported((SURE,), (UNSURE,), (replace(UNSURE, id=2),)),
-        "the pose is uncertain (confidence 30%)",
-    )
+    frames = reported((SURE,), (UNSURE,), (replace(UNSURE, id=2),))
+    reason = "the pose is uncertain (confidence 30%)"
     values = FrameValues(HEADER)
     hands = [hand for frame in frames for hand in values.values(frame)["hands"]]
     assert [hand["positions_mm"] is None for hand in hands] == [False, True, True]
@@ -169,8 +165,7 @@ def test_no_output_has_the_joints(tmp_path: Path) -> None:
         for frame in frames:
             writer.write(frame)
     rows = list(csv.DictReader((tmp_path / "t.csv").read_text().splitlines()))
-    empty = [
-        {value for key, value in row.items() if key.endswith(("_mm", "_rad"))} == {""}
-        for row in rows
-    ]
-    assert [row["lost"] for row in rows] == ["", reason, reason] and empty == [False, True, True]
+    assert [row["lost"] for row in rows] == ["", reason, reason]
+    for row in rows:
+        pose = {value for key, value in row.items() if key.endswith(("_mm", "_rad"))}
+        assert (pose == {""}) == (row["lost"] == reason)

@@ -55,16 +55,13 @@ def with_noise(
         seconds = times[i] - times[i - 1]
         now = (values[i] - values[i - 1]) / seconds
         speed += alpha(cutoff.speed_hz, seconds) * (now - speed)
-        part = max(
-            alpha(SmoothSettings().scatter_hz, seconds), 1 / i
-        )  # at first the mean of all deviations so far
+        # At first, the mean of all deviations so far.
+        part = max(alpha(SmoothSettings().scatter_hz, seconds), 1 / i)
         scatter = scatter ** (1 - part) * abs(now - speed) ** part
         excess = max(abs(speed) - min(cutoff.noise * scatter, cutoff.max_noise), 0.0)
         gap = max(abs(values[i] - out[-1]) - cutoff.min_gap, 0.0)
-        hertz = (
-            trust[i] * (cutoff.min_hz + cutoff.slope * excess)
-            + trust[i] ** 3 * cutoff.gap_slope * gap
-        )
+        by_speed = cutoff.min_hz + cutoff.slope * excess
+        hertz = trust[i] * by_speed + trust[i] ** 3 * cutoff.gap_slope * gap
         out.append(out[-1] + alpha(hertz, seconds) * (values[i] - out[-1]))
     return out
 
@@ -130,9 +127,8 @@ def test_a_point_has_no_axes(seed: int) -> None:
     R = Rotation.random(random_state=rng).as_matrix()
     once = filtered(CUTOFF, times, values).place
     np.testing.assert_allclose(filtered(CUTOFF, times, values @ R.T).place, once @ R.T, atol=1e-9)
-    assert not np.allclose(
-        of_values(CUTOFF, values @ R.T, times), of_values(CUTOFF, values, times) @ R.T
-    )
+    by_variable = of_values(CUTOFF, values, times)
+    assert not np.allclose(of_values(CUTOFF, values @ R.T, times), by_variable @ R.T)
 
 
 @given(
@@ -148,17 +144,14 @@ def test_noise_is_subtracted_from_the_speed(
     errors count less.
     """
     rng = np.random.default_rng(seed)
-    times, values, errors = (
-        uneven(rng),
-        np.cumsum(rng.normal(0, 2, (30, 3)), axis=0),
-        rng.uniform(10, 100, 30),
-    )
+    times = uneven(rng)
+    values = np.cumsum(rng.normal(0, 2, (30, 3)), axis=0)
+    errors = rng.uniform(10, 100, 30)
     cutoff = Cutoff(0.8, 0.5, 1.5, noise, most, gap, min_gap=1.0)
     trust = np.clip((GOOD_MM / errors) ** 3, 0.1, 1)
     expected = np.transpose([with_noise(own, times, cutoff, trust) for own in values.T])
-    np.testing.assert_allclose(
-        filtered(cutoff, times, others=values, errors_mm=errors).others, expected, atol=1e-9
-    )
+    found = filtered(cutoff, times, others=values, errors_mm=errors).others
+    np.testing.assert_allclose(found, expected, atol=1e-9)
 
 
 def test_steadier_at_rest_and_as_quick_in_motion() -> None:
@@ -168,13 +161,15 @@ def test_steadier_at_rest_and_as_quick_in_motion() -> None:
     times = np.arange(300) / 30
     still = np.random.default_rng(0).normal(0, 1, (300, 1))
     plain, floored = Cutoff(0.5, 0.4, 2.7), Cutoff(0.5, 0.4, 2.7, noise=1.3)
-    shaken = [of_values(cutoff, still, times)[60:].std() for cutoff in (plain, floored)]
-    assert shaken[1] < 0.7 * shaken[0] and shaken[1] < 0.5
+    noise, floored_noise = (
+        of_values(cutoff, still, times)[60:].std() for cutoff in (plain, floored)
+    )
+    assert floored_noise < 0.7 * noise and floored_noise < 0.5
     moving = 300 * times[:, None] + still
-    behind = [
+    lag, floored_lag = (
         np.abs(moving - of_values(cutoff, moving, times))[60:].mean() for cutoff in (plain, floored)
-    ]
-    assert behind[1] < behind[0] + 0.1
+    )
+    assert floored_lag < lag + 0.1
 
 
 def test_a_jump_is_followed_and_jitter_is_not() -> None:
@@ -221,9 +216,8 @@ def test_turns_about_one_axis_are_angles(seed: int) -> None:
     axis /= np.linalg.norm(axis)
     cutoff = Cutoff(0.8, 1.0, 1.5)
     expected = of_values(cutoff, angles, times)
-    found = filtered(
-        cutoff, times, rotation=Rotation.from_rotvec(angles * axis).as_matrix()
-    ).rotation
+    turns = Rotation.from_rotvec(angles * axis).as_matrix()
+    found = filtered(cutoff, times, rotation=turns).rotation
     np.testing.assert_allclose(found, Rotation.from_rotvec(expected * axis).as_matrix(), atol=1e-6)
 
 
@@ -240,9 +234,8 @@ def test_rotations_have_no_axes(seed: int) -> None:
     once = filtered(CUTOFF, times, rotation=np.array(values)).rotation
     twice = filtered(CUTOFF, times, rotation=A @ np.array(values) @ B).rotation
     np.testing.assert_allclose(twice, A @ once @ B, atol=1e-6)
-    np.testing.assert_allclose(
-        once @ once.swapaxes(1, 2), np.tile(np.eye(3), (30, 1, 1)), atol=1e-9
-    )
+    identities = np.tile(np.eye(3), (30, 1, 1))
+    np.testing.assert_allclose(once @ once.swapaxes(1, 2), identities, atol=1e-9)
     np.testing.assert_allclose(np.linalg.det(once), 1)
 
 
@@ -250,10 +243,8 @@ def test_rotations_have_no_axes(seed: int) -> None:
 
 
 def test_constant_poses_are_unchanged() -> None:
-    values, R = (
-        np.tile([3.3, -1e5, 0], (60, 1)),
-        np.tile(Rotation.from_rotvec([2, 1, -2]).as_matrix(), (60, 1, 1)),
-    )
+    values = np.tile([3.3, -1e5, 0], (60, 1))
+    R = np.tile(Rotation.from_rotvec([2, 1, -2]).as_matrix(), (60, 1, 1))
     found = filtered(CUTOFF, FRAMES, values, R, values)
     np.testing.assert_array_equal(found.place, values)
     np.testing.assert_allclose(found.rotation, R, atol=1e-7)
@@ -310,9 +301,8 @@ def test_a_trembling_hand_becomes_steady(model: CapsuleModel, trembling: np.ndar
     np.testing.assert_allclose(found[0], raw[0], atol=1e-6)
     assert found[15:].std(axis=0).max() < 0.5 * raw.std(axis=0).max()
     np.testing.assert_allclose(found[15:].mean(axis=0), raw.mean(axis=0), atol=1)
-    np.testing.assert_allclose(
-        bones(model, found), np.tile(bones(model, raw[:1]), (len(found), 1)), atol=1e-9
-    )
+    same_bones = np.broadcast_to(bones(model, raw[:1]), bones(model, found).shape)
+    np.testing.assert_allclose(bones(model, found), same_bones, atol=1e-9)
 
 
 def test_a_moving_hand_is_not_left_behind(model: CapsuleModel) -> None:

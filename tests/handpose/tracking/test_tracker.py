@@ -71,16 +71,16 @@ def test_a_hand_is_followed(shown: Take) -> None:
 
 def test_the_size_is_found_and_kept(shown: Take, raw: Take, predictor: Predictor) -> None:
     """The size is determined once, after some time, and bones are constant from then on."""
-    true = np.median(shown.truth[0].hands[0].pose.bones[1:]) / np.median(
-        predictor.skeleton.bones[1:]
-    )
+    true_bones = shown.truth[0].hands[0].pose.bones
+    true = np.median(true_bones[1:]) / np.median(predictor.skeleton.bones[1:])
     for take in (shown, raw):
         bones = np.array([frame.hands[0].pose.bones for frame in take.reported])
         same = np.isclose(bones, bones[-1], rtol=1e-9).all(axis=1)
         first = int(same.argmax())
         assert RATE / 2 < first < len(bones) - 2 and same[first:].all()
-        np.testing.assert_allclose(bones[-1], take.tracker.known[0].size * predictor.skeleton.bones)
-        assert take.tracker.known[0].size == pytest.approx(true, rel=0.1)
+        size = take.tracker.known[0].size
+        np.testing.assert_allclose(bones[-1], size * predictor.skeleton.bones)
+        assert size == pytest.approx(true, rel=0.1)
 
 
 def test_a_size_that_is_given(shown: Take, predictor: Predictor) -> None:
@@ -99,16 +99,14 @@ def test_raw_and_smoothed(shown: Take, raw: Take) -> None:
             assert (own.id, own.hand) == (same.id, same.hand) and same.pose.raw_xyz is None
             np.testing.assert_array_equal(own.pose.center_uvd, same.pose.center_uvd)
             np.testing.assert_allclose(own.pose.raw_xyz, same.xyz, atol=1e-6)
-    moves = [
-        np.linalg.norm(
-            np.diff([frame.hands[0].xyz for frame in take.reported], 2, axis=0), axis=2
-        ).mean()
-        for take in (shown, raw)
-    ]
-    assert (
-        moves[0] < 0.95 * moves[1]
-        and shown.score().hands[0].error_mm < raw.score().hands[0].error_mm + 2
-    )
+    assert jerk(shown) < 0.95 * jerk(raw)
+    assert shown.score().hands[0].error_mm < raw.score().hands[0].error_mm + 2
+
+
+def jerk(take: Take) -> float:
+    """The mean second difference of the joints from frame to frame, in mm."""
+    xyz = [frame.hands[0].xyz for frame in take.reported]
+    return float(np.linalg.norm(np.diff(xyz, 2, axis=0), axis=2).mean())
 
 
 def test_frames_are_read_one_at_a_time(shown: Take, predictor: Predictor) -> None:
@@ -126,15 +124,12 @@ def test_unsure_hands_are_followed_without_their_joints(predictor: Predictor, sh
     for minimum, options in ((MIN_CONFIDENCE, {}), (least, {"min_confidence": least})):
         for frame, same in zip(again(predictor, shown, 12, **options), shown.reported):
             (hand,) = same.hands
-            assert [one.confidence for one in frame.hands] == [hand.confidence] * (
-                hand.confidence >= minimum
-            )
-            assert len(frame.present) == (hand.confidence < minimum)
-            assert all(
-                np.array_equal(getattr(one.pose, name), getattr(hand.pose, name))
-                for one in frame.hands
-                for name in ("xyz", "raw_xyz", "inputs", "bones")
-            )
+            is_sure = hand.confidence >= minimum
+            assert (len(frame.hands), len(frame.present)) == (is_sure, not is_sure)
+            for one in frame.hands:
+                assert one.confidence == hand.confidence
+                for name in ("xyz", "raw_xyz", "inputs", "bones"):
+                    np.testing.assert_array_equal(getattr(one.pose, name), getattr(hand.pose, name))
 
 
 # ----------------------------------------------------------------------------------- lost and found
@@ -144,24 +139,22 @@ def test_a_hand_that_leaves_and_returns(leaving: Take) -> None:
     """It is either reported or lost, with the reason and when it was seen last, and keeps
     its id and side.
     """
-    scores, since = leaving.score(), None
     away = [true.number for true in leaving.truth if [lost.reason for lost in true.lost] == [LEFT]]
-    told = [leaving.reported[number].lost for number in away]
-    assert len(told) > 5 and sum(bool(lost) for lost in told) >= len(told) - 3
-    assert sum(lost[0].reason.startswith(LEFT) for lost in told if lost) >= len(told) - 5
+    while_away = [leaving.reported[number].lost for number in away]
+    count = len(while_away)
+    reasons = [lost[0].reason for lost in while_away if lost]
+    assert count > 5 and len(reasons) >= count - 3
+    assert sum(reason.startswith(LEFT) for reason in reasons) >= count - 5
+    scores = leaving.score()
     hand = scores.hands[0]
-    assert (
-        scores.found > 0.75
-        and hand.id_switches == 0
-        and hand.wrong_side <= 3
-        and hand.error_mm < 20
-    )
+    assert scores.found > 0.75 and hand.error_mm < 20
+    assert hand.id_switches == 0 and hand.wrong_side <= 3
+    since = None
     for frame in leaving.reported:
         assert [one.id for one in (*frame.hands, *frame.lost)] == [0]
         since = frame.time if frame.hands else since
-        assert all(
-            (lost.hand, lost.since) == ("left", since) and lost.reason for lost in frame.lost
-        )
+        for one in frame.lost:
+            assert (one.hand, one.since) == ("left", since) and one.reason
     gone = [frame.lost[0] for frame in leaving.reported if frame.lost]
     assert gone[0].reason.startswith(LEFT) and leaving.reported[-1].hands
 
@@ -223,11 +216,8 @@ def test_a_hand_that_only_the_finder_sees_is_present_without_joints(
     for n in range(12):
         found = tracker.step(plain(n))
         [present] = found.present
-        assert (
-            not found.hands
-            and present.place == (0, 60, 1400)
-            and present.presence == pytest.approx(0.7)
-        )
+        assert not found.hands and present.place == (0, 60, 1400)
+        assert present.presence == pytest.approx(0.7)
         assert present.is_seen and present.mask is not None
     seeing(tracker)
     for n in range(12, 16):
@@ -242,9 +232,11 @@ def test_a_place_out_of_sight(
 ) -> None:
     """Where no crop can be taken, no hand is followed; the finder's is reported."""
     tracker = Tracker(predictor)
-    monkeypatch.setattr(
-        tracker.estimator, "in_regions", lambda frame, regions, *others: [None] * len(regions)
-    )
+
+    def unseen(frame: Any, regions: list[Any], *others: Any) -> list[None]:
+        return [None] * len(regions)
+
+    monkeypatch.setattr(tracker.estimator, "in_regions", unseen)
     frame = tracker.step(shown.frames[0])
     assert not frame.hands and not frame.lost and [hand.id for hand in frame.present] == [0]
 
@@ -259,17 +251,13 @@ def test_a_hand_that_is_more_present_takes_the_place_of_a_doubtful_one(
     [track] = tracker.tracks
     monkeypatch.setattr(HandTrack, "hand_chance", 0.5)
     reported = seeing(tracker, (250.0, 60, 1400, 0.4)).step(frame._replace(time=1.0))
-    assert reported.hands and track.is_tracked and not reported.present, (
-        "no more hands than are wanted"
-    )
+    assert reported.hands and track.is_tracked and not reported.present  # one hand at most
     seeing(tracker, (0.0, 60, 1400, 0.6), (250.0, 60, 1400, 0.9))
-    assert tracker.step(frame._replace(time=2.0)).hands and track.is_tracked, (
-        "the mean of its looks is 0.65"
-    )
+    # The mean presence of the other hand is 0.65.
+    assert tracker.step(frame._replace(time=2.0)).hands and track.is_tracked
     reported = tracker.step(frame._replace(time=3.0))
-    assert [lost.reason for lost in reported.lost] == [
-        "another hand is more present"
-    ] and not track.is_tracked
+    assert [lost.reason for lost in reported.lost] == ["another hand is more present"]
+    assert not track.is_tracked
     assert [one.place for one in reported.present] == [(250, 60, 1400)]
 
 
@@ -282,24 +270,19 @@ def test_two_hands(two: Take) -> None:
     assert scores.found > 0.6 and scores.invented == 0
     assert not any(hand.id_switches for hand in scores.hands.values())
     last = two.reported[-1].hands
-    assert [hand.id for hand in last] == [0, 1] and {hand.hand for hand in last} == {
-        "right",
-        "left",
-    }
+    assert [hand.id for hand in last] == [0, 1]
+    assert {hand.hand for hand in last} == {"right", "left"}
     assert all(error_of(hand, two.truth[-1]) < 25 for hand in last)
 
 
 @pytest.mark.parametrize("apart", [0.2, 0.5])
 def test_both_hands_are_found_at_once(two: Take, predictor: Predictor, apart: float) -> None:
     """Both hands are found in the first frame, and in every frame after a long gap."""
-    first = next(
-        n
-        for n, frame in enumerate(two.truth)
-        if len(frame.hands) == 2 and len(two.reported[n].hands) == 2
-    )
-    frames = [
-        frame._replace(time=apart * n) for n, frame in enumerate(two.frames[first : first + 6 : 2])
-    ]
+    pairs = zip(two.truth, two.reported)
+    counts = [(len(true.hands), len(reported.hands)) for true, reported in pairs]
+    first = counts.index((2, 2))
+    some = two.frames[first : first + 6 : 2]
+    frames = [frame._replace(time=apart * n) for n, frame in enumerate(some)]
     for reported in Tracker(predictor).follow(frames):
         assert {hand.hand for hand in reported.hands} == {"right", "left"}
 
@@ -307,9 +290,8 @@ def test_both_hands_are_found_at_once(two: Take, predictor: Predictor, apart: fl
 def test_no_more_hands_than_are_wanted(two: Take, predictor: Predictor) -> None:
     """Only one of two hands is reported, always the same."""
     reported = again(predictor, two, 5, hands=1)
-    assert {len(frame.hands) for frame in reported[1:]} == {1} and not any(
-        frame.lost for frame in reported
-    )
+    assert {len(frame.hands) for frame in reported[1:]} == {1}
+    assert not any(frame.lost for frame in reported)
     places = np.array([frame.hands[0].pose.origin_mm for frame in reported[1:]])
     assert np.ptp(places, axis=0).max() < 60
 
@@ -411,9 +393,8 @@ def test_a_hand_that_was_followed_remains_present(
     monkeypatch.setattr(tracker, "_seen_at", lambda *_: [])
     seeing(tracker, (*ended.place, 0.4))
     *_, last = (tracker.step(frame) for frame in two.frames[6:])
-    assert [hand.id for hand in last.hands] == [kept.id] and np.allclose(
-        last.present[0].place, ended.place
-    )
+    assert [hand.id for hand in last.hands] == [kept.id]
+    assert np.allclose(last.present[0].place, ended.place)
 
 
 @pytest.mark.parametrize("still", [False, True])
@@ -441,10 +422,9 @@ def test_no_hand_is_tracked_without_readings_or_on_a_plane(
     """
     new, tracker = Tracker(predictor), begun()
     for n in range(6, 21):
-        assert (
-            new.step(plain(n, mm)) == TrackedFrame(n, n / RATE)
-            and not tracker.step(plain(n, mm)).hands
-        )
+        frame = plain(n, mm)
+        assert new.step(frame) == TrackedFrame(n, n / RATE)
+        assert not tracker.step(frame).hands
 
 
 def test_a_masked_frame_has_no_hands(shown: Take, predictor: Predictor) -> None:
@@ -510,10 +490,6 @@ def test_load_tracker_applies_its_options() -> None:
     """The weights are the packaged ones."""
     tracker = load_tracker(ICVL, fit="fast", seed=3, hands=1, smooth=False)
     header = tracker.header("a recording")
-    assert (header.source, header.camera, header.unit_mm, header.smoothed) == (
-        "a recording",
-        ICVL,
-        150,
-        False,
-    )
+    assert (header.source, header.camera) == ("a recording", ICVL)
+    assert (header.unit_mm, header.smoothed) == (150, False)
     assert tracker.limit == 1 and tracker.predictor.fitter.seed == 3
