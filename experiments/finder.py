@@ -35,19 +35,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from experiments.constants import array_in
-from handpose.body.sides import SIDES, Side
+from experiments.labelled_frames import (
+    Labelled,
+    camera_of,
+    drawn_scenes,
+    first_scenes,
+    labels_of,
+    other_scenes,
+    recorded,
+)
 from handpose.estimate.finder import Finder, FoundHand
 from handpose.estimate.packaged import HAND_FINDER
-from handpose.frames.cameras import KINECT2, NYU, SR305, Camera
-from handpose.frames.formats import open_recording
-from handpose.sequences.recordings import SCRIPTS, SyntheticRecording
 from handpose.synthetic.scenes import prior as scene_prior
-from handpose.synthetic.scenes.cameras import HEIGHT, WIDTH
-from handpose.synthetic.whole_scenes import SCENES_PER_BLOCK, SceneGenerator, Scenes
-from handpose.tracking.track import PARTLY
-from netlib.blob import Array
-from netlib.errors import DataError
+from handpose.synthetic.whole_scenes import SceneGenerator
 from netlib.proto import schema
 from netlib.training.trained import trained
 from tools.common.arguments import add_engine, count, seed
@@ -59,16 +59,6 @@ DISTANCE_RATE = 1.0  # at which the median distance is measured
 MIN_PRESENCE, MAX_ANSWERS = 0.01, 12  # of the answers of a frame that are counted
 EDGES = (0.01, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)  # between rows of presences
 NEWTON_ITERATIONS = 20  # more than enough for two numbers
-CAMERAS = (NYU, KINECT2, SR305)  # of synthetic recordings
-
-
-class Labelled(NamedTuple):
-    """A frame with its hands; those that may be found or not are ``doubtful``."""
-
-    depth: Array
-    camera: Camera
-    hands: list[Array]
-    doubtful: Sequence[Array] = ()
 
 
 class Answer(NamedTuple):
@@ -246,9 +236,6 @@ def recalls_of(answers: Sequence[Answer], hands: int, frames: int) -> tuple[list
     return recalls, order[count - 1].presence if count else 2.0
 
 
-# ---------------------------------------------------------------------------------- labelled frames
-
-
 def things_taken_for_hands(finder: Finder, number: int, scenes: int) -> list[list[str]]:
     """A row for each thing of scenes without hands: pixels that show it, and false hands there."""
     prior = scene_prior.load()
@@ -268,88 +255,3 @@ def things_taken_for_hands(finder: Finder, number: int, scenes: int) -> list[lis
         share = pixels[name] / pixels.total()
         rows.append([name, f"{share:.1%}", str(times), f"{times / scenes:.3f}"])
     return rows
-
-
-def first_scenes(generator: SceneGenerator, count: int) -> Iterator[tuple[Scenes, int]]:
-    """The first scenes of a generator: the block of each, and its index in the block."""
-    blocks = map(generator.block, itertools.count())
-    scenes = ((block, n) for block in blocks for n in range(SCENES_PER_BLOCK))
-    return itertools.islice(scenes, count)
-
-
-def drawn_scenes(number: int, scenes: int) -> Iterator[Labelled]:
-    """Scenes of the training's generator that no training saw."""
-    for block, n in first_scenes(SceneGenerator(number, "test"), scenes):
-        middle = block.middle[n]
-        hands, doubtful = middle[block.present[n]], middle[block.doubtful[n]]
-        yield Labelled(block.depth[n], camera_of(block, n), [*hands], [*doubtful])
-
-
-def camera_of(scenes: Scenes, n: int) -> Camera:
-    """The camera of a scene."""
-    x = scenes.slopes[n, 0, :, 0].astype(float)
-    y = scenes.slopes[n, :, 0, 1].astype(float)
-    focal = (WIDTH - 1) / (x[-1] - x[0])
-    return Camera("scene", focal, focal, -x[0] * focal, y[0] * focal, WIDTH, HEIGHT, 60.0)
-
-
-def other_scenes(number: int, scenes: int) -> Iterator[Labelled]:
-    """One frame of each of ``scenes`` synthetic recordings, whose scripts, cameras and
-    sides alternate.
-    """
-    scripts = list(SCRIPTS)
-    for n in range(scenes):
-        script, camera = scripts[n % len(scripts)], CAMERAS[n % len(CAMERAS)]
-        mirrored = n // (len(scripts) * len(CAMERAS)) % 2 == 1
-        recording = SyntheticRecording(script, camera, rate=1, seed=number + n, mirrored=mirrored)
-        chosen = n % recording.count
-        frame, truth = recording.frame(chosen), recording.truth(chosen)
-        partly = [recording.movements[lost.id] for lost in truth.lost if lost.reason == PARTLY]
-        hands = [hand.xyz.mean(0) for hand in truth.hands]
-        doubtful = [movement.pose_at(frame.time).xyz.mean(0) for movement in partly]
-        yield Labelled(frame.depth, recording.camera, hands, doubtful)
-
-
-def labels_of(words: Sequence[str]) -> dict[Side, Path]:
-    """The files of labels on the command line, SIDE=FILE. Raises DataError."""
-    sides: dict[str, Side] = {side: side for side in SIDES}
-    paths: dict[Side, Path] = {}
-    for word in words:
-        side, _, name = word.partition("=")
-        if side not in sides or not name:
-            raise DataError(
-                f"--recording: {word!r}, expected left=LABELS.npy or right=LABELS.npy after the frames"
-            )
-        paths[sides[side]] = Path(name)
-    return paths
-
-
-def recorded(source: str, labels: dict[Side, Path], part: str) -> Iterator[Labelled]:
-    """The frames of a recording, or those with even or odd numbers. Raises NetlibError."""
-    joints = {side: _joints(path) for side, path in labels.items()}
-    with open_recording(source) as recording:
-        for n, frame in enumerate(recording):
-            if part != "all" and (n % 2 == 0) != (part == "even"):
-                continue
-            hands = []
-            for values in joints.values():
-                points = values[n].reshape(-1, 3) if n < len(values) else np.empty((0, 3))
-                points = points[np.isfinite(points).all(axis=1)]
-                if len(points):
-                    hands.append(points.mean(0) * (1, -1, 1))
-            yield Labelled(frame.depth, recording.camera, hands)
-
-
-def _joints(path: Path) -> Array:
-    """The array (frames, ..., 3) of a file of labels. Raises DataError."""
-    values = array_in(path)
-    if (
-        not isinstance(values, np.ndarray)
-        or values.ndim < 2
-        or values.shape[-1] != 3
-        or values.dtype.kind != "f"
-    ):
-        raise DataError(
-            f"{path}: {getattr(values, 'shape', 'several arrays')}, expected joints (frames, ..., 3) in mm"
-        )
-    return values

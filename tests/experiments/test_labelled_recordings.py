@@ -1,4 +1,4 @@
-"""experiments/constants.py and experiments/finder.py: figures on labelled recordings."""
+"""experiments/constants.py, finder.py and labelled_frames.py: figures on labelled recordings."""
 
 from __future__ import annotations
 
@@ -22,15 +22,13 @@ from experiments.constants import (
 )
 from experiments.finder import (
     Answer,
-    Labelled,
     calibration,
     judged,
-    labels_of,
     recalls_of,
-    recorded,
     reliability,
     things_taken_for_hands,
 )
+from experiments.labelled_frames import Labelled, labels_of, recorded
 from handpose.estimate.finder import Finder, FoundHand
 from handpose.estimate.packaged import HAND_FINDER
 from handpose.fit import settings as fit_settings
