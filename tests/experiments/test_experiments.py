@@ -13,7 +13,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import netlib
-from experiments import bench, fit, parts
+from experiments import fit, parts, peers
 from experiments.__main__ import NAMES
 from experiments.example_nets import (
     NETS,
@@ -300,22 +300,22 @@ SMALL_TRAININGS = (NETS["LeNet"], Example("hand-training-4", hand_training(4), t
 def test_peers_compute_the_same(example: Example, tmp_path: Path, keep_threads: None) -> None:
     """The outputs, or the gradients, of every installed peer agree with ours."""
     pytest.importorskip("onnx")
-    jobs = dict(bench.peers_of(example.name, Workload(example, tmp_path), 1))
-    peers = [
+    jobs = dict(peers.peers_of(example.name, Workload(example, tmp_path), 1))
+    expected = [
         (f"OpenCV {cv2.__version__}", "cv2"),
         ("onnxruntime", "onnxruntime"),
         ("PyTorch", "torch"),
     ]
     if example.trains:
-        peers = [("PyTorch eager", "torch"), ("PyTorch channels_last", "torch")]
-    assert list(jobs) == [peer for peer, package in peers if find_spec(package)]
+        expected = [("PyTorch eager", "torch"), ("PyTorch channels_last", "torch")]
+    assert list(jobs) == [peer for peer, package in expected if find_spec(package)]
     for job in jobs.values():
         job()
 
 
 def test_a_peer_that_differs(capsys: pytest.CaptureFixture[str]) -> None:
-    assert bench.agrees("a peer", np.ones(3), np.ones((1, 3)))
-    assert not bench.agrees("a peer", np.ones(3), np.array([1, 1, 1.01]))
+    assert peers.agrees("a peer", np.ones(3), np.ones((1, 3)))
+    assert not peers.agrees("a peer", np.ones(3), np.array([1, 1, 1.01]))
     assert "a peer is not timed: its values differ by 0.0099" in capsys.readouterr().err
 
 
