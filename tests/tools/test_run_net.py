@@ -15,13 +15,16 @@ from tests.support.nets import inputs, ip
 from tests.support.running import Done, refusal, run_tool
 from tests.tools.conftest import mistakes_of
 
-NET = (
+POOLING = (
     inputs(data=(2, 3, 8, 10))
     + 'layer { name: "pool" type: "Pooling" bottom: "data" top: "pool" pooling_param { pool: AVE kernel_size: 2 } }'
+)
+NET = (
+    POOLING
     + ip("fc/1", "pool", "fc/1", outputs=4)
     + 'layer { name: "prob" type: "Softmax" bottom: "fc/1" top: "prob" }'
 )
-SHAPES = ((8, 10), (20, 12), (9, 30))  # (H, W) of the images
+IMAGE_SHAPES = ((8, 10), (20, 12), (9, 30))  # (H, W)
 
 
 @pytest.fixture(autouse=True)
@@ -31,14 +34,14 @@ def work(here: Path) -> None:
     net = netlib.Net("net.prototxt", netlib.TEST, seed=1)
     net.params["fc/1"][0].data[...] /= 50
     net.save("net.caffemodel")
-    for number, shape in enumerate(SHAPES):
-        cv2.imwrite(
-            f"{number}.png", np.random.default_rng(number).integers(0, 256, (*shape, 3), np.uint8)
-        )
+    for number, shape in enumerate(IMAGE_SHAPES):
+        rng = np.random.default_rng(number)
+        cv2.imwrite(f"{number}.png", rng.integers(0, 256, (*shape, 3), np.uint8))
     Path("labels.txt").write_text("n01 cat, tabby\nn02 dog\nn03 bird\nn04 fish\n")
 
 
 def images() -> list[Array]:
+    """The three images (H, W, 3)."""
     return [cv2.imread(f"{number}.png") for number in range(3)]
 
 
@@ -46,38 +49,37 @@ def run(options: str, status: int = 0) -> Done:
     return run_tool(f"run_net net.prototxt net.caffemodel {options}", status=status)
 
 
-def outputs_of(blob: Array, name: str = "prob") -> Array:
-    return netlib.Net("net.prototxt", "net.caffemodel", netlib.TEST).forward([name], data=blob)[
-        name
-    ]
+def blob_of(data: Array, name: str = "prob") -> Array:
+    """A blob of the net for an input (N, 3, 8, 10)."""
+    net = netlib.Net("net.prototxt", "net.caffemodel", netlib.TEST)
+    return net.forward([name], data=data)[name]
 
 
-def test_best_classes() -> None:
-    lines = run("0.png 1.png 2.png --mean 104,117,123 --labels labels.txt --top 2").out
-    prob = outputs_of(cv2.dnn.blobFromImages(images(), 1, (10, 8), (104, 117, 123)))
+def test_the_best_classes_are_printed() -> None:
+    printed = run("0.png 1.png 2.png --mean 104,117,123 --labels labels.txt --top 2").out
+    prob = blob_of(cv2.dnn.blobFromImages(images(), 1, (10, 8), (104, 117, 123)))
     labels = Path("labels.txt").read_text().splitlines()
     expected = []
-    for number in range(3):
-        best = np.argsort(-prob[number])[:2]
-        expected += [
-            f"{number}.png: prob",
-            *(f"  {prob[number, i]:.4f}  {labels[i]}" for i in best),
-        ]
-    assert lines.splitlines() == expected
+    for number, scores in enumerate(prob):
+        expected.append(f"{number}.png: prob")
+        for label in np.argsort(-scores)[:2]:
+            expected.append(f"  {scores[label]:.4f}  {labels[label]}")
+    assert printed.splitlines() == expected
 
 
-def test_blobs_in_files() -> None:
+def test_blobs_are_written_to_files() -> None:
     """A .npz file has the named blobs of all images, whatever their names; a .npy file has one."""
     assert run("0.png 1.png 2.png --blob fc/1 --blob pool --out a.npz").out == (
         "wrote a.npz: fc/1 (3, 4), pool (3, 3, 7, 9)\n"
     )
-    blob = cv2.dnn.blobFromImages(images(), 1, (10, 8))
+    data = cv2.dnn.blobFromImages(images(), 1, (10, 8))
     with np.load("a.npz") as file:
         assert sorted(file) == ["fc/1", "pool"]
-        assert np.allclose(file["fc/1"], outputs_of(blob, "fc/1"), rtol=1e-5)
-        assert np.array_equal(file["pool"], outputs_of(blob, "pool"))
-    printed = run("0.png 1.png --out b.npy --labels labels.txt").out.splitlines()
-    assert printed[0] == "0.png: prob" and printed[-1] == "wrote b.npy: prob (2, 4)"
+        assert np.allclose(file["fc/1"], blob_of(data, "fc/1"), rtol=1e-5)
+        assert np.array_equal(file["pool"], blob_of(data, "pool"))
+    lines = run("0.png 1.png --out b.npy --labels labels.txt").out.splitlines()
+    assert lines[0] == "0.png: prob"
+    assert lines[-1] == "wrote b.npy: prob (2, 4)"
     assert np.load("b.npy").shape == (2, 4)
 
 
@@ -90,7 +92,7 @@ def test_blobs_in_files() -> None:
         ("--mean-file mean.npy", (1.0, (10, 8), (1, 2, 3))),
     ],
 )
-def test_preprocessing_as_in_opencv(options: str, arguments: tuple[object, ...]) -> None:
+def test_preprocessing_equals_that_of_opencv(options: str, arguments: tuple[object, ...]) -> None:
     """The options are the arguments of cv2.dnn.blobFromImage; a mean file may have a
     number per channel.
     """
@@ -99,35 +101,36 @@ def test_preprocessing_as_in_opencv(options: str, arguments: tuple[object, ...])
     assert np.array_equal(np.load("data.npy"), cv2.dnn.blobFromImages(images(), *arguments))
 
 
-def test_another_size() -> None:
+def test_the_size_and_the_batch_are_options() -> None:
     """--size reshapes a net without fully connected layers, and --batch sets the number of
     images of a pass.
     """
-    Path("net.prototxt").write_text(NET[: NET.index("layer", NET.index("pool"))])
+    Path("net.prototxt").write_text(POOLING)
     run("0.png 1.png 2.png --size 30x20 --batch 3 --blob pool --out pool.npy")
     assert np.load("pool.npy").shape == (3, 3, 19, 29)
 
 
-def test_a_folder_of_pictures() -> None:
-    """Pictures are in the order of their numbers; other files and hidden ones are left out."""
+def test_the_pictures_of_a_folder_are_sorted_by_number() -> None:
+    """Other files and hidden ones are left out."""
     Path("some").mkdir()
     for name, source in (("b 10.png", "0.png"), ("b 9.PNG", "1.png"), (".hidden.png", "2.png")):
         Path("some", name).write_bytes(Path(source).read_bytes())
     Path("some", "Thumbs.db").write_text("")
-    lines = run("some 2.png --top 1").out.splitlines()[::2]
-    assert lines == ["some/b 9.PNG: prob", "some/b 10.png: prob", "2.png: prob"]
+    titles = run("some 2.png --top 1").out.splitlines()[::2]
+    assert titles == ["some/b 9.PNG: prob", "some/b 10.png: prob", "2.png: prob"]
     run("some --out of_folder.npy")
     run("1.png 0.png --out of_files.npy")
     assert np.array_equal(np.load("of_folder.npy"), np.load("of_files.npy"))
+
+
+def test_a_folder_without_pictures_is_rejected() -> None:
     Path("empty").mkdir()
     line = refusal("run_net net.prototxt net.caffemodel empty")
     assert line.startswith("empty: no picture in this folder (.bmp, .jpeg")
 
 
-def test_a_list_of_images_in_a_folder() -> None:
-    """--root-folder is prepended to each path; test_finetune.py compares the input with that of an
-    ImageData layer.
-    """
+def test_the_root_folder_is_prepended_to_the_paths_of_a_list() -> None:
+    """test_finetune.py compares the input with that of an ImageData layer."""
     Path("list.txt").write_text("0.png 7\n")
     run("list.txt --root-folder pictures/ --out missing.npy", status=1)
     Path("pictures").mkdir()
@@ -136,10 +139,8 @@ def test_a_list_of_images_in_a_folder() -> None:
 
 
 @pytest.mark.parametrize("name", ["mean.binaryproto", "mean.npy"])
-def test_mean_image(name: str) -> None:
-    """With a mean image, images are resized to its size, it is subtracted, and the input is cut
-    from the centre.
-    """
+def test_a_mean_image_is_subtracted_before_the_crop(name: str) -> None:
+    """Images are resized to the mean image's size; the input is the centre of the difference."""
     mean = np.random.default_rng(3).uniform(90, 130, (1, 3, 13, 12)).astype(np.float32)
     if name.endswith(".npy"):
         np.save(name, mean[0].astype(np.float64))
@@ -147,12 +148,12 @@ def test_mean_image(name: str) -> None:
         write_blob(Path(name), mean)
     run(f"0.png 1.png --mean-file {name} --scale 0.5 --blob data --out data.npy")
     resized = np.stack([cv2.resize(image, (12, 13)) for image in images()[:2]])
-    resized = resized.transpose(0, 3, 1, 2)
-    middle = (resized - mean)[:, :, 2:10, 1:11]
-    assert np.array_equal(np.load("data.npy"), middle * np.float32(0.5))
+    centred = resized.transpose(0, 3, 1, 2) - mean
+    crop = centred[:, :, 2:10, 1:11]
+    assert np.array_equal(np.load("data.npy"), crop * np.float32(0.5))
 
 
-def test_grey_net() -> None:
+def test_a_net_with_one_channel_reads_grey_images() -> None:
     Path("net.prototxt").write_text(
         inputs(data=(1, 1, 8, 10)) + 'layer { name: "p" type: "Power" bottom: "data" top: "y" }'
     )
@@ -187,23 +188,29 @@ def detector() -> None:
 
 
 @pytest.mark.usefixtures("detector")
-def test_detections() -> None:
-    """The best detections are printed with their boxes in px of the image, in each
-    way to resize it.
-    """
+def test_detections_of_two_classes_are_printed() -> None:
     Path("labels.txt").write_text("background\ncat\ndog\n")
-    stretched = "  0.8000  dog  4 5 8 15", "  0.3000  cat  4 5 8 15"
     assert run("1.png --labels labels.txt").out.splitlines() == [
         "1.png: found: 2 detections",
-        *stretched,
+        "  0.8000  dog  4 5 8 15",
+        "  0.3000  cat  4 5 8 15",
     ]
-    assert run("1.png --top 1").out.splitlines()[1:] == ["  0.8000  class 2  4 5 8 15"]
-    assert run("2.png --top 1 --crop").out.splitlines()[1:] == ["  0.8000  class 2  13 2 17 7"]
-    # of 30 x 9 px resized to 20 x 16: the input is (5, 4) to (15, 12) of it, the box
-    # (8, 6) to (12, 10)
-    assert run("2.png --top 1 --resize 20x16").out.splitlines()[1:] == [
-        "  0.8000  class 2  12 3 18 6"
-    ]
+
+
+@pytest.mark.usefixtures("detector")
+@pytest.mark.parametrize(
+    ("options", "box"),
+    [
+        ("1.png", "4 5 8 15"),
+        ("2.png --crop", "13 2 17 7"),
+        # of 30 x 9 px resized to 20 x 16: the input is (5, 4) to (15, 12) of it, the box
+        # (8, 6) to (12, 10)
+        ("2.png --resize 20x16", "12 3 18 6"),
+    ],
+)
+def test_boxes_are_in_px_of_the_image(options: str, box: str) -> None:
+    """Whichever way the image is resized."""
+    assert run(f"{options} --top 1").out.splitlines()[1:] == [f"  0.8000  class 2  {box}"]
 
 
 @pytest.mark.usefixtures("detector")
@@ -229,7 +236,7 @@ def test_invalid_outputs_and_label_maps_are_rejected(argv: str, message: str) ->
 
 
 def test_the_first_value_that_is_not_finite_is_located(caplog: pytest.LogCaptureFixture) -> None:
-    """One line names its blob or parameter."""
+    """The warning names its blob or parameter."""
     net = netlib.Net("net.prototxt", "net.caffemodel", netlib.TEST)
     net.params["fc/1"][1].data[0] = np.nan
     net.save("net.caffemodel")
@@ -285,17 +292,21 @@ item { name: "n2" label: 2 }
 
 
 @pytest.mark.usefixtures("detector")
-def test_the_surest_detections_in_pictures() -> None:
-    """--threshold, names of a label map, and a picture of each image."""
+def test_detections_below_the_threshold_are_left_out() -> None:
+    """The names of the others are those of a label map."""
     Path("map.prototxt").write_text(LABEL_MAP)
-    done = run("1.png --labels map.prototxt --threshold 0.5 --draw found.png")
-    assert done.out.splitlines() == ["1.png: found: 2 detections", "  0.8000  n2  4 5 8 15"]
+    lines = run("1.png --labels map.prototxt --threshold 0.5").out.splitlines()
+    assert lines == ["1.png: found: 2 detections", "  0.8000  n2  4 5 8 15"]
     assert len(run("1.png --threshold 0.9").out.splitlines()) == 1
+
+
+@pytest.mark.usefixtures("detector")
+def test_boxes_are_drawn_into_a_picture_or_a_folder_of_pictures() -> None:
+    run("1.png --threshold 0.5 --draw found.png")
     picture, image = cv2.imread("found.png"), cv2.imread("1.png")
     assert picture.shape == image.shape
-    assert (picture[15, 4:8] != image[15, 4:8]).any(axis=1).all()
+    lower_edge = (15, slice(4, 8))
+    assert (picture[lower_edge] != image[lower_edge]).any(axis=1).all()
     run("0.png 2.png --draw pictures")
-    assert [cv2.imread(f"pictures/{n}.jpg").shape for n in (0, 2)] == [
-        (*SHAPES[0], 3),
-        (*SHAPES[2], 3),
-    ]
+    for number in (0, 2):
+        assert cv2.imread(f"pictures/{number}.jpg").shape == (*IMAGE_SHAPES[number], 3)

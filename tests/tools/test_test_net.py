@@ -10,6 +10,8 @@ import netlib
 from tests.support.nets import X
 from tests.support.running import run_tool
 
+CAFFE_LOSS = 2.68399  # printed by Caffe for the same net, weights and batches
+
 
 @pytest.fixture(autouse=True)
 def solvers(caffe_data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -23,19 +25,18 @@ def test_the_means_of_the_batches() -> None:
     """
     done = run_tool("test_net net.prototxt init.caffemodel init.caffemodel --iterations 3")
     first, output, second, _ = done.out.splitlines()
-    assert first.startswith("init.caffemodel: 3 batches, loss ")
+    title, _, total = first.rpartition(" ")
+    assert title == "init.caffemodel: 3 batches, loss"
     assert second.startswith("init.caffemodel: 3 batches, ")
-    assert output.split()[:2] == ["loss", "="]
-    assert [float(first.split()[-1]), float(output.split()[2])] == pytest.approx(
-        [2.68399] * 2, abs=2e-5
-    )
+    name, equals, mean, *_ = output.split()
+    assert (name, equals) == ("loss", "=")
+    assert [float(total), float(mean)] == pytest.approx([CAFFE_LOSS] * 2, abs=2e-5)
 
 
 def test_layers_without_weights_are_reported(tmp_path: Path) -> None:
-    (tmp_path / "net.prototxt").write_text(
-        Path("net.prototxt").read_text().replace('name: "ip2"', 'name: "other"')
-    )
-    done = run_tool("test_net", tmp_path / "net.prototxt", "init.caffemodel", "--iterations", "1")
+    net = tmp_path / "net.prototxt"
+    net.write_text(Path("net.prototxt").read_text().replace('name: "ip2"', 'name: "other"'))
+    done = run_tool("test_net", net, "init.caffemodel", "--iterations", "1")
     assert done.err == "init.caffemodel has no weights for other; they keep their values\n"
 
 
@@ -43,22 +44,20 @@ def test_weights_of_another_net_are_reported(tmp_path: Path) -> None:
     """Weights that name another net than the prototxt give a warning; those that name the
     same give none.
     """
-    netlib.Net("net.prototxt", "init.caffemodel", netlib.TEST).save(tmp_path / "own.caffemodel.h5")
+    weights = tmp_path / "own.caffemodel.h5"
+    netlib.Net("net.prototxt", "init.caffemodel", netlib.TEST).save(weights)
+    assert run_tool("test_net net.prototxt", weights, "--iterations", "1").err == ""
+
+    other = tmp_path / "other.prototxt"
     text = Path("net.prototxt").read_text()
-    (tmp_path / "other.prototxt").write_text(text.replace('name: "small"', 'name: "other"', 1))
-    assert (
-        run_tool("test_net net.prototxt", tmp_path / "own.caffemodel.h5", "--iterations", "1").err
-        == ""
+    other.write_text(text.replace('name: "small"', 'name: "other"', 1))
+    done = run_tool("test_net", other, weights, "--iterations", "1")
+    assert done.err == (
+        f"warning: {weights}: the weights are of the net 'small', {other} is 'other'\n"
     )
-    done = run_tool(
-        "test_net", tmp_path / "other.prototxt", tmp_path / "own.caffemodel.h5", "--iterations", "1"
-    )
-    place, message = done.err.split(": the weights are of ")
-    assert place == f"warning: {tmp_path}/own.caffemodel.h5"
-    assert message == f"the net 'small', {tmp_path}/other.prototxt is 'other'\n"
 
 
-def test_mistakes(here: Path) -> None:
+def test_a_net_with_an_input_is_rejected(here: Path) -> None:
     Path("deploy.prototxt").write_text(X)
     done = run_tool("test_net", "deploy.prototxt", "init.caffemodel", status=1)
     assert "the caller provides the input 'x'; expected a net that reads its test data" in done.err

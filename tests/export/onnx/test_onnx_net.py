@@ -1,21 +1,18 @@
 """export/onnx/net.py and graph.py: whole nets, and their shapes."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from numpy.testing import assert_equal
 
 import netlib
 from export.onnx.check import differences
 from export.onnx.net import load, onnx_image
 from netlib.errors import NetlibError
-from tests.support.onnx_nets import IMAGE, SYNTHETIC, net_text, run_onnx
+from tests.support.onnx_nets import IMAGE, SYNTHETIC, run_onnx
 
 
-def test_layers_in_place(files, onnx):
-    """A blob changed in place keeps its name for the last value; a blob that never changes may
-    have two names.
-    """
+def test_layers_in_place_keep_the_name_for_the_last_value(files, onnx):
+    """A blob that never changes may have two names."""
     net = load(
         *files(
             'layer { name: "ip" type: "InnerProduct" bottom: "x0" top: "y" inner_product_param { num_output: 3 } }'
@@ -29,7 +26,8 @@ def test_layers_in_place(files, onnx):
     )
     image = onnx_image(net, ["y"])
     outputs, layers = differences(image, net, (1, 3))
-    assert max(difference.found for difference in [*outputs.values(), *layers.values()]) <= 1e-6
+    assert max(difference.found for difference in outputs.values()) <= 1e-6
+    assert max(difference.found for difference in layers.values()) <= 1e-6
     graph = onnx.load_from_string(image).graph
     assert [(node.op_type, *node.output) for node in graph.node] == [
         ("Gemm", "ip/Gemm"),
@@ -40,33 +38,29 @@ def test_layers_in_place(files, onnx):
     ]
 
 
-def test_a_net_from_python(files):
-    """A net in use can be exported: its shapes do not change, and types without an ONNX
-    form are rejected.
-    """
-    net, _ = files('layer { name: "a" type: "AbsVal" bottom: "x0" top: "y" }', (5, 3))
-    used = netlib.Net(net, netlib.TEST)
-    onnx_image(used)
-    assert used.blobs["y"].shape == (5, 3)
-    Path("loss.prototxt").write_text(
-        net_text('layer { name: "bad" type: "PhysLimit" bottom: "x0" top: "y" }', (1, 47))
-    )
-    with pytest.raises(
-        NetlibError, match="layer 'bad': type 'PhysLimit' cannot be exported to ONNX"
-    ):
-        onnx_image(netlib.Net("loss.prototxt", netlib.TEST))
+def test_a_net_in_use_keeps_its_shapes(files):
+    path, _ = files('layer { name: "a" type: "AbsVal" bottom: "x0" top: "y" }', (5, 3))
+    net = netlib.Net(path, netlib.TEST)
+    onnx_image(net)
+    assert net.blobs["y"].shape == (5, 3)
 
 
-def test_weights_over_two_gigabytes(monkeypatch):
+def test_a_type_without_an_onnx_form_is_rejected(files):
+    path, _ = files('layer { name: "bad" type: "PhysLimit" bottom: "x0" top: "y" }', (1, 47))
+    message = "layer 'bad': type 'PhysLimit' cannot be exported to ONNX"
+    with pytest.raises(NetlibError, match=message):
+        onnx_image(netlib.Net(path, netlib.TEST))
+
+
+def test_weights_over_the_limit_are_rejected(monkeypatch):
     monkeypatch.setattr("export.onnx.graph.MAX_BYTES", 1000)
     net = load(SYNTHETIC / "deploy.prototxt", SYNTHETIC / "synthetic_hand.caffemodel.h5")
-    with pytest.raises(
-        NetlibError, match=r"^net 'SyntheticHand' has 0\.0 GB of weights; expected at most"
-    ):
+    message = r"^net 'SyntheticHand' has 0\.0 GB of weights; expected at most"
+    with pytest.raises(NetlibError, match=message):
         onnx_image(net)
 
 
-def test_equal_maxima(files):
+def test_equal_maxima_are_resolved_as_in_netlib(files):
     """Of equal maxima, ArgMax takes the last and the mask of MAX the first."""
     net = load(
         *files(
@@ -80,18 +74,17 @@ def test_equal_maxima(files):
     found = run_onnx(onnx_image(net), x0=x)
     assert found["a"].tolist() == [[[[9], [8], [11]]]] * 2
     assert found["mask"].tolist() == [[[[0], [2]], [[2], [2]]]] * 2
-    assert {name: y.tolist() for name, y in net.forward(x0=x).items()} == {
-        n: y.tolist() for n, y in found.items()
-    }
+    assert_equal(found, net.forward(x0=x))
 
 
 def test_silence_and_splits_are_no_operators(files, onnx):
-    """Silence and Split add no operators, and a blob with two consumers is not copied."""
+    """A blob with two consumers is not copied."""
     net = load(
         *files(
-            'layer { name: "a" type: "TanH" bottom: "x0" top: "a" } layer { name: "b" type: '
-            '"AbsVal" bottom: "a" top: "b" }'
-            'layer { name: "c" type: "BNLL" bottom: "a" top: "c" } layer { name: "s" type: "Silence" bottom: "c" }',
+            'layer { name: "a" type: "TanH" bottom: "x0" top: "a" }'
+            'layer { name: "b" type: "AbsVal" bottom: "a" top: "b" }'
+            'layer { name: "c" type: "BNLL" bottom: "a" top: "c" }'
+            'layer { name: "s" type: "Silence" bottom: "c" }',
             (1, 4),
         )
     )
@@ -105,8 +98,8 @@ def test_silence_and_splits_are_no_operators(files, onnx):
 
 
 @pytest.mark.parametrize("kernel", ["kernel_size: 2 stride: 2", "kernel_size: 3 stride: 2"])
-def test_upsampling_with_a_mask(kernel, files):
-    """An Upsample with the mask of a Pooling computes the same, also where windows overlap."""
+def test_upsampling_with_a_mask_computes_the_same(kernel, files):
+    """Also where the windows of the Pooling overlap."""
     options = "upsample_param { upsample_h: 7 upsample_w: 6 }"
     net = load(
         *files(

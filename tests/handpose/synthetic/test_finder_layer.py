@@ -7,10 +7,10 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from handpose.estimate.finder import VOTE_MM, channels_of
-from handpose.synthetic.finder_layer import IGNORE_LABEL, targets_of
+from handpose.synthetic.finder_layer import HEAT_STEP, IGNORE_LABEL, targets_of
 from handpose.synthetic.whole_scenes import SceneGenerator, Scenes
 from netlib import TRAIN, Net
-from netlib.blob import Array
+from netlib.blob import Array, Blob
 from tests.support.running import ROOT
 
 
@@ -25,44 +25,55 @@ def net() -> Net:
     return Net(ROOT / "prototxt" / "finder_train_test.prototxt", TRAIN)
 
 
-def frames_of(number: int) -> Array:
+def frames_of(block: int) -> Array:
     """The net's input for the scenes of a block."""
-    return channels_of(SceneGenerator(1).block(number).depth)
+    return channels_of(SceneGenerator(1).block(block).depth)
+
+
+def learned_params(net: Net) -> list[Blob]:
+    """All but the running means and variances."""
+    return [blob for layer in net.layers if layer.type != "BatchNorm" for blob in layer.blobs]
 
 
 def test_the_votes_of_a_hand_lead_to_its_middle(scenes: Scenes) -> None:
-    _, _, vote, own = targets_of(scenes)
-    depth = scenes.depth[:, ::4, ::4, None]
-    points = np.concatenate([scenes.slopes[:, ::4, ::4] * depth, depth], axis=-1)
-    reached = points + VOTE_MM * np.moveaxis(vote, 1, -1)
+    """Within 0.01 mm."""
+    _, _, vote, is_voter = targets_of(scenes)
+    depth = scenes.depth[:, ::HEAT_STEP, ::HEAT_STEP, None]
+    slopes = scenes.slopes[:, ::HEAT_STEP, ::HEAT_STEP]
+    which = scenes.which[:, ::HEAT_STEP, ::HEAT_STEP]
+    points = np.concatenate([slopes * depth, depth], axis=-1)
+    targets = points + VOTE_MM * np.moveaxis(vote, 1, -1)
     for n, k in np.argwhere(scenes.present):
-        voters = (scenes.which[n, ::4, ::4] == k + 1) & (own[n, 0] > 0)
-        off = reached[n][voters] - scenes.middle[n, k]
-        assert np.abs(off).max(initial=0) < 0.01
+        voters = (which[n] == k + 1) & (is_voter[n, 0] > 0)
+        error = targets[n, voters] - scenes.middle[n, k]
+        assert np.abs(error).max(initial=0) < 0.01
 
 
 def test_the_heat_is_highest_at_the_middle_of_a_hand(scenes: Scenes) -> None:
+    """A doubtful hand near the middle hides it."""
     heat = targets_of(scenes)[1][:, 0]
     for n, k in np.argwhere(scenes.present):
-        column, row = np.round(scenes.middle_px[n, k] / 4).astype(int)
+        column, row = np.round(scenes.middle_px[n, k] / HEAT_STEP).astype(int)
         if row < heat.shape[1] and column < heat.shape[2]:
             assert heat[n, row, column] in (1.0, IGNORE_LABEL)
 
 
-def test_a_resume_goes_on_with_the_scenes_of_its_number(net: Net) -> None:
-    data = net.layers[0]
+def test_a_restored_layer_continues_with_the_block_of_its_state(net: Net) -> None:
+    scenes_layer = net.layers[0]
     net.forward()
     assert_array_equal(net.blobs["frame"].data, frames_of(0))
-    assert data.state() == {"number": 1}
-    data.restore({"number": 5})
+    assert scenes_layer.state() == {"number": 1}
+    scenes_layer.restore({"number": 5})
     net.forward()
     assert_array_equal(net.blobs["frame"].data, frames_of(5))
 
 
-def test_all_parameters_learn(net: Net) -> None:
-    """They are few, because the net runs for every frame."""
+def test_all_params_have_gradients(net: Net) -> None:
     net.forward()
     net.backward()
-    learned = [blob for layer in net.layers if layer.type != "BatchNorm" for blob in layer.blobs]
-    assert all(blob.diff.any() for blob in learned)
-    assert sum(blob.count for blob in learned) < 800_000
+    assert all(param.diff.any() for param in learned_params(net))
+
+
+def test_the_net_is_small(net: Net) -> None:
+    """It runs for every frame."""
+    assert sum(param.count for param in learned_params(net)) < 800_000

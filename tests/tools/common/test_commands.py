@@ -23,29 +23,29 @@ def run(program: str, *words: str, status: int = 0) -> Done:
 
 
 @functools.cache
-def listed(program: str) -> str:
+def list_of(program: str) -> str:
     """The list of a program's commands."""
     return run(program, "--help").out
 
 
 @pytest.fixture
-def shown(
+def help_of(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Callable[..., str]:
-    """``shown("track", "--help")``: the output of ``handpose track --help``, run in this process,
+) -> Callable[[str], str]:
+    """``help_of("track")``: the output of ``handpose track --help``, run in this process,
     which is faster.
     """
 
-    def run(*words: str) -> str:
+    def output(name: str) -> str:
         interrupt = signal.getsignal(signal.SIGINT)
         with (
             monkeypatch.context() as patch,
             warnings.catch_warnings(),
             pytest.raises(SystemExit) as ended,
         ):
-            # as the signal and the warnings, changed by tools.begin
+            # tools.begin and main change these, the warnings and the signal; all are restored
             patch.setattr(tools, "_is_program", False)
-            patch.setattr(sys, "argv", ["handpose", *words])
+            patch.setattr(sys, "argv", ["handpose", name, "--help"])
             patch.setattr(sys, "path", [*sys.path])
             patch.setitem(sys.modules, "__main__", sys.modules["__main__"])
             main("handpose")
@@ -53,46 +53,43 @@ def shown(
         assert ended.value.code == 0
         return capsys.readouterr().out
 
-    return run
+    return output
 
 
 def test_every_tool_is_a_command() -> None:
-    """Every tool is a command named with dashes, and the list has a sentence about each."""
-    assert {path.name for path in (ROOT / "tools").glob("[!_]*.py")} == {
-        path.name for path in commands().values()
-    }
-    assert {"demo", "predict", "track", "record", "train", "test", "caffe", "export-onnx"} <= set(
-        commands()
-    )
-    known = [name for names in GROUPS.values() for name in names]
-    assert sorted(known) == sorted(commands())
-    lines = listed("handpose").splitlines()
-    found = [
-        match for line in lines if (match := re.fullmatch(r"  ([a-z0-9-]+) +[A-Z].*[.?]", line))
-    ]
-    assert [match[1] for match in found] == known
-    assert [line[:-1] for line in lines if line.endswith(":")] == list(GROUPS)
+    files = {path.name for path in (ROOT / "tools").glob("[!_]*.py")}
+    assert files == {path.name for path in commands().values()}
+    known = {"demo", "predict", "track", "record", "train", "test", "caffe", "export-onnx"}
+    assert known <= set(commands())
+
+
+def test_the_list_has_a_sentence_about_each_command() -> None:
+    """The commands are in the order of their groups, named with dashes."""
+    names = [name for group in GROUPS.values() for name in group]
+    assert sorted(names) == sorted(commands())
+    text = list_of("handpose")
+    assert re.findall(r"^  ([a-z0-9-]+) +[A-Z].*[.?]$", text, re.MULTILINE) == names
+    assert re.findall(r"^(.*):$", text, re.MULTILINE) == list(GROUPS)
 
 
 def test_the_lists_have_examples() -> None:
     """tests/documents/test_help.py runs them."""
-    for program, shown in EXAMPLES.items():
-        for name, example in shown.items():
-            assert f"{program} {name} {example}\n" in listed(program)
+    for program, examples in EXAMPLES.items():
+        for name, arguments in examples.items():
+            assert f"{program} {name} {arguments}\n" in list_of(program)
 
 
-def test_help_of_an_installed_command_names_commands(shown: Callable[..., str]) -> None:
+def test_help_of_an_installed_command_names_commands(help_of: Callable[[str], str]) -> None:
     """Help for ``handpose NAME`` names neither tools nor pages by their files, which are
     not installed.
     """
     for name, path in commands().items():
         text = path.read_text(encoding="utf-8")
         if "tools/" in text or "docs/" in text:
-            assert not re.search(
-                r"tools/\w+\.py|docs/\w+\.md|python -m mpi4py", shown(name, "--help")
-            ), name
-    assert "'handpose docs live'" in shown("track", "--help")
-    assert re.search(r"handpose train \S+ --ranks 2", shown("train", "--help"))
+            files = re.findall(r"tools/\w+\.py|docs/\w+\.md|python -m mpi4py", help_of(name))
+            assert not files, name
+    assert "'handpose docs live'" in help_of("track")
+    assert re.search(r"handpose train \S+ --ranks 2", help_of("train"))
 
 
 @pytest.mark.parametrize(
@@ -128,28 +125,29 @@ def test_help_of_an_installed_command_names_commands(shown: Callable[..., str]) 
     ],
 )
 def test_messages_name_the_command_that_was_typed(line: str, status: int, texts: list[str]) -> None:
-    """Usage, errors and examples; errors alone go to stderr."""
+    """In usage, errors and examples. Errors go to stderr, the rest to stdout."""
     done = run(*line.split(), status=status)
-    said, other = (done.err, done.out) if status else (done.out, done.err)
-    assert said.startswith(texts[0]) and all(text in said for text in texts)
-    assert other == "" and "python tools/" not in said
+    message, other = (done.err, done.out) if status else (done.out, done.err)
+    assert message.startswith(texts[0])
+    assert all(text in message for text in texts)
+    assert "python tools/" not in message
+    assert other == ""
 
 
-def test_without_a_command() -> None:
-    """The list is printed, and the status is 2."""
-    assert run("handpose", status=2).out == listed("handpose")
+def test_without_a_command_the_list_is_printed() -> None:
+    """The status is 2."""
+    assert run("handpose", status=2).out == list_of("handpose")
 
 
 def test_netlib_lists_the_tools_for_any_net() -> None:
     """Under short names, in order."""
-    lines = listed("netlib").splitlines()
-    assert lines[0] == "usage: netlib COMMAND ..."
-    assert [line.split()[0] for line in lines[5:] if re.match(r"  \S", line)] == list(NET_TOOLS)
+    text = list_of("netlib")
+    assert text.startswith("usage: netlib COMMAND ...\n")
+    assert re.findall(r"^  (\S+)", text, re.MULTILINE) == list(NET_TOOLS)
     assert set(NET_TOOLS.values()) <= {path.stem for path in commands().values()}
 
 
-def test_both_are_installed() -> None:
-    """The package installs both commands."""
+def test_the_package_installs_both_commands() -> None:
     setup = configparser.ConfigParser()
     setup.read(ROOT / "setup.cfg", encoding="utf-8")
     assert setup["options.entry_points"]["console_scripts"].split("\n")[1:] == [
@@ -159,17 +157,19 @@ def test_both_are_installed() -> None:
 
 
 @pytest.mark.parametrize(
-    ("typed", "names"),
+    ("typed", "tool", "name"),
     [
-        ("tools/train.py", ["python tools/export_onnx.py", "python tools/test.py"]),
-        ("handpose train", ["handpose export-onnx", "handpose test"]),
-        ("netlib finetune", ["netlib export-onnx", "netlib score"]),
+        ("tools/train.py", "export_onnx", "python tools/export_onnx.py"),
+        ("tools/train.py", "test", "python tools/test.py"),
+        ("handpose train", "export_onnx", "handpose export-onnx"),
+        ("handpose train", "test", "handpose test"),
+        ("netlib finetune", "export_onnx", "netlib export-onnx"),
+        ("netlib finetune", "test", "netlib score"),
+        ("netlib finetune", "test_net", "netlib test"),
     ],
 )
-def test_commands_as_they_are_started(
-    typed: str, names: list[str], monkeypatch: pytest.MonkeyPatch
+def test_a_tool_is_named_as_the_running_command_was_typed(
+    typed: str, tool: str, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """``netlib test`` is tools/test_net.py."""
     monkeypatch.setattr(sys, "argv", [typed])
-    assert [command("export_onnx"), command("test")] == names
-    assert typed != "netlib finetune" or command("test_net") == "netlib test"
+    assert command(tool) == name
