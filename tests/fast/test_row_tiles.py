@@ -8,7 +8,7 @@ import pytest
 from fast.row_tiles import RowTiles, fold, toeplitz
 from netlib import gradcheck
 from tests.support.plain_loops import check_transpose, convolve
-from tests.support.tiled import load, store, tiled
+from tests.support.tiled import check_padding, load, store, tiled
 
 
 def fast(x, w, b, dy, tile=None, bottom_tile=None):
@@ -26,9 +26,11 @@ def fast(x, w, b, dy, tile=None, bottom_tile=None):
         top.pitch = -(-(bottom.pitch or W) // tile) * tile
     store(bottom, "data", x)
     store(top, "diff", dy)
+    bottom.diff[...] = np.nan
     dw, db, way = np.ones_like(w), np.ones_like(b), RowTiles()
     way.forward(layer, bottom, top, w, b)
     way.backward(layer, bottom, top, w, dw, db, True)
+    check_padding(bottom)
     return load(top, "data"), load(bottom, "diff"), dw - 1, db - 1
 
 

@@ -11,7 +11,7 @@ from fast.tiles import tile_into, tiles_of
 from netlib import gradcheck
 from netlib.blob import Blob, Blobs
 from tests.support.plain_loops import pool
-from tests.support.tiled import load, store, tiled
+from tests.support.tiled import check_padding, load, store, tiled
 
 
 def test_tiles_store_each_value_at_its_documented_index() -> None:
@@ -66,6 +66,7 @@ def compare(T, x, y, share, bottom_tile=None, top_tile=None):
     bottom[0].diff[...] = np.nan
     layer.backward(top, [True], bottom)
     assert np.allclose(load(bottom[0], "diff"), np.einsum("ncpq,ncpqhw->nchw", dy, share))
+    check_padding(bottom[0])
 
 
 @pytest.mark.parametrize("size", [(4, 4), (5, 9), (8, 6), (4, 17), (7, 7)])

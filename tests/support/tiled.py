@@ -41,3 +41,12 @@ def load(blob, half):
     """Return the values as (N, C, H, W)."""
     array = getattr(blob, half)
     return array if blob.tile is None else untile(array, *blob.shape[2:])
+
+
+def check_padding(blob):
+    """Check what tiles.py states of the padding of tiles: finite in data, zero in diff."""
+    if blob.tile is not None:
+        values = np.zeros(blob.storage_shape, blob.dtype)
+        tile_into(load(blob, "diff"), blob.tile, values)
+        assert np.array_equal(blob.diff, values)
+        assert np.isfinite(blob.data).all()
