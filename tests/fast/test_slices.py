@@ -255,8 +255,6 @@ BRANCHES = (
         for bottom in "cf"
     )
 )
-
-
 IMAGES = dict(zip("xy", np.random.default_rng(0).normal(size=(2, 3, 2, 6, 6))))
 
 

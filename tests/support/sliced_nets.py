@@ -32,9 +32,22 @@ PAPER = """
     layer { name: "label" type: "Input" top: "label" input_param { shape { dim: 2 dim: 10 } } }
     layer { name: "loss" type: "EuclideanLoss" bottom: "fc" bottom: "label" top: "loss" }
 """
-
-
 UNSTORED = ["c1", "p1", "c2", "p2"]
+TWO_SIZES = """
+    force_backward: true
+    layer { name: "in" type: "Input" top: "x" top: "y" top: "s"
+            input_param { shape { dim: 4 dim: 1 dim: 8 dim: 8 } shape { dim: 4 dim: 1 dim: 8 dim: 8 }
+                          shape { dim: 4 } } }
+    layer { name: "f" type: "Filter" bottom: "x" bottom: "s" top: "fx" }
+    %s
+"""
+CONV = """
+    layer { name: "%(top)s" type: "Convolution" bottom: "%(bottom)s" top: "%(top)s"
+            convolution_param { num_output: 2 kernel_size: 3 weight_filler { type: "xavier" } } }
+    layer { name: "r%(top)s" type: "ReLU" bottom: "%(top)s" top: "%(top)s" }
+"""
+OF_X = CONV % {"top": "cx", "bottom": "fx"}
+OF_Y = CONV % {"top": "cy", "bottom": "y"}
 
 
 def batch(count: int, seed: int = 0, flat: bool = True) -> Arrays:
@@ -121,26 +134,3 @@ def expected_of(net_of: MakeNet, inputs: Arrays) -> dict[str, Arrays]:
 
 def check_blob(net: netlib.Net, name: str, half: str, expected: dict[str, Arrays]) -> None:
     assert difference(getattr(net.blobs[name], half), expected[half][name]) <= 2e-5, (name, half)
-
-
-TWO_SIZES = """
-    force_backward: true
-    layer { name: "in" type: "Input" top: "x" top: "y" top: "s"
-            input_param { shape { dim: 4 dim: 1 dim: 8 dim: 8 } shape { dim: 4 dim: 1 dim: 8 dim: 8 }
-                          shape { dim: 4 } } }
-    layer { name: "f" type: "Filter" bottom: "x" bottom: "s" top: "fx" }
-    %s
-"""
-
-
-CONV = """
-    layer { name: "%(top)s" type: "Convolution" bottom: "%(bottom)s" top: "%(top)s"
-            convolution_param { num_output: 2 kernel_size: 3 weight_filler { type: "xavier" } } }
-    layer { name: "r%(top)s" type: "ReLU" bottom: "%(top)s" top: "%(top)s" }
-"""
-
-
-OF_X = CONV % {"top": "cx", "bottom": "fx"}
-
-
-OF_Y = CONV % {"top": "cy", "bottom": "y"}
