@@ -99,11 +99,13 @@ class _Runner:
     """Runs the layer of a part on an example. The results have the names of ``letters``.
 
     type_name  of the layer, which is also the name of its class
+    shaped_by  the method that sets the tops' shapes
     reference  a part with the project's class
     """
 
     type_name: str
     letters: Letters
+    shaped_by: str
     reference: Part
     example: Example
 
@@ -198,17 +200,26 @@ class _Runner:
         self,
         method: str,
         run: Callable[[Part], Values],
-        wanted: Callable[[], Values],
+        wanted: Callable[[Part], Values],
         source: str,
         tolerance: float,
     ) -> Case:
-        """Return a case of this example; the arguments are fields of Case."""
-        axes = self.letters.all_axes()
-        return Case(self.example.title, run, wanted, source, axes, tolerance, method)
+        """Return a case of this example; the arguments are fields of Case, but ``wanted`` is
+        called with the reference.
+        """
+        return Case(
+            self.example.title,
+            run,
+            lambda: wanted(self.reference),
+            source,
+            self.letters.all_axes(),
+            tolerance,
+            method,
+        )
 
-    def cases(self, shaped_by: str) -> Iterator[Case]:
+    def cases(self) -> Iterator[Case]:
         """Yield the cases: the shapes, forward, and backward unless its gradient is not checked."""
-        yield self.case(shaped_by, self.shapes, lambda: self.shapes(self.reference), "expected", 0)
+        yield self.case(self.shaped_by, self.shapes, self.shapes, "expected", 0)
         yield from self._against_caffe() if self.example.caffe else self._against_reference()
 
     def _against_caffe(self) -> Iterator[Case]:
@@ -217,18 +228,37 @@ class _Runner:
         )
         tops = dict(zip(self.letters.tops, top))
         diffs = self._by_letter(bottom_diffs + param_diffs)
-        yield self.case("forward", self.values, lambda: tops, "Caffe has", SINGLE)
-        yield self.case("backward", self.recorded_gradients, lambda: diffs, "Caffe has", SINGLE)
+        yield self.case("forward", self.values, lambda _: tops, "Caffe has", SINGLE)
+        yield self.case("backward", self.recorded_gradients, lambda _: diffs, "Caffe has", SINGLE)
 
     def _against_reference(self) -> Iterator[Case]:
-        ours, source = self.reference, "the reference layer has"
-        yield self.case("forward", self.values, lambda: self.values(ours), source, DOUBLE)
+        source = "the reference layer has"
+        yield self.case("forward", self.values, self.values, source, DOUBLE)
         if not self.example.gradient:
             return
         wanted, tolerance = self.gradients, DOUBLE
         if not self.example.on_kinks:
             wanted, source, tolerance = self.differences, "finite differences give", DIFFERENCES
-        yield self.case("backward", self.gradients, lambda: wanted(ours), source, tolerance)
+        yield self.case("backward", self.gradients, wanted, source, tolerance)
+
+
+def _cases(runners: Iterable[_Runner]) -> tuple[Case, ...]:
+    return tuple(case for runner in runners for case in runner.cases())
+
+
+def _checks_without_options(runners: Sequence[_Runner]) -> list[Check]:
+    """Return the checks of the shapes, of forward and of backward."""
+    source = "Caffe" if any(runner.example.caffe for runner in runners) else "the reference"
+    titles = {
+        runners[0].shaped_by: "shapes",
+        "forward": f"values: forward agrees with {source}",
+        "backward": f"gradient: backward agrees with finite differences and with {source}",
+    }
+    cases = _cases(runners)
+    return [
+        Check(title, tuple(case for case in cases if case.method == method))
+        for method, title in titles.items()
+    ]
 
 
 def layer_exercise(
@@ -259,34 +289,19 @@ def layer_exercise(
     def runner(example: Example) -> _Runner:
         """Return the runner of an example, with its options in the block."""
         if block and example.options:
-            fields = f"{block} {{ {example.options} }}"
-            example = dataclasses.replace(example, options=fields)
-        return _Runner(type_name, letters, reference, example)
-
-    def cases(examples: Sequence[Example]) -> tuple[Case, ...]:
-        return tuple(case for example in examples for case in runner(example).cases(shaped_by))
+            example = dataclasses.replace(example, options=f"{block} {{ {example.options} }}")
+        return _Runner(type_name, letters, shaped_by, reference, example)
 
     def train(part: Part, iterations: int) -> Array:
         with replaced(LAYER_TYPES, type_name, getattr(part, type_name)):
             return network.losses(iterations)
 
-    source = "Caffe" if any(example.caffe for example in examples) else "the reference"
-    titles = {
-        shaped_by: "shapes",
-        "forward": f"values: forward agrees with {source}",
-        "backward": f"gradient: backward agrees with finite differences and with {source}",
-    }
-    without_option = cases(examples)
-    checks = []
-    for method, check_title in titles.items():
-        of_method = tuple(case for case in without_option if case.method == method)
-        checks.append(Check(check_title, of_method))
+    checks = _checks_without_options([runner(example) for example in examples])
     for option in options:
-        checks.append(
-            Check(f"with {option.title}", cases(option.examples), option.title, option.hint)
-        )
+        cases = _cases(runner(example) for example in option.examples)
+        checks.append(Check(f"with {option.title}", cases, option.title, option.hint))
     first = runner(examples[0])
-    not_down = first.case("backward", first.kept, lambda: first.kept(reference), "expected", 0)
+    not_down = first.case("backward", first.kept, first.kept, "expected", 0)
     checks.append(Check(f"with {NOT_DOWN}", (not_down,), NOT_DOWN, LEAVE))
     file = PurePosixPath(*cls.__module__.split(".")).with_suffix(".py")
     return Exercise(

@@ -14,7 +14,6 @@ is ``fast`` if the folder fast/ exists.
 from __future__ import annotations
 
 import functools
-import operator
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
@@ -31,7 +30,6 @@ from netlib.files.paths import ROOT
 from netlib.layer import Layer, warn
 from netlib.layer_errors import LayerErrors, lacking
 from netlib.system import memory
-from netlib.system.memory import OutOfMemoryError
 
 T = TypeVar("T")
 NAMES = ("fast", "plain")
@@ -44,10 +42,11 @@ UNWRITTEN = 1.2345678e-38
 class Connection:
     """A layer of a net with its bottom and top blobs.
 
-    propagate_down, needs_backward  the gradients that backward computes
-    blobs, errors                   all of its blobs; the context that names the layer in errors
-                                    of its methods
-    has_run_back                    whether backward has run before
+    propagate_down  for each bottom, whether backward computes its gradient
+    needs_backward  whether backward has to run
+    has_run_back    whether backward has run before
+    blobs           the bottoms, then the tops
+    errors          the context that names the layer in errors of its methods
     """
 
     layer: Layer
@@ -62,12 +61,9 @@ class Connection:
         self.errors = LayerErrors(self.layer, self.bottom)
 
 
-VERSION = operator.attrgetter("version")
-
-
 def versions_of(blobs: Iterable[Blob]) -> tuple[int, ...]:
     """The versions of blobs; a reshape changes them."""
-    return tuple(map(VERSION, blobs))
+    return tuple([blob.version for blob in blobs])
 
 
 def writes_only_tops(layer: Layer) -> bool:
@@ -82,7 +78,7 @@ def writes_only_tops(layer: Layer) -> bool:
 class Missing(NamedTuple):
     """What a step could not store of its last pass.
 
-    halves  blobs, each with "data", "diff" or both
+    halves  for each blob, which of "data" and "diff" are unknown
     layers  those that do not keep what backward reads, so that they have to run again before it
     """
 
@@ -91,22 +87,32 @@ class Missing(NamedTuple):
 
 
 class Step:
-    """One layer, run on the whole batch.
+    """One layer, run on the whole batch, with all blobs stored. Steps that run several layers, or
+    store fewer blobs, derive from it.
 
+    A forward pass calls ``begin`` of all steps, then ``prepare`` and ``forward`` of each in
+    turn; a backward pass calls ``backward`` of each, in reverse. Both end with ``finish`` of all.
+    Between passes, a caller's access to a blob calls ``keep`` or ``store``; other steps replace
+    this one after its ``store``.
+
+    at           the first layer
     connections  the layers that the step runs
     unstored     the blobs between these layers that the step does not store
-    sources      what it computes them from later, if it has no copies of all of it (``keep``)
-    lost         what a step could not store when it began to store its blobs, until the net
-                 notes it
+    sources      the blobs from which it computes them later, unless it has copies (``keep``)
+    lost         set by ``prepare`` if it makes the step store its blobs from now on: what it
+                 could not store of the last pass. The net notes it and sets it to None.
     """
 
     unstored: Sequence[Blob] = ()
     sources: Sequence[Blob] = ()
+    lost: Missing | None = None
 
     def __init__(self, at: Connection) -> None:
         self.at = at
         self.connections = [at]
-        self.lost: Missing | None = None
+
+    def begin(self) -> None:
+        """Called when a forward pass begins, which may fail before it reaches this step."""
 
     def prepare(self) -> None:
         """Prepare for a forward pass with the current shapes."""
@@ -128,23 +134,10 @@ class Step:
         at = self.at
         if not at.needs_backward:
             return
-        is_new = at.layer.type == "Python" and not at.has_run_back
-        with at.errors, _all_written(at) if is_new else nullcontext():
+        is_checked = at.layer.type == "Python" and not at.has_run_back
+        with at.errors, _all_written(at) if is_checked else nullcontext():
             at.layer.backward(at.top, at.propagate_down, at.bottom)
         at.has_run_back = True
-
-    def pieces(self) -> list[list[Connection]]:
-        """The layers in execution order, for a timer: one list per slice of the batch;
-        here there is one.
-        """
-        return [[self.at]]
-
-    def has_state(self) -> bool:
-        """Whether backward still has what forward keeps for it, if the layers have run."""
-        return True
-
-    def begin(self) -> None:
-        """Called when a forward pass begins, which may fail before it reaches this step."""
 
     def finish(self) -> None:
         """Called at the end of a pass. From then on, callers may write sources in arrays that
@@ -160,33 +153,49 @@ class Step:
         """
         return Missing({})
 
+    def pieces(self) -> list[list[Connection]]:
+        """The layers in execution order, for a timer: one list per slice of the batch;
+        here there is one.
+        """
+        return [[self.at]]
+
+    def has_state(self) -> bool:
+        """Whether backward still has what forward keeps for it, if the layers have run."""
+        return True
+
 
 @contextmanager
 def _all_written(at: Connection) -> Iterator[None]:
     """Context manager around a layer's backward: set what it leaves unwritten of the diffs of its
     bottoms to 0, as in Caffe, with a warning.
     """
-    bottoms = [
+    to_write = [
         (name, blob)
         for name, blob, down in zip(at.layer.spec.bottom, at.bottom, at.propagate_down)
-        if down and blob.count and blob not in at.top
+        if down and blob not in at.top
     ]
-    for _, blob in bottoms:
+    for _, blob in to_write:
         blob.diff.fill(UNWRITTEN)
     yield
-    for name, blob in bottoms:
-        unwritten = blob.diff == np.asarray(UNWRITTEN, blob.dtype)
-        if not unwritten.any():
-            continue
-        blob.diff[unwritten] = 0
-        part = "the diff"
-        if not unwritten.all():
-            part = f"{unwritten.sum()} of {blob.count} values of the diff"
-        warn(
-            at.layer,
-            f"backward of {type(at.layer).__name__} does not write {part} of bottom {name!r}; "
-            "what is not written is 0, as in Caffe: write every element, or set propagate_down: false",
-        )
+    for name, blob in to_write:
+        _clear_unwritten(at.layer, name, blob)
+
+
+def _clear_unwritten(layer: Layer, name: str, blob: Blob) -> None:
+    """Set the values that still have the mark UNWRITTEN in the diff of a bottom to 0, with a
+    warning if there are any.
+    """
+    unwritten = blob.diff == np.asarray(UNWRITTEN, blob.dtype)
+    count = unwritten.sum()
+    if not count:
+        return
+    blob.diff[unwritten] = 0
+    part = "the diff" if count == blob.count else f"{count} of {blob.count} values of the diff"
+    warn(
+        layer,
+        f"backward of {type(layer).__name__} does not write {part} of bottom {name!r}; "
+        "what is not written is 0, as in Caffe: write every element, or set propagate_down: false",
+    )
 
 
 class Engine:
@@ -296,8 +305,8 @@ def _engine(name: str) -> Engine:
 
 
 def check_memory(steps: Sequence[Step]) -> None:
-    """Raise OutOfMemoryError if the parameters and the stored tops of all layers together do not
-    fit in memory.
+    """Raise memory.OutOfMemoryError if the parameters and the stored tops of all layers do not fit
+    in memory together.
     """
     connections = [at for step in steps for at in step.connections]
     unstored = {blob for step in steps for blob in step.unstored}
@@ -306,6 +315,6 @@ def check_memory(steps: Sequence[Step]) -> None:
     needed = sum(blob.bytes for blob in [*params, *writers] if blob.owns_memory)
     try:
         memory.check(needed, "for all blobs of the net")
-    except OutOfMemoryError as error:
+    except memory.OutOfMemoryError as error:
         largest = max(writers, key=lambda top: top.bytes)
         raise lacking(writers[largest], "forward", error) from error

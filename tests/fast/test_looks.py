@@ -22,6 +22,7 @@ import netlib
 from fast import slices
 from netlib.proto import prototxt
 from tests.fast.test_random_programs import images, random_net
+from tests.support.sliced_nets import unstored
 
 Array = np.ndarray
 Net = netlib.Net
@@ -172,10 +173,10 @@ def check(seed: int) -> None:
         except netlib.LayerError:  # the new shapes do not fit together
             return
         write(net, np.random.default_rng([seed, 1]), what)
-    unstored = {blob for step in fast.steps for blob in step.unstored}
-    names = [name for name, blob in fast.blobs.items() if (blob in unstored) == (turn % 4 < 2)]
+    left_out = unstored(fast)
+    names = [name for name in fast.blobs if (name in left_out) == (turn % 4 < 2)]
     first = rng.choice(names or list(fast.blobs))
-    is_stored = fast.blobs[first] not in unstored
+    is_stored = first not in left_out
     for number, (name, side) in enumerate([(first, half), *product(fast.blobs, ("data", "diff"))]):
         is_copy, is_alone = "_split_" in name, "alone" in moment or what == "a shape"
         if is_copy and side == "data" and what == "data of an input":

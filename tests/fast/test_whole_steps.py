@@ -18,6 +18,7 @@ from netlib.blob import Blob
 from netlib.errors import NetlibError
 from netlib.proto import prototxt
 from tests.support.nets import inputs
+from tests.support.sliced_nets import unstored
 
 Generator = np.random.Generator
 Net = netlib.Net
@@ -53,16 +54,11 @@ def run(net: Net, seed: int = 7) -> None:
     net.forward(x=x.astype(np.float32))
 
 
-def unstored(net: Net) -> set[str]:
-    blobs = {blob for step in net.steps for blob in step.unstored}
-    return {name for name, blob in net.blobs.items() if blob in blobs}
-
-
 @pytest.mark.parametrize("items", [1, 3])
 def test_blobs_between_the_layers_are_unstored(items: int) -> None:
     net = make("fast", items)
     run(net)
-    assert set(BETWEEN) <= unstored(net)
+    assert set(BETWEEN) <= set(unstored(net))
     assert all(not net.blobs[name]._memory.arrays for name in BETWEEN)
 
 
@@ -155,7 +151,7 @@ def test_an_access_to_a_source_keeps_the_net_lean() -> None:
         net.blobs["x"].data[...] = turn + 1
         net.forward()
         assert net.blobs["relu1"].data.any() and net.params["conv1"][0].data.any()
-    assert set(BETWEEN) <= unstored(net)
+    assert set(BETWEEN) <= set(unstored(net))
 
 
 def test_only_sources_in_use_are_copied_in_a_pass() -> None:

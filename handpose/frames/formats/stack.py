@@ -42,7 +42,7 @@ from handpose.frames.recording import (
     Recording,
     check_values,
 )
-from handpose.frames.time_units import FRAME_UNIT, TICKS, since_1970
+from handpose.frames.time_units import TICKS, since_1970
 from netlib import files
 from netlib.errors import DataError
 from netlib.files.pictures import MAX_PIXELS
@@ -67,17 +67,13 @@ class StackRecording(Recording):
         self._frames = frames = arrays_in(path)
         self.name = where = str(path)
         self.count = count = frames.shape[0]
-        others = frames.others
-        own, fields, taken = parameters_in(others, where, given)
+        own, fields, taken = parameters_in(frames.others, where, given)
         camera_json = next_to(path, given.camera is None and own.camera is None)
-        self._times = None
-        times = name_of_times(others, count)
-        if times is not None:
-            numbers = checked_times(others[times], count, f"{where}: {times}")
-            unit, how = unit_of_times(times, numbers, where, given.time_unit, own, camera_json)
-            rate = given.or_else(own).or_else(camera_json).rate or RATE
-            self._times = numbers / (rate if unit == FRAME_UNIT else TICKS[unit])
-            taken.append(f"times from {times!r}, {how}")
+        self._times = None  # in seconds
+        timed = name_of_times(frames.others, count)
+        if timed is not None:
+            self._times, how = self._timed_by(timed, given, own, camera_json)
+            taken.append(f"times from {timed!r}, {how}")
         elif given.time_unit is not None:
             raise DataError(
                 f"{path}: has no times, so --time-unit has no meaning; expected an array time"
@@ -87,11 +83,22 @@ class StackRecording(Recording):
         )
         if taken:
             self.remarks = ("; ".join(taken), *self.remarks)
-        if times is None and count > 1:
+        if timed is None and count > 1:
             self._assume_rate()
         self.warnings = not_used(
-            [name for name in frames.names if _base_name(name) not in fields and name != times]
+            [name for name in frames.names if _base_name(name) not in fields and name != timed]
         )
+
+    def _timed_by(
+        self, name: str, given: CameraInfo, own: CameraInfo, camera_json: CameraInfo
+    ) -> tuple[NDArray[np.float64], str]:
+        """The times in an array, in seconds, and how their unit is known. Raises DataError."""
+        frames = self._frames
+        times = checked_times(frames.others[name], frames.shape[0], f"{self.name}: {name}")
+        unit, how = unit_of_times(name, times, self.name, given.time_unit, own, camera_json)
+        rate = given.or_else(own).or_else(camera_json).rate or RATE
+        per_second = TICKS.get(unit, rate)  # the unit may be frames
+        return times / per_second, how
 
     def __iter__(self) -> Iterator[DepthFrame]:
         times = self._times
@@ -235,9 +242,7 @@ def _checked_shape(
     """
     frames = shape
     advice = ""
-    if is_single and len(shape) == 2:
-        frames = (1, *shape)
-    elif is_single and shape[2:] == (1,):
+    if is_single and shape[2:] in ((), (1,)):
         frames = (1, *shape[:2])
     elif is_single and shape[:1] != (1,):
         frames = ()
@@ -262,7 +267,7 @@ UNIT_WORDS = {
 }
 UNITS = {word: unit for unit, words in UNIT_WORDS.items() for word in words.split()}
 TIMES = re.compile(
-    rf"(?:depth_|frame_)?(?:t|ts|times?|time_?stamps?|stamps?)(?:_({'|'.join(UNITS)}))?", re.I
+    rf"(?:depth_|frame_)?(?:t|ts|times?|time_?stamps?|stamps?)(?:_(?:{'|'.join(UNITS)}))?", re.I
 )
 # the one name whose times are seconds unless they are times since 1970 in another unit
 IN_SECONDS = "time"
@@ -349,9 +354,8 @@ def name_of_times(arrays: Mapping[str, NDArray[Any]], count: int) -> str | None:
 
 
 def _unit_in(name: str) -> str | None:
-    """The unit at the end of a name."""
-    match = TIMES.fullmatch(_base_name(name))
-    return UNITS[match[1].lower()] if match and match[1] else None
+    """The unit at the end of a name of times."""
+    return UNITS.get(name.rpartition("_")[2].lower())
 
 
 def checked_times(times: NDArray[Any], count: int, where: str) -> NDArray[np.float64]:

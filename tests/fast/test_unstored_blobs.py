@@ -1,0 +1,297 @@
+"""An access to a blob that slices do not store gives its value in the last pass, whatever a caller
+has written since.
+"""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import netlib
+from fast.slices import SlicedStep
+from netlib.errors import NetlibError
+from tests.support.nets import inputs
+from tests.support.sliced_nets import (
+    PAPER,
+    UNSTORED,
+    Arrays,
+    assert_close,
+    assert_equal,
+    batch,
+    check_blob,
+    difference,
+    everything,
+    expected_of,
+    feed,
+    unstored,
+)
+
+MakeNet = Callable[..., netlib.Net]
+pytestmark = pytest.mark.usefixtures("slices_of_any_size")
+
+
+def after_a_pass(net_of: MakeNet) -> tuple[netlib.Net, dict[str, Arrays]]:
+    """The paper's network after a pass, and what its blobs hold then."""
+    net = net_of(PAPER)
+    everything(net, batch(3))
+    return net, expected_of(net_of, batch(3))
+
+
+@pytest.mark.parametrize("when", ["before forward", "after forward", "after backward"])
+@pytest.mark.parametrize("name", UNSTORED)
+def test_an_unstored_blob_is_correct_whenever_it_is_accessed(
+    net_of: MakeNet, name: str, when: str
+) -> None:
+    """It is also correct in later passes; the access changes no other value."""
+    net = net_of(PAPER)
+    inputs = batch(10, flat=name != "c2")
+    expected = expected_of(net_of, inputs)
+    if when == "before forward":
+        assert not net.blobs[name].data.any()
+    feed(net, inputs)
+    loss = net.blobs["loss"].data.copy()
+    if when == "after forward":
+        check_blob(net, name, "data", expected)
+        assert np.array_equal(net.blobs["loss"].data, loss)
+    net.backward()
+    grads = {p.label: p.blob.diff.copy() for p in net.learnable}
+    check_blob(net, name, "data", expected)
+    check_blob(net, name, "diff", expected)
+    assert np.array_equal(net.blobs["loss"].data, loss)
+    assert_equal({p.label: p.blob.diff for p in net.learnable}, grads)
+    assert_close(everything(net, inputs), expected["grads"], 2e-5)
+    check_blob(net, name, "data", expected)
+    check_blob(net, name, "diff", expected)
+
+
+def test_a_read_costs_one_pass_and_all_blobs_are_stored_from_then_on(
+    net_of: MakeNet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    net = net_of(PAPER)
+    everything(net, batch(3))
+    assert [
+        (blob.shape, blob.count) for blob in net.blobs.values()
+    ]  # shapes are not read from memory
+    assert unstored(net) == UNSTORED
+    repeated = []
+    store = SlicedStep.store
+    monkeypatch.setattr(SlicedStep, "store", lambda self: repeated.append(self) or store(self))
+    assert all(blob.data.shape == blob.shape for blob in net.blobs.values())
+    assert len(repeated) == 1
+    assert unstored(net) == []
+
+
+@pytest.mark.parametrize("how", ["a read", "a part"])
+def test_recomputing_infinite_values_gives_no_warning(net_of: MakeNet, how: str) -> None:
+    """As in the pass itself. (A warning fails the tests.)"""
+    net = net_of(PAPER)
+    for params in net.params.values():
+        params[0].data[...] = 1e30
+    everything(net, batch(3))
+    if how == "a part":
+        net.forward(start="c3")
+    assert not np.isfinite(net.blobs["p2"].data).all()
+
+
+def test_a_reshape_that_changes_nothing_loses_nothing(net_of: MakeNet) -> None:
+    net, expected = net_of(PAPER), expected_of(net_of, batch(10))
+    everything(net, batch(10))
+    net.reshape()
+    check_blob(net, "c1", "data", expected)
+    check_blob(net, "p1", "diff", expected)
+
+
+def test_an_unstored_blob_does_not_outlive_its_net(net_of: MakeNet) -> None:
+    """Accessing an unstored blob after its net was deleted raises an error instead of
+    returning zeros.
+    """
+
+    def blobs() -> dict[str, Any]:
+        net = net_of(PAPER)
+        feed(net, batch(2))
+        return net.blobs
+
+    left = blobs()
+    gc.collect()
+    assert left["fc"].data.shape == (2, 10)
+    with pytest.raises(netlib.NetlibError, match="is unstored and its net is gone"):
+        left["c1"].data  # noqa: B018
+
+
+def test_a_read_repeats_only_what_ran_in_slices(net_of: MakeNet, rng: np.random.Generator) -> None:
+    """A layer that ran whole keeps its output when an unstored blob is read after its
+    input was written.
+    """
+    net = net_of(
+        inputs(x=(3, 1, 8, 8), z=(2, 1, 8, 8))
+        + """layer { name: "c" type: "Convolution" bottom: "x" top: "c"
+                convolution_param { num_output: 2 kernel_size: 3 weight_filler { type: "xavier" } } }
+            layer { name: "p" type: "Pooling" bottom: "c" top: "p" pooling_param { kernel_size: 2 stride: 2 } }
+            layer { name: "r" type: "ReLU" bottom: "z" top: "r" }"""
+    )
+    net.forward(x=rng.normal(size=(3, 1, 8, 8)), z=rng.normal(size=(2, 1, 8, 8)))
+    assert unstored(net) == ["c"]
+    before = net.blobs["r"].data.copy()
+    net.blobs["z"].data[...] = rng.normal(size=(2, 1, 8, 8))
+    assert np.isfinite(net.blobs["c"].data).all()
+    np.testing.assert_array_equal(net.blobs["r"].data, before)
+
+
+CHANGES = {  # of a batch of images
+    "one value": lambda x: x[0, 0, 0, 5:6].fill(0.25),
+    "a square": lambda x: x[0, 0, 10:18, 10:18].fill(0.25),
+    "a row": lambda x: x[0, 0, 64].fill(0.25),
+    "a sign": lambda x: np.negative(x[:1, :, 3, 3], out=x[:1, :, 3, 3]),
+    "NaN": lambda x: x[:1, :, 3, 3].fill(np.nan),
+    "a flip": lambda x: np.copyto(x, x[..., ::-1].copy()),
+    "a roll": lambda x: np.copyto(x, np.roll(x, 1)),
+    "a shuffled batch": lambda x: np.copyto(x, x[::-1].copy()),
+    "all": lambda x: x.fill(0.25),
+}
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_a_read_after_an_input_was_written_gives_the_values_of_the_pass(
+    net_of: MakeNet, change: str
+) -> None:
+    net, expected = after_a_pass(net_of)
+    CHANGES[change](net.blobs["depth"].data)
+    for name in UNSTORED:
+        check_blob(net, name, "data", expected)
+        check_blob(net, name, "diff", expected)
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_backward_after_an_input_was_written_is_an_error(net_of: MakeNet, change: str) -> None:
+    net = net_of(PAPER)
+    feed(net, batch(3))
+    CHANGES[change](net.blobs["depth"].data)
+    with pytest.raises(
+        NetlibError, match=r"blob 'depth' was written between forward and backward.* such as 'c1'"
+    ):
+        net.backward()
+    net.forward()
+    net.backward()
+
+
+def test_backward_after_a_read_may_use_new_inputs(net_of: MakeNet) -> None:
+    """The net stores all blobs then, so the gradient is that of Caffe: of old blobs and
+    the new input.
+    """
+    net, plain = net_of(PAPER), net_of(PAPER, engine="plain")
+    for one in (net, plain):
+        feed(one, batch(3))
+        one.blobs["c1"].data  # noqa: B018
+        one.blobs["depth"].data[...] = 0.5
+        one.clear_param_diffs()
+        one.backward()
+    found, expected = ({p.label: p.blob.diff for p in one.learnable} for one in (net, plain))
+    assert_close(found, expected, 2e-5)
+
+
+def test_a_part_after_an_input_was_written_continues_from_the_pass(net_of: MakeNet) -> None:
+    net, plain = net_of(PAPER), net_of(PAPER, engine="plain")
+    for one in (net, plain):
+        feed(one, batch(3))
+        one.blobs["depth"].data[...] = 0.5
+        one.forward(start="c2")
+    assert difference(net.blobs["fc"].data, plain.blobs["fc"].data) <= 2e-5
+
+
+def test_a_read_after_weights_changed_before_backward(net_of: MakeNet) -> None:
+    """Diffs are those of the weights of backward, data those of the weights of forward."""
+    net = net_of(PAPER, dtype=np.float64)
+    plain = net_of(PAPER, engine="plain", dtype=np.float64)
+    for one in (net, plain):
+        feed(one, batch(3, flat=False))
+        one.params["c3"][0].data[...] *= 2
+        one.backward()
+        one.params["c3"][0].data[...] = 0
+    for name in UNSTORED:
+        assert difference(net.blobs[name].data, plain.blobs[name].data) <= 1e-12, name
+        assert difference(net.blobs[name].diff, plain.blobs[name].diff) <= 1e-9, name
+
+
+def test_a_read_after_the_diff_of_a_top_was_written(net_of: MakeNet) -> None:
+    net, expected = after_a_pass(net_of)
+    net.blobs["c3"].diff.flat[7] += 1
+    check_blob(net, "c1", "diff", expected)
+
+
+@pytest.mark.parametrize("name, shape", [("depth", (5, 1, 128, 128)), ("label", (5, 10))])
+def test_a_read_after_a_blob_was_reshaped(
+    net_of: MakeNet, name: str, shape: tuple[int, ...]
+) -> None:
+    net, expected = after_a_pass(net_of)
+    net.blobs[name].reshape(shape)
+    check_blob(net, "c1", "data", expected)
+    check_blob(net, "p2", "diff", expected)
+
+
+def test_a_read_after_a_parameter_was_reshaped(net_of: MakeNet) -> None:
+    net, expected = after_a_pass(net_of)
+    net.params["c1"][0].reshape(8, 25)
+    check_blob(net, "c1", "data", expected)
+
+
+def test_an_unstored_blob_cannot_be_read_during_a_pass(
+    net_of: MakeNet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    net = net_of(PAPER)
+    layer = net.layer_dict["fc"]
+    forward = layer.forward
+
+    def reading_forward(bottom: netlib.Blobs, top: netlib.Blobs) -> None:
+        net.blobs["c1"].data  # noqa: B018
+        forward(bottom, top)
+
+    monkeypatch.setattr(layer, "forward", reading_forward)
+    with pytest.raises(NetlibError, match="an unstored blob is read during a pass"):
+        feed(net, batch(3))
+    assert net.blobs["c1"].data.any()
+    net.forward()
+
+
+def test_after_a_step_of_a_solver_all_blobs_have_its_values(tmp_path: Path) -> None:
+    """Also those that were not stored, with dropout, and although the weights have been
+    updated since.
+    """
+    text = PAPER.replace(
+        'layer { name: "fc" type',
+        'layer { name: "drop" type: "Dropout" bottom: "c3" top: "c3" } layer { name: "fc" type',
+    )
+    (tmp_path / "solver.prototxt").write_text(
+        f'net_param {{ {text} }} base_lr: 0.1 lr_policy: "fixed" random_seed: 2'
+    )
+    fast, plain = (
+        netlib.get_solver(tmp_path / "solver.prototxt", engine=name) for name in ("fast", "plain")
+    )
+    for solver in (fast, plain):
+        for name, array in batch(2, flat=False).items():
+            solver.net.blobs[name].data[...] = array
+        solver.step(1)
+    assert unstored(fast.net) == UNSTORED
+    for name, blob in plain.net.blobs.items():
+        assert difference(fast.net.blobs[name].data, blob.data) <= 2e-5, name
+        error = np.linalg.norm(fast.net.blobs[name].diff - blob.diff)
+        assert error <= 1e-2 * np.linalg.norm(blob.diff), name
+
+
+def test_a_part_stores_all_blobs_until_store_all_is_false(net_of: MakeNet) -> None:
+    """A call before the part, as by a resumed training, changes nothing."""
+    net = net_of(PAPER)
+    net.store_all(False)
+    feed(net, batch(3))
+    assert unstored(net) == UNSTORED
+    net.forward(start="c3")
+    net.forward()
+    assert unstored(net) == [] and net.stores_all
+    net.store_all(False)
+    assert unstored(net) == [] and not net.stores_all
+    net.forward()
+    assert unstored(net) == UNSTORED
