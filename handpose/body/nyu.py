@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 TRAIN_FRAMES = 72757
 TEST_FRAMES = 8252
-SECOND_SUBJECT = 2440  # test frames from this 0-based index on show a second, smaller hand
+SECOND_SUBJECT_INDEX = 2440  # test frames from this 0-based index on show a second, smaller hand
 
 ANNOTATED_JOINTS = 36  # points per frame
 CENTER_JOINT = 34  # the annotated joint at which crops are centred
@@ -41,7 +41,7 @@ EVALUATION_JOINTS = tuple(ANNOTATION_OF_JOINT.index(j) for j in EVALUATION_ANNOT
 
 def cube_of_test_frame(index: ArrayLike) -> NDArray[np.float64]:
     """Edge in mm of the cube around the hand in each test frame, by its 0-based index."""
-    return np.where(np.asarray(index) < SECOND_SUBJECT, CUBE_MM, SECOND_CUBE_MM)
+    return np.where(np.asarray(index) < SECOND_SUBJECT_INDEX, CUBE_MM, SECOND_CUBE_MM)
 
 
 def half_cubes(frames: int) -> NDArray[np.float64]:

@@ -25,7 +25,7 @@ from netlib.files.hdf5 import File
 
 MAX_CENTER_ERROR_PX = 0.01  # of a camera that maps the centres: the rounding of float32
 MIN_OFF_AXIS_PX = 2.0  # on the optical axis all cameras agree
-MAX_PX_OR_MM, MIN_DEPTH_MM = 1e6, 1.0  # bounds of a crop centre's coordinates, and of its depth
+MAX_PX_OR_MM, MIN_CENTER_MM = 1e6, 1.0  # bounds of a crop centre's coordinates, and of its depth
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ def read_crop_centers(files: Sequence[File]) -> tuple[Array, Camera]:
     uvd, xyz = np.concatenate([_stored_centers(file) for file in files], axis=1)
     # the quotients of larger coordinates may overflow
     are_small = np.abs([uvd, xyz]).max(initial=0) <= MAX_PX_OR_MM  # False for NaN
-    if not are_small or not (xyz[:, 2] > MIN_DEPTH_MM).all():
+    if not are_small or not (xyz[:, 2] > MIN_CENTER_MM).all():
         raise DataError(
             f"{files[0].path}: crop centres that are not finite, or not before the camera"
         )

@@ -73,7 +73,7 @@ NAME = "camera.json"
 WIDE_BOMS = (b"\xff\xfe", b"\xfe\xff")
 MAX_BYTES = 1 << 22  # of a file; calibrations have some 10,000
 MAX_NAMES = 8  # of unused keys that are named
-MAX_SHOWN = 40  # characters of a value in a message
+MAX_SHOWN_CHARACTERS = 40  # characters of a value in a message
 
 
 def read(path: Path) -> CameraInfo:
@@ -360,4 +360,4 @@ def _of_matrix(numbers: list[float]) -> list[float]:
 
 def _shown(value: object) -> str:
     text = json.dumps(value)
-    return text if len(text) <= MAX_SHOWN else f"{text[:MAX_SHOWN]} ..."
+    return text if len(text) <= MAX_SHOWN_CHARACTERS else f"{text[:MAX_SHOWN_CHARACTERS]} ..."

@@ -74,7 +74,10 @@ BENCHMARKS = {
         NYU,
         tuple(JOINT_FORMATS["nyu"].joints),
         nyu.TEST_FRAMES,
-        {"subject 1": slice(nyu.SECOND_SUBJECT), "subject 2": slice(nyu.SECOND_SUBJECT, None)},
+        {
+            "subject 1": slice(nyu.SECOND_SUBJECT_INDEX),
+            "subject 2": slice(nyu.SECOND_SUBJECT_INDEX, None),
+        },
     ),
     # both sequences, one after the other
     "icvl": Benchmark("ICVL", ICVL, icvl.JOINTS, sum(icvl.TEST_SEQUENCE_FRAMES), {}),

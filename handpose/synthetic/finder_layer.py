@@ -36,7 +36,7 @@ CHANNELS, STEPS = (4, 1, 1, 3, 3), (1, CLASS_STEP, HEAT_STEP, HEAT_STEP, HEAT_ST
 MAX_VOTE = 2.5  # a farther surface is an error of the sensor
 HEAT_STD_MM = 22.0  # standard deviation of the heat around a hand's middle, ...
 MIN_STD_PX, MAX_STD_PX = 0.7, 4.0  # ... and its bounds in pixels of the heat
-MIN_DEPTH_MM = 100.0  # of the middles of hands
+MIN_MIDDLE_MM = 100.0  # of the middles of hands
 MIN_HEAT = 0.05  # around a doubtful hand, pixels with less are not ignored
 
 
@@ -92,7 +92,7 @@ def _heat(scenes: Scenes) -> Array:
     heat = np.zeros((len(scenes.depth), *row.shape))
     for k in range(2):
         u, v = np.round(scenes.middle_px[:, k].T / HEAT_STEP)[..., None, None]
-        z = np.maximum(scenes.middle[:, k, 2], MIN_DEPTH_MM)
+        z = np.maximum(scenes.middle[:, k, 2], MIN_MIDDLE_MM)
         std_px = np.clip(FOCAL_PX * HEAT_STD_MM / z / HEAT_STEP, MIN_STD_PX, MAX_STD_PX)
         squares = (column - u) ** 2 + (row - v) ** 2
         own = np.exp(-squares / (2 * std_px[:, None, None] ** 2))

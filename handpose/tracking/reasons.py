@@ -27,7 +27,7 @@ MIN_VISIBLE = 0.03  # minimum share of foreground in a crop
 # A reason is given from this share on: of the hand's own surface or its crop that is behind nearer
 # objects or without a reading, or of its joints that are outside the image.
 PART = 0.25
-OUTSIDE = (
+MIN_OUTSIDE = (
     0.05  # from this share of its surface outside the image on, any such joint gives the reason
 )
 
@@ -80,7 +80,7 @@ def reason(
     d = center_uvd[2]
     if (np.abs(shown) < FAR_FACE).mean() < MIN_VISIBLE:
         return f"only background at its last position, {d:.0f} mm away"
-    edges = _edges_left(camera, xyz, 0.0) if support.outside[0] > OUTSIDE else None
+    edges = _edges_left(camera, xyz, 0.0) if support.outside[0] > MIN_OUTSIDE else None
     if edges:
         return f"{LEFT}{edges}"
     if support.missing[0] > PART:

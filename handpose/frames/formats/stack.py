@@ -265,9 +265,10 @@ UNIT_WORDS = {
     "us": "us usec micros microseconds",
     "ns": "ns nsec nanos nanoseconds",
 }
-UNITS = {word: unit for unit, words in UNIT_WORDS.items() for word in words.split()}
+UNIT_OF_WORD = {word: unit for unit, words in UNIT_WORDS.items() for word in words.split()}
 TIMES = re.compile(
-    rf"(?:depth_|frame_)?(?:t|ts|times?|time_?stamps?|stamps?)(?:_(?:{'|'.join(UNITS)}))?", re.I
+    rf"(?:depth_|frame_)?(?:t|ts|times?|time_?stamps?|stamps?)(?:_(?:{'|'.join(UNIT_OF_WORD)}))?",
+    re.I,
 )
 # the one name whose times are seconds unless they are times since 1970 in another unit
 IN_SECONDS = "time"
@@ -355,7 +356,7 @@ def name_of_times(arrays: Mapping[str, NDArray[Any]], count: int) -> str | None:
 
 def _unit_in(name: str) -> str | None:
     """The unit at the end of a name of times."""
-    return UNITS.get(name.rpartition("_")[2].lower())
+    return UNIT_OF_WORD.get(name.rpartition("_")[2].lower())
 
 
 def checked_times(times: NDArray[Any], count: int, where: str) -> NDArray[np.float64]:

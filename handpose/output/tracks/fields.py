@@ -14,7 +14,7 @@ import numpy as np
 from netlib.blob import Array
 from netlib.errors import DataError
 
-MAX_NUMBER = 1e12  # maximum of a number; sums and products of larger ones may overflow
+MAX_MAGNITUDE = 1e12  # maximum of a number; sums and products of larger ones may overflow
 
 
 T = TypeVar("T", bound=str)
@@ -63,7 +63,7 @@ class Fields:
     def whole(self, name: str) -> int:
         """The field is a whole number of at least 0."""
         value = self._value(name)
-        if type(value) is not int or not 0 <= value <= MAX_NUMBER:
+        if type(value) is not int or not 0 <= value <= MAX_MAGNITUDE:
             raise self._wrong(name, "a whole number of at least 0")
         return value
 
@@ -82,7 +82,7 @@ class Fields:
     def positive(self, name: str) -> float:
         """The field is a number above 0."""
         value = self.number(name)
-        if value < 1 / MAX_NUMBER:
+        if value < 1 / MAX_MAGNITUDE:
             raise self._wrong(name, "a number above 0")
         return value
 
@@ -116,4 +116,4 @@ class Fields:
 
 
 def _is_number(value: Any) -> bool:
-    return type(value) in (int, float) and -MAX_NUMBER <= value <= MAX_NUMBER  # NaN is not
+    return type(value) in (int, float) and -MAX_MAGNITUDE <= value <= MAX_MAGNITUDE  # NaN is not

@@ -14,7 +14,7 @@ from handpose.synthetic.scenes.solids import Rays
 from netlib.blob import Array
 
 HEIGHT, WIDTH = 128, 160  # px of the frames
-MIN_DEPTH_MM = 50.0  # nearer points are projected as if they were at this depth
+MIN_PROJECTED_MM = 50.0  # nearer points are projected as if they were at this depth
 
 
 class Cameras(NamedTuple):
@@ -44,7 +44,7 @@ class Cameras(NamedTuple):
         x, y, z = np.moveaxis(xyz, -1, 0)
         per_frame = (-1, *[1] * (z.ndim - 1))
         f, u0, v0 = (value.reshape(per_frame) for value in (self.focal, self.u0, self.v0))
-        z = np.maximum(z, MIN_DEPTH_MM)
+        z = np.maximum(z, MIN_PROJECTED_MM)
         u, v = u0 + f * x / z, v0 - f * y / z
         return np.stack([u, v], axis=-1)
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from handpose.body.joint_formats.frames import LONG_FINGERS
 from handpose.body.render import Capsules
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.scenes.directions import across, right_angled, unit
@@ -18,7 +19,6 @@ from netlib.blob import Array
 SURFACE = SurfacePrior(
     thickness_std=0.1, trunk_std=0.08, radius_std=0.06, offsets=(0.4, 1.6), towards_camera=1.0
 )
-FINGERS = ("index", "middle", "ring", "little")
 PALM_RADIUS_MM = 15.0  # from the palm's middle to its surface
 FINGERTIP_RADIUS_MM = 9.0
 MIN_HELD_RADIUS_MM = 8.0  # of things that are held
@@ -88,7 +88,7 @@ def draw_hands(rng: np.random.Generator, sampler: BodySampler, side: Array) -> H
     )
     arm = int(np.flatnonzero(surface.limbs)[0])
     normal = unit(np.cross(index - wrist, little - wrist))
-    tips = [row[f"{finger}_tip"] for finger in FINGERS]
+    tips = [row[f"{finger}_tip"] for finger in LONG_FINGERS]
     without_wrist = [not name.startswith("wrist") for name in row]
     return Hands(
         own=capsules.chosen(~surface.limbs),

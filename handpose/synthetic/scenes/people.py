@@ -68,7 +68,7 @@ RESTING_SCORE = 5.0  # a palm down, of hands on a table
 ALONG_SCORE = 5.0  # a forearm along the line of sight, where that is required
 # The other hand:
 IN_SIGHT_SCORE = 3.0  # ``MARGIN_PX`` or more within the frame, at one of these depths:
-MARGIN_PX, MIN_DEPTH_MM, MAX_DEPTH_MM = 5.0, 220.0, 1700.0
+MARGIN_PX, MIN_HAND_MM, MAX_HAND_MM = 5.0, 220.0, 1700.0
 IN_FRONT_SCORE = 0.6  # in front of the body
 TOO_CLOSE_MM, TOO_CLOSE_PENALTY = 70.0, 2.0  # to the first hand
 LOG_DEPTH_RATIO = (-0.5, 0.5)  # of a stranger's hand and the first one
@@ -230,7 +230,7 @@ def _in_sight(cameras: Cameras, places: Array) -> NDArray[np.bool_]:
     z = places[..., 2]
     in_width = (u > MARGIN_PX) & (u < WIDTH - MARGIN_PX)
     in_height = (v > MARGIN_PX) & (v < HEIGHT - MARGIN_PX)
-    return in_width & in_height & (z > MIN_DEPTH_MM) & (z < MAX_DEPTH_MM)
+    return in_width & in_height & (z > MIN_HAND_MM) & (z < MAX_HAND_MM)
 
 
 def _second_elbows(rng: np.random.Generator, person: Torsos, side: Array) -> Array:
