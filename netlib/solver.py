@@ -186,7 +186,7 @@ class Solver(Training):
         with self.ranks.together():
             self._call(self.on_step)
             for _ in range(iterations):
-                # if data end, a resume repeats the iteration
+                # when the data end: a resume repeats the iteration
                 with undone_after(DataError, self.nets) as undo:
                     if self.test_is_due():
                         self.test_all()

@@ -28,7 +28,7 @@ LENS = ("distortion", "model", *BROWN)
 FIELDS = ("unit_mm", "rate", "time_unit")  # those that are fields of CameraInfo
 KNOWN = (*RANGES, "name", "distortion", "model", "coefficients", "time_unit")
 ROWS = {"focal": ("fx", "fy"), "middle": ("u0", "v0"), "size": SIZE}  # keys of two values
-# A key in each line, and other names, without capitals and without what is no letter or digit.
+# Each line: a key and its other names, in lower case, letters and digits only.
 KEY_NAMES = """\
 unit_mm unitmm
 min_range_mm minrangemm

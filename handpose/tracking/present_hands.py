@@ -1,9 +1,9 @@
 """Hands that a finder sees and that have no sure pose: where they are, how evident they are, and
 when a pose is tried there again.
 
-A finder also sees hands in cups, keyboards and monitors, in every frame the same: a second look at
-a surface that did not change is no new evidence. If all of it differs from the look before, by more
-than the camera's noise, the place is twice as evident.
+A finder also takes cups, keyboards and monitors for hands, in every frame: a second look at a
+surface that did not change adds no evidence. Where all of it differs from the look before by more
+than the camera's noise, the evidence is doubled.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -80,12 +81,20 @@ class Changes:
 
     def __init__(self, frame: SideView, before: SideView, settings: PresentSettings) -> None:
         self._camera, self._settings = frame.camera, settings
-        both = np.stack([frame.readings, before.readings])
-        self._nearest, self._farthest = both.min(axis=0), both.max(axis=0)
-        read = self._nearest > 0
-        # noise grows with the square of the distance
-        relative = (self._farthest - self._nearest)[read] / self._farthest[read] ** 2
-        self._noise = float(np.median(relative)) if read.any() else 0.0
+        self._both = frame.readings, before.readings
+
+    @cached_property
+    def _range(self) -> tuple[Array, Array]:
+        """The nearest and the farthest reading of each pixel."""
+        return np.minimum(*self._both), np.maximum(*self._both)
+
+    @cached_property
+    def _noise(self) -> float:
+        """The median change, divided by the square of the distance, with which noise grows."""
+        nearest, farthest = self._range
+        read = nearest > 0
+        relative = (farthest - nearest)[read] / farthest[read] ** 2
+        return float(np.median(relative)) if read.any() else 0.0
 
     def share_at(self, place: Array) -> float:
         """The share of the surface of a hand at a place (3,) in mm that differs."""
@@ -94,7 +103,7 @@ class Changes:
         corners = self._camera.project([place - reach, place + reach])
         (left, top), (right, bottom) = corners[:, :2].astype(int).clip(0)
         window = np.s_[top : bottom + 1, left : right + 1]
-        nearest, farthest = self._nearest[window], self._farthest[window]
+        nearest, farthest = (values[window] for values in self._range)
         own = (nearest > max(z - size_mm, 0.0)) & (nearest < z + size_mm)
         noise = np.maximum(self._noise * farthest**2, NOISE_MM)
         return float((farthest - nearest > s.noises * noise)[own].mean()) if own.any() else 0.0
@@ -137,15 +146,15 @@ class PresentHands:
                 ),
                 None,
             )
+            if place is None and hand.presence < self.min_presence:
+                continue
             presence, changed = hand.presence, changes.share_at(hand.middle)
-            if place is not None:
-                before.remove(place)
-                place.hand, place.time = hand, time
-            elif presence >= self.min_presence:
+            if place is None:
                 id = next(self._ids)
                 place = PresentPlace(id, hand, time, time, presence, changed, s, s.later_s)
             else:
-                continue
+                before.remove(place)
+                place.hand, place.time = hand, time
             place.look(presence, changed)
             self.places.append(place)
         for place in before:

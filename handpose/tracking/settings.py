@@ -73,10 +73,11 @@ class PresentSettings:
     # highest evidence that is enough for another hand
     still: float = 0.5
     look: float = 0.5  # weight of the last look in the mean presence
-    # A surface changes by more than so many times the median change in the frame, which is the
-    # camera's noise. With 8 to 12, results are the same; with 5, the noise on a dark chair is one.
+    # Minimum change of a surface's depth, in units of the camera's noise, the median change in the
+    # frame. 8 to 12 give the same results; with 5, the noise on a dark chair counts as a change.
     noises: float = 8.0
-    # Time between two looks that are compared: after more, anything may have been moved.
+    # Maximum time between two looks that are compared: later, things may have been moved. 0.3 to 4
+    # give the same results at a desk and with a Kinect v2; neither recording has a longer pause.
     compared_s: float = 1.0
     # Seconds between two runs of a slow step: a search for another hand, a pose at a place, a full
     # fit of an uncertain hand, a prediction that competes with the tracked pose; the same while

@@ -88,7 +88,7 @@ class Summary:
         """Add a frame."""
         if not self.frames:
             self._first = frame.time
-        self.frames = self.frames + 1
+        self.frames += 1
         self._last = frame.time
         for hand in (*frame.hands, *frame.lost):
             own = self.hands.setdefault(hand.id, HandSummary(side_name(hand.known_side)))
@@ -97,7 +97,7 @@ class Summary:
                 own.longest = max(own.longest, frame.time - hand.since)
             else:
                 own.hand = side_name(hand.known_side)
-                own.frames = own.frames + 1
+                own.frames += 1
                 own.size = float(np.median(hand.pose.bones[self._has_bone] / self._bones))
             own.is_lost = hand.is_lost
             if np.isfinite(hand.confidence):

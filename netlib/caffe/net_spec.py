@@ -125,7 +125,7 @@ def _layer(fn: Function, made: Made, names: Names, counts: Counter[str]) -> Any:
         names[unnamed] = f"{fn.type_name}{counts[fn.type_name]}"
     layer = proto.caffe_pb2.LayerParameter()
     layer.type = fn.type_name
-    layer.name = names.get(fn) or names[fn.tops[0]]
+    layer.name = names[fn] if fn in names else names[fn.tops[0]]
     layer.bottom.extend([made[bottom.fn].top[bottom.n] for bottom in fn.inputs])
     layer.top.extend(list(layer.bottom) if fn.in_place else [names[top] for top in fn.tops])
     for option, value in fn.params.items():

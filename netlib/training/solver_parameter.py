@@ -20,7 +20,7 @@ from netlib.updates import POLICIES, RULES
 log = logging.getLogger("netlib")
 
 OLD_TYPES = {name.upper(): name for name in RULES}  # value of the enum solver_type -> type
-MAX_AVERAGE_LOSS = 10**6  # so many losses are kept in memory
+MAX_AVERAGE_LOSS = 10**6  # limit of average_loss, the number of losses kept in memory
 NET_FIELDS = ("net", "net_param", "train_net", "train_net_param")
 
 

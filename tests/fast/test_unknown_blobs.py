@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
@@ -18,6 +16,7 @@ from tests.support.sliced_nets import (
     TWO_SIZES,
     UNSTORED,
     Arrays,
+    MakeNet,
     batch,
     check_blob,
     everything,
@@ -26,7 +25,6 @@ from tests.support.sliced_nets import (
     unstored,
 )
 
-MakeNet = Callable[..., netlib.Net]
 pytestmark = pytest.mark.usefixtures("slices_of_any_size")
 
 

@@ -5,7 +5,6 @@ has written since.
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +19,7 @@ from tests.support.sliced_nets import (
     PAPER,
     UNSTORED,
     Arrays,
+    MakeNet,
     assert_close,
     assert_equal,
     batch,
@@ -31,7 +31,6 @@ from tests.support.sliced_nets import (
     unstored,
 )
 
-MakeNet = Callable[..., netlib.Net]
 pytestmark = pytest.mark.usefixtures("slices_of_any_size")
 
 

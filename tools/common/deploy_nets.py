@@ -171,7 +171,7 @@ class _Parts:
 
 
 def _parts(param: NetParameter, model: str) -> _Parts:
-    """Divide a net into its parts. Raises NetlibError if it is no training net."""
+    """Divide a net into its parts. Raises NetlibError if it is not a training net."""
     chosen = _chosen(param)
     losses = [spec for spec in param.layer if _is_loss(spec)]
     scores = [spec for spec in param.layer if _is_score(spec)]
