@@ -40,12 +40,12 @@ ROOMS = {
     "experiments": Size(14_852, 1_294, 24, 9_250),
     "export": Size(8_324, 730, 6, 3_853),
     "fast": Size(29_255, 2_570, 12, 2_383),
-    "handpose": Size(95_986, 8_649, 115, 33_247),
+    "handpose": Size(95_991, 8_650, 115, 33_247),
     "handpose/synthetic": Size(15_911, 1_441, 24, 1_967),
     "layers": Size(36_920, 3_196, 30, 18_087),
-    "netlib": Size(43_462, 4_429, 54, 65_614),
+    "netlib": Size(43_464, 4_429, 54, 65_614),
     "setup.py": Size(180, 10, 1, 284),
-    "tests": Size(249_719, 18_394, 358, 305_785),
+    "tests": Size(249_701, 18_392, 358, 305_785),
     "tools": Size(30_765, 2_876, 52, 31_609),
 }
 LINES = {  # of files that are not Python, by their patterns
