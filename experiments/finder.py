@@ -1,8 +1,7 @@
 """Recall of the finder of hands, at numbers of false hands a frame.
 
     python -m experiments finder snapshots/finder_iter_18000.caffemodel.h5
-    python -m experiments finder WEIGHTS --recording take left=take_left.npy right=take_right.npy \\
-        --part odd
+    python -m experiments finder WEIGHTS --recording take take_left.npy take_right.npy --part odd
 
 Synthetic scenes are those of the training's generator with other random numbers ("test"), and
 frames of synthetic recordings with other cameras, of another person each, half of them mirrored
@@ -40,7 +39,6 @@ from experiments.labelled_frames import (
     camera_of,
     drawn_scenes,
     first_scenes,
-    labels_of,
     other_scenes,
     recorded,
 )
@@ -89,8 +87,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         action="append",
         default=[],
-        metavar=("SOURCE", "SIDE=LABELS.npy"),
-        help="frames, and the joints of their hands; may be given several times",
+        metavar=("SOURCE", "LABELS.npy"),
+        help="frames, and files of the joints of their hands; may be given several times",
     )
     parser.add_argument(
         "--reliability",
@@ -119,9 +117,7 @@ def run(args: argparse.Namespace) -> int:
         "other": functools.partial(other_scenes, args.seed, args.scenes),
     }
     for source, *labels in args.recording:
-        sources[Path(source).name] = functools.partial(
-            recorded, source, labels_of(labels), args.part
-        )
+        sources[Path(source).name] = functools.partial(recorded, source, labels, args.part)
     if args.reliability:
         answers = {name: answers_of(finder, frames()) for name, frames in sources.items()}
         print(aligned(reliability(answers)))

@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 
 from experiments.constants import array_in
-from handpose.body.sides import SIDES, Side
 from handpose.frames.cameras import KINECT2, NYU, SR305, Camera
 from handpose.frames.formats import open_recording
 from handpose.sequences.recordings import SCRIPTS, SyntheticRecording
@@ -74,29 +73,19 @@ def other_scenes(number: int, scenes: int) -> Iterator[Labelled]:
         yield Labelled(frame.depth, recording.camera, hands, doubtful)
 
 
-def labels_of(words: Sequence[str]) -> dict[Side, Path]:
-    """The files of labels on the command line, SIDE=FILE. Raises DataError."""
-    sides: dict[str, Side] = {side: side for side in SIDES}
-    paths: dict[Side, Path] = {}
-    for word in words:
-        side, _, name = word.partition("=")
-        if side not in sides or not name:
-            raise DataError(
-                f"--recording: {word!r}, expected left=LABELS.npy or right=LABELS.npy after the frames"
-            )
-        paths[sides[side]] = Path(name)
-    return paths
-
-
-def recorded(source: str, labels: dict[Side, Path], part: str) -> Iterator[Labelled]:
-    """The frames of a recording, or those with even or odd numbers. Raises NetlibError."""
-    joints = {side: _joints(path) for side, path in labels.items()}
+def recorded(source: str, labels: Sequence[str], part: str) -> Iterator[Labelled]:
+    """The frames of a recording, or those with even or odd numbers, with the hands of one or
+    several files of labels. Raises NetlibError.
+    """
+    if not labels:
+        raise DataError(f"--recording {source}: no labels, expected LABELS.npy after the frames")
+    joints = [_joints(Path(name)) for name in labels]
     with open_recording(source) as recording:
         for n, frame in enumerate(recording):
             if part != "all" and (n % 2 == 0) != (part == "even"):
                 continue
             hands = []
-            for values in joints.values():
+            for values in joints:
                 points = values[n].reshape(-1, 3) if n < len(values) else np.empty((0, 3))
                 points = points[np.isfinite(points).all(axis=1)]
                 if len(points):

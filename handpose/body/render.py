@@ -134,11 +134,18 @@ def render_crop(
     center_uvd  (N, 3) middle of the cubes
     cube_mm     edges of the cubes, one or (N,)
     """
-    columns, rows = window(center_uvd, cube_mm, camera, size)
     far = np.atleast_2d(np.asarray(center_uvd, dtype=np.float64))[:, 2] + np.asarray(cube_mm) / 2
-    x = _slopes(columns, camera.u0, camera.fx)
-    y = _slopes(rows, camera.v0, camera.fy)
-    return render(capsules, x, y, far)
+    return render(capsules, *crop_rays(center_uvd, cube_mm, camera, size), far)
+
+
+def crop_rays(
+    center_uvd: ArrayLike, cube_mm: ArrayLike, camera: Camera = NYU, size: int = SIZE
+) -> tuple[Floats, Floats]:
+    """Slopes of the columns (N, size) and of the rows, downwards, of the pixels that ``crop``
+    picks; arguments as of ``render_crop``.
+    """
+    columns, rows = window(center_uvd, cube_mm, camera, size)
+    return _slopes(columns, camera.u0, camera.fx), _slopes(rows, camera.v0, camera.fy)
 
 
 def normalise_depth(depth: Floats, center_d: ArrayLike, cube_mm: ArrayLike) -> Floats:

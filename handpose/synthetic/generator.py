@@ -23,6 +23,7 @@ changes a frame.
 from __future__ import annotations
 
 import hashlib
+import json
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal, NamedTuple, get_args
 
@@ -35,6 +36,8 @@ from handpose.frames.crops import SIZE, window
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import Bodies, BodySampler, cut_normal
 from handpose.synthetic.prior_file import PosePrior
+from handpose.synthetic.scene_crops import draw_scene_crops
+from handpose.synthetic.scenes.prior import ScenePrior
 from handpose.synthetic.sensor import KINECT, Sensor, sense
 from handpose.synthetic.surface_prior import DEFAULT_SURFACE, SurfacePrior, draw_capsules
 from layers.hand.skeleton_file import text_of
@@ -70,12 +73,15 @@ class Recipe:
     flesh   of the surfaces; the name is that in the data's files
     views   cameras, of which each block of frames has one at random
     others  people in the test split only, in turn with the skeleton file's
+    around  what is around the hands of every second block, whose frames have the errors of whole
+            scenes; None: all hands are alone
     """
 
     prior: PosePrior = field(default_factory=prior_file.load)
     flesh: SurfacePrior = DEFAULT_SURFACE
     views: tuple[SyntheticCamera, ...] = (SyntheticCamera(),)
     others: tuple[Subject, ...] = ()
+    around: ScenePrior | None = None
 
 
 class Scene(NamedTuple):
@@ -123,8 +129,7 @@ class Generator:
             camera=scene.camera,
             half_cube=scene.cube_mm / 2,
             index=np.arange(number * BLOCK, (number + 1) * BLOCK),
-            dof=bodies.inputs,
-            bones=bodies.bones[:, : len(self.sampler.skeleton.joint_names)],
+            **self._posers(bodies.inputs, bodies.bones),
         )
 
     def scene(self, number: int) -> Scene:
@@ -134,6 +139,9 @@ class Generator:
         cube_mm = sampler.cube_mm
         half = cube_mm / 2
         camera, sensor = self.recipe.views[rng.integers(len(self.recipe.views))]
+        if self.recipe.around and number % 2:
+            drawn = draw_scene_crops(rng, self.recipe.around, sampler, camera, BLOCK)
+            return Scene(drawn.bodies, camera, drawn.center_uvd, drawn.depth, cube_mm)
         bodies = sampler.draw(rng, BLOCK)
         center_uvd = sampler.centers(rng, BLOCK, camera)
         center = camera.unproject(center_uvd)
@@ -148,7 +156,8 @@ class Generator:
 
     def columns(self) -> dict[str, Array]:
         """Arrays without rows, of the shapes and types of the frames'."""
-        K, D = len(self.sampler.skeleton.joint_names), len(self.sampler.skeleton.dof_names)
+        K = len(self.sampler.skeleton.joint_names)
+        no_inputs = np.zeros((0, len(self.sampler.skeleton.dof_names)))
         return Frames.of(
             crops=np.zeros((0, SIZE, SIZE)),
             joints=np.zeros((0, K, 3)),
@@ -156,9 +165,16 @@ class Generator:
             camera=NYU,
             half_cube=0.0,
             index=np.zeros(0, np.int64),
-            dof=np.zeros((0, D)),
-            bones=np.zeros((0, K)),
+            **self._posers(no_inputs, np.zeros((0, K))),
         ).arrays()
+
+    def _posers(self, inputs: Array, bones: Array) -> dict[str, Array]:
+        """The columns of what poses the skeleton; none for hands in scenes, whose roots have no
+        inputs.
+        """
+        if self.recipe.around:
+            return {}
+        return {"dof": inputs, "bones": bones[:, : len(self.sampler.skeleton.joint_names)]}
 
     def made_from(self, *rows: int) -> dict[str, object]:
         """Everything that the frames depend on, as JSON values; the same for all ``rows``."""
@@ -167,9 +183,11 @@ class Generator:
             for view in self.recipe.views
         ]
         recipe = asdict(self.recipe) | {"views": views}
+        around = recipe.pop("around")
+        if around:  # recipes without it are those of data that were made before it existed
+            recipe["around"] = _digest(json.dumps(around))
         skeleton = self.sampler.skeleton
-        text = text_of(skeleton.param, skeleton.name, "")
-        body = hashlib.sha256(text.encode()).hexdigest()[:16]
+        body = _digest(text_of(skeleton.param, skeleton.name, ""))
         return {"version": VERSION, "seed": self.seed, "split": self.split, "body": body, **recipe}
 
     def _sampler_of(self, subject: Subject) -> BodySampler:
@@ -179,6 +197,10 @@ class Generator:
         factors = cut_normal(rng, 1, subject.bone_std, bones.shape, prior.scale_clip)
         own = skeleton.with_numbers(skeleton.param.dof, bones * factors)
         return BodySampler(prior, subject.cube_mm, own)
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def _blank_outside(depth: Floats, center_uvd: Array, camera: Camera, cube_mm: float) -> None:

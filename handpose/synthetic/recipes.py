@@ -14,6 +14,7 @@ from handpose.frames.cameras import CAMERAS, ICVL, KINECT2, NYU, SR305
 from handpose.synthetic import prior_file
 from handpose.synthetic.generator import Generator, Recipe, Subject, SyntheticCamera
 from handpose.synthetic.prior_file import PosePrior, RangeParameter
+from handpose.synthetic.scenes import prior as scene_prior
 from handpose.synthetic.sensor import CODED_LIGHT, KINECT, NOISY_KINECT, TIME_OF_FLIGHT, sensor_of
 from handpose.synthetic.surface_prior import PERSON_SURFACE, SurfacePrior
 from netlib.errors import NetlibError
@@ -80,6 +81,13 @@ def _people() -> Recipe:
     return Recipe(prior_file.load(prior_file.PEOPLE_PRIOR), PEOPLE_SURFACE, views)
 
 
+def _in_scenes() -> Recipe:
+    people = _people()
+    # a finder's places are less exact than a network's
+    prior = people.prior.but(center_jitter=10.0, center_jitter_wide=25.0, wide=0.4)
+    return replace(people, prior=prior, around=scene_prior.load())
+
+
 def _cameras() -> Recipe:
     views = (
         SyntheticCamera(),
@@ -96,6 +104,7 @@ _RECIPES: dict[str, Callable[[], Recipe]] = {
     "any_roll": lambda: Recipe(any_roll()),
     "cameras": _cameras,  # any person, any camera
     "people": _people,  # adults and children, seen from any side
+    "in_scenes": _in_scenes,  # half of them alone, half in whole scenes
     "one_hand": lambda: Recipe(
         like_nyu().but(scale_std=0.0, bone_std=0.0), ONE_THICKNESS, others=(SECOND_SUBJECT,)
     ),

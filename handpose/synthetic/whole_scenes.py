@@ -24,20 +24,9 @@ from handpose.synthetic.generator import Split, rng_of
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.scenes import prior as scene_prior
 from handpose.synthetic.scenes.cameras import HEIGHT, WIDTH, draw_cameras, slopes_of
-from handpose.synthetic.scenes.hands import draw_held
-from handpose.synthetic.scenes.people import People, draw_arm, draw_body, draw_people
-from handpose.synthetic.scenes.prior import LightParameter, ScenePrior
-from handpose.synthetic.scenes.solids import (
-    NOTHING,
-    Layer,
-    Rays,
-    capsule_depth,
-    nearest,
-    one,
-    only,
-    solid_layer,
-)
-from handpose.synthetic.scenes.surroundings import draw_planes, draw_table, draw_things
+from handpose.synthetic.scenes.people import draw_people
+from handpose.synthetic.scenes.prior import ScenePrior
+from handpose.synthetic.scenes.sight import GROUPS, PERSON_OBJECT, THINGS, sight_of
 from handpose.synthetic.sensor import measure_frame
 from netlib.blob import Array
 
@@ -46,12 +35,6 @@ SCENES_PER_BLOCK = 16  # scenes that share a random generator
 STREAM = 2  # apart from the random numbers of hands and of places
 SEEN, SEEN_PX, FARTHEST_MM = 0.3, 25, 1800.0  # a hand counts if as much of it is visible and read
 READ = 0.35  # of what is visible
-TOLERANCE_MM = 4.0  # by which a hand wins against its own forearm, whose end covers the wrist
-NEARER = 0.7  # share of surroundings about the first hand, not the second
-# numbers of objects in a frame; those from THINGS on are solids of things
-GROUPS = ("nothing", "hand", "person", "table", "planes", "held", "held")
-THINGS = len(GROUPS)
-HAND_OBJECT, PERSON_OBJECT, TABLE_OBJECT, PLANE_OBJECT, HELD_OBJECT = range(1, 6)
 
 
 class Scenes(NamedTuple):
@@ -128,109 +111,23 @@ def draw_scenes(
     cameras = draw_cameras(rng, prior.view, count)
     rays = cameras.rays()
     people = draw_people(rng, prior, sampler, cameras)
-    hands = [
-        only(capsule_depth(hand.own, rays), there)
-        for hand, there in zip(people.hands, people.there.T)
-    ]
-    hand = np.minimum(*hands)
-    solids, of = _surroundings(rng, prior, people, rays, hands[0])
-    others = [one(_arms(rng, prior, people, rays), PERSON_OBJECT), *solids]
-    behind = nearest(others)
-    far = _farthest(rng, prior.light, people.palms[:, 0])[:, None, None]
-    is_hand = np.isfinite(hand) & (hand <= behind.depth + TOLERANCE_MM) & (hand < far)
-    depth = np.minimum(hand, behind.depth)
-    depth = np.where(depth < far, depth, NOTHING)
-    number = np.where(is_hand, HAND_OBJECT, behind.number)
-    number[np.isinf(depth)] = 0
-    what_of_number = np.array([*range(THINGS - 1), THINGS - 2, *(THINGS - 1 + of)])
-    what = what_of_number[number]
-    classes = np.select([is_hand, what == PERSON_OBJECT], [HAND, PERSON], OTHER)
+    sight = sight_of(rng, prior, people, rays)
+    what_of_number = np.array([*range(THINGS - 1), THINGS - 2, *(THINGS - 1 + sight.of)])
+    what = what_of_number[sight.number]
+    classes = np.select([sight.which > 0, what == PERSON_OBJECT], [HAND, PERSON], OTHER)
     middles = np.stack([hand.middle for hand in people.hands], axis=1)
-    seen = [_mostly_seen(own, is_hand & (own == hand)) for own in hands]
-    nearer = np.where(hands[1] < hands[0], 2, 1)
-    which = np.where(is_hand, nearer, 0)
     scenes = Scenes(
-        depth=depth,
+        depth=sight.depth,
         classes=classes.astype(np.int8),
-        which=which.astype(np.int8),
+        which=sight.which,
         what=what.astype(np.int16),
         middle=middles,
         middle_px=cameras.pixels(middles),
-        present=people.there & np.stack(seen, axis=1),
+        present=people.there & (sight.share > SEEN),
         doubtful=people.there,
         slopes=slopes_of(rays),
     )
-    light = _light(rng, prior.light, count, THINGS + len(of))
-    return Clean(scenes, cameras.focal, light[np.arange(count)[:, None, None], number])
-
-
-def _arms(rng: np.random.Generator, prior: ScenePrior, people: People, rays: Rays) -> Floats:
-    """Depth of the arms; some second ones are there without their hand."""
-    count = len(people.palms)
-    alone = rng.random(count) < prior.arm.without_hand
-    shown = people.there | np.stack([np.zeros(count, bool), alone], axis=1)
-    arms = [
-        draw_arm(rng, prior.arm, hand, people.person, there)
-        for hand, there in zip(people.hands, shown.T)
-    ]
-    return np.minimum(*(capsule_depth(arm, rays) for arm in arms))
-
-
-def _surroundings(
-    rng: np.random.Generator, prior: ScenePrior, people: People, rays: Rays, first: Floats
-) -> tuple[list[Layer], NDArray[np.int_]]:
-    """What is there besides hands and arms, without what hides the first hands, whose depth
-    is given; and to which of the prior's things the solids of things belong.
-    """
-    person, palms, count = people.person, people.palms, len(people.palms)
-    is_first = rng.random((count, 1)) < NEARER
-    near = np.where(is_first, palms[:, 0], palms[:, 1])
-    body = capsule_depth(draw_body(rng, prior.body, person), rays)
-    table = draw_table(rng, prior.table, people, near, prior.hands.rests_mm)
-    things, of = draw_things(rng, prior.things, person, near, table)
-    planes = draw_planes(rng, prior.planes, person, near, palms[:, 0], rays)
-    held = draw_held(rng, prior.held, people.hands[0], palms[:, 0], people.there[:, 0])
-    with_body = rng.random(count) < prior.body.share
-    layers = {
-        "body": one(body, PERSON_OBJECT).only(with_body),
-        "table": solid_layer(table.board, TABLE_OBJECT, rays),
-        "things": solid_layer(things, THINGS, rays),
-        "planes": one(planes, PLANE_OBJECT),
-    }
-    kept = [
-        layer.only(_hidden(layer.depth, first) <= getattr(prior.hidden, name))
-        for name, layer in layers.items()
-    ]
-    return [*kept, solid_layer(held, HELD_OBJECT, rays)], of
-
-
-def _hidden(depth: Floats, hand: Floats) -> Array:
-    """The part (N,) of hands that something nearer hides."""
-    own = np.isfinite(hand)
-    hides = ((depth < hand) & own).sum((1, 2))
-    return hides / np.maximum(own.sum((1, 2)), 1)
-
-
-def _farthest(rng: np.random.Generator, light: LightParameter, palm: Array) -> Array:
-    """The depth (N,) in mm from which nothing is read: some cameras end a little behind the
-    hand.
-    """
-    count = len(palm)
-    behind = light.range_behind.draw(rng, count)
-    return np.where(rng.random(count) < light.range, palm[:, 2] + behind, np.inf)
-
-
-def _light(rng: np.random.Generator, light: LightParameter, count: int, objects: int) -> Floats:
-    """The part of the light (N, objects) that objects send back; hands send all."""
-    reflects = light.reflects.draw(rng, count, objects)
-    reflects[:, PERSON_OBJECT] = light.people_reflect.draw(rng, count)
-    reflects[:, HAND_OBJECT] = 1.0
-    return reflects.astype(np.float32)
-
-
-def _mostly_seen(whole: Floats, seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Whether enough (N,) of hands with depths (N, H, W) is seen."""
-    return seen.sum((1, 2)) > SEEN * np.maximum(np.isfinite(whole).sum((1, 2)), 1)
+    return Clean(scenes, cameras.focal, sight.reflects)
 
 
 def _pixels_of_hands(which: Array) -> Array:

@@ -28,7 +28,7 @@ from experiments.finder import (
     reliability,
     things_taken_for_hands,
 )
-from experiments.labelled_frames import Labelled, labels_of, recorded
+from experiments.labelled_frames import Labelled, recorded
 from handpose.estimate.finder import Finder, FoundHand
 from handpose.estimate.packaged import HAND_FINDER
 from handpose.fit import settings as fit_settings
@@ -266,7 +266,7 @@ def test_the_labels_of_a_recording_and_its_half(tmp_path: Path) -> None:
     np.save(tmp_path / "left.npy", joints)
     np.savez(tmp_path / "take.npz", depth=np.full((3, 480, 640), 700, np.uint16))
     camera_file.write(tmp_path / "camera.json", CameraInfo(NYU))
-    labels = labels_of([f"left={tmp_path / 'left.npy'}"])
+    labels = [str(tmp_path / "left.npy")]
     for part, counts in (("all", [0, 1, 0]), ("even", [0, 0]), ("odd", [1])):
         frames = list(recorded(str(tmp_path / "take.npz"), labels, part))
         assert [len(frame.hands) for frame in frames] == counts
@@ -322,12 +322,12 @@ def test_invalid_labels_are_rejected(tmp_path: Path) -> None:
         ("flat", r"\(3,\), expected joints \(frames, \.\.\., 3\)"),
     ):
         with pytest.raises(DataError, match=rf"{name}\.npy: {message}"):
-            next(recorded("frames", {"left": tmp_path / f"{name}.npy"}, "all"))
+            next(recorded("frames", [str(tmp_path / f"{name}.npy")], "all"))
     with pytest.raises(
         DataError, match=r"flat.npy: expected an .npy of joints \(frames, 5, 4, 3\) in mm"
     ):
         constants.labels_of(tmp_path / "flat.npy")
     with pytest.raises(
-        DataError, match=r"'up=x\.npy', expected left=LABELS\.npy or right=LABELS\.npy"
+        DataError, match=r"frames: no labels, expected LABELS\.npy after the frames"
     ):
-        labels_of(["up=x.npy"])
+        next(recorded("frames", [], "all"))

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from handpose.body.joint_formats.frames import LONG_FINGERS
 from handpose.body.render import Capsules
-from handpose.synthetic.pose_prior import BodySampler
+from handpose.synthetic.pose_prior import Bodies, BodySampler
 from handpose.synthetic.scenes.directions import across, right_angled, unit
 from handpose.synthetic.scenes.prior import HeldParameter
 from handpose.synthetic.scenes.solids import CYLINDER, Solids, joined, one_each
@@ -36,7 +36,9 @@ class Hands(NamedTuple):
                             the wrist to the knuckles
     tips                    (N, 4, 3) mm, of the fingers
     middle                  (N, 3) mm, of the joints without the wrist
-    scale                   (N,) size relative to the skeleton's
+    joints                  (N, K, 3) mm, the skeleton's
+    crop                    (N, 3) mm, the middle of a crop
+    bodies                  the hands as they were drawn, as right hands
     side                    (N,) 1 for a right hand, -1 for a left one
     """
 
@@ -49,7 +51,9 @@ class Hands(NamedTuple):
     distal: Array
     tips: Array
     middle: Array
-    scale: Array
+    joints: Array
+    crop: Array
+    bodies: Bodies
     side: Array
 
     def placed(self, rotation: Array, place: Array) -> Hands:
@@ -59,14 +63,17 @@ class Hands(NamedTuple):
             return np.einsum("nij,n...j->n...i", rotation, v)
 
         own = self.own._replace(a=turned(self.own.a), b=turned(self.own.b)).moved(place)
-        directions = {name: turned(getattr(self, name)) for name in ("palmar", "across", "distal")}
         return self._replace(
             own=own,
             wrist=turned(self.wrist) + place,
             elbow=turned(self.elbow) + place,
+            palmar=turned(self.palmar),
+            across=turned(self.across),
+            distal=turned(self.distal),
             tips=turned(self.tips) + place[:, None],
             middle=turned(self.middle) + place,
-            **directions,
+            joints=turned(self.joints) + place[:, None],
+            crop=turned(self.crop) + place,
         )
 
 
@@ -100,7 +107,9 @@ def draw_hands(rng: np.random.Generator, sampler: BodySampler, side: Array) -> H
         distal=unit(middle - wrist),
         tips=joints[:, tips],
         middle=joints[:, without_wrist].mean(1),
-        scale=bodies.scale,
+        joints=joints,
+        crop=-palm * mirror,
+        bodies=bodies,
         side=side,
     )
 

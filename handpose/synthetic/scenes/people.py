@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +24,7 @@ from handpose.synthetic.scenes.prior import ArmParameter, BodyParameter, HandsPa
 from handpose.synthetic.scenes.solids import shown
 from netlib.blob import Array
 
+LEFT, RIGHT = -1.0, 1.0  # sides
 TRIALS = 16  # arrangements of an arm, of which the one with the highest score is taken
 UPPER_ARM_MM = 290.0  # length, for a person of size 1
 SHOULDER_MM = 170.0  # from the middle of the shoulders to one, for a person of size 1
@@ -99,15 +101,19 @@ class People(NamedTuple):
 
 
 def draw_people(
-    rng: np.random.Generator, prior: ScenePrior, sampler: BodySampler, cameras: Cameras
+    rng: np.random.Generator,
+    prior: ScenePrior,
+    sampler: BodySampler,
+    cameras: Cameras,
+    sides: Sequence[float] = (LEFT, RIGHT),
 ) -> People:
-    """A hand anywhere in each frame, its person, and the other hand."""
+    """A hand of one of the sides anywhere in each frame, its person, and the other hand."""
     count = len(cameras.focal)
     hands = prior.hands
     place = cameras.anywhere(rng, hands.margin_px, hands.distance.draw(rng, count))
-    side = rng.choice([-1.0, 1.0], count)
+    side = rng.choice(sides, count)
     first = draw_hands(rng, sampler, side)
-    size = np.clip(first.scale / MEAN_HAND_SCALE, MIN_SIZE, MAX_SIZE)[:, None]
+    size = np.clip(first.bodies.scale / MEAN_HAND_SCALE, MIN_SIZE, MAX_SIZE)[:, None]
     wearer = _wearer(rng, cameras, size)
     rests = rng.random(count) < hands.rests
     along = rng.random(count) < hands.along
@@ -203,7 +209,7 @@ def _second_hand(
     """
     count = len(side)
     of_stranger = rng.random(count) < prior.stranger
-    own_side = np.where(of_stranger, rng.choice([-1.0, 1.0], count), -side)
+    own_side = np.where(of_stranger, rng.choice((LEFT, RIGHT), count), -side)
     hand = draw_hands(rng, sampler, own_side)
     elbows = _second_elbows(rng, person, own_side)
     rotations = any_rotation(rng, count, TRIALS)
