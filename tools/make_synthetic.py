@@ -14,6 +14,8 @@ replaced only with --force.
                       time-of-flight cameras: for training with your own camera
          people       as cameras, with adults and children, any viewpoint and any
                       direction of the arm
+         in_scenes    half of them as people, half in front of, behind and next to tables, things,
+                      bodies and other hands, held things included; without dof and bones
          one_hand     one hand, with NYU's orientations, and in the test split a second, smaller
                       one: the setting of the paper
          many_hands   the same poses, with hands of many people

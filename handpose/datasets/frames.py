@@ -5,7 +5,7 @@ depth       (n, 1, 128, 128) float32  the crop in [-1, 1]; crops.py
 joint       (n, 3 K) float32          joints x, y, z in half-cubes from the crop centre,
                                       clipped to [-1, 1]
 dof         (n, D) float32            inputs of the model that posed the frame; of
-                                      synthetic frames only
+                                      synthetic frames of bodies that are alone
 bones       (n, K) float32            the signed bone lengths that it was posed with,
                                       half-cubes; likewise
 center      (n, 3) float32            crop centre in mm, camera axes
