@@ -6,13 +6,13 @@ Skeletons and networks know right hands. So a frame with a left hand is mirrored
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.frames.cameras import Array, Camera
+from handpose.frames.cameras import Array, Camera, Floats
 
 Side = Literal["right", "left"]
 SoughtSide = Literal["right", "left", "either"]  # "either": determined by the prediction
@@ -54,19 +54,26 @@ class SideView:
     camera    of these images
     depth     (height, width) mm, what the camera can measure; 0 where there is no reading
     readings  (height, width) mm, with those that are nearer than the camera measures
+    weight    (height, width) of the pixels in a fit, 0 to 1; None: all are alike
     """
 
     side: Side
     camera: Camera
     depth: NDArray[np.generic]
     readings: NDArray[np.generic]
+    weight: Floats | None = None
 
     def of(self, side: Side) -> SideView:
         """The view of a side, of the same frame."""
         if side == self.side:
             return self
         camera = self.camera.mirrored()
-        return SideView(side, camera, self.depth[:, ::-1], self.readings[:, ::-1])
+        weight = None if self.weight is None else self.weight[:, ::-1]
+        return SideView(side, camera, self.depth[:, ::-1], self.readings[:, ::-1], weight)
+
+    def weighted(self, weight: Floats) -> SideView:
+        """The view with weights (height, width) of the camera's pixels."""
+        return replace(self, weight=as_right(weight, self.side))
 
     def pixel_in(self, side: Side, uvd: Array) -> Array:
         """A pixel of this view and its depth (3,) in the view of a side."""

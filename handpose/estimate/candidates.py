@@ -37,10 +37,12 @@ class Candidate(SearchRegion):
 
     crop        (128, 128) in [-1, 1]
     shown       (128, 128) the crop for the network, if it is another one
+    weight      (128, 128) of the pixels in a fit; None: all are alike
     """
 
     crop: NDArray[np.float32]
     shown: NDArray[np.float32] | None = None
+    weight: NDArray[np.float32] | None = None
 
     @classmethod
     def of_side(

@@ -34,8 +34,8 @@ from handpose.fit.depth_fit import DepthFitter
 from handpose.fit.observation import HandCrops
 from handpose.fit.pose_confidence import Judge
 from handpose.fit.settings import FitSettings, Plan
-from handpose.frames.cameras import Camera
-from handpose.frames.crops import clear_crop
+from handpose.frames.cameras import Camera, Floats
+from handpose.frames.crops import clear_crop, picked
 from netlib.blob import Array
 from netlib.errors import DataError
 from netlib.net import Net
@@ -121,7 +121,13 @@ class HandEstimator:
     def _candidate(self, view: SideView, place: Array) -> Candidate:
         """The crop about a place. Raises DataError outside the image."""
         crop = clear_crop(view.depth, place, self.cube_mm, view.camera)
-        return Candidate(place, view.side, crop=crop)
+        return Candidate(place, view.side, crop=crop, weight=self._weight(view, place))
+
+    def _weight(self, view: SideView, place: Array) -> Floats | None:
+        """The weights of the pixels of a crop."""
+        if view.weight is None:
+            return None
+        return picked(view.weight, place, self.cube_mm, view.camera)
 
     def _candidates(self, frame: SideView, place: Array, is_middle: bool) -> list[Candidate]:
         """The crops about the palms that are predicted from a place, once for each side."""
@@ -201,10 +207,12 @@ class HandEstimator:
         place = region.center_uvd
         before = region.before
         shown = clear_crop(view.depth, place, self.cube_mm, view.camera)
+        weight = self._weight(view, place)
         if before is None:
-            return Candidate(**vars(region), crop=shown)
+            return Candidate(**vars(region), crop=shown, weight=weight)
         crop = self.expected.with_unknown(shown, view, place, before)
-        return Candidate(**vars(region), crop=crop, shown=None if crop is shown else shown)
+        other = None if crop is shown else shown
+        return Candidate(**vars(region), crop=crop, shown=other, weight=weight)
 
     def estimate(
         self,
@@ -287,13 +295,20 @@ class HandEstimator:
         return np.clip(x, model.lower, model.upper)
 
     def _crops(self, candidates: Sequence[Candidate], camera: Camera) -> HandCrops:
-        shown = None
+        shown = weight = None
         if any(one.shown is not None for one in candidates):
             shown = np.stack([one.crop if one.shown is None else one.shown for one in candidates])
+        if any(one.weight is not None for one in candidates):
+            weight = np.stack([_weight_of(one) for one in candidates])
         crops = np.stack([one.crop for one in candidates])
         center_uvd = np.stack([one.center_uvd for one in candidates])
         cameras = [camera_of(camera, one.side) for one in candidates]
-        return HandCrops(crops, center_uvd, cameras, self.cube_mm, shown)
+        return HandCrops(crops, center_uvd, cameras, self.cube_mm, shown, weight)
+
+
+def _weight_of(candidate: Candidate) -> Floats:
+    """The weights of a candidate's pixels; 1 without any."""
+    return np.ones_like(candidate.crop) if candidate.weight is None else candidate.weight
 
 
 def _key(candidate: Candidate) -> tuple[object, ...]:

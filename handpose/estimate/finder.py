@@ -8,6 +8,7 @@ nothing was read there are no votes and no mask.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import cv2
@@ -43,15 +44,20 @@ class FoundHand(NamedTuple):
     presence  from 0 to 1: how sure it is that this is a hand
     middle    (3,) mm, the mean of its joints without the wrist, camera axes
     mask      (height, width) the hand's pixels in the frame
+    weight    (height, width) of each pixel in a fit, 0 to 1: the probability that it shows this
+              hand, a part of that for the rest of a person, which may be its arm, and a rest of
+              doubt
     """
 
     presence: float
     middle: Array
     mask: NDArray[np.bool_]
+    weight: Floats
 
     def mirrored(self) -> FoundHand:
         """The hand in the mirror image of its frame."""
-        return FoundHand(self.presence, self.middle * MIRROR, self.mask[:, ::-1])
+        mask, weight = self.mask[:, ::-1], self.weight[:, ::-1]
+        return FoundHand(self.presence, self.middle * MIRROR, mask, weight)
 
 
 class Finder:
@@ -110,8 +116,10 @@ class Finder:
         said = self.net.forward(blobs=["votes", "class"], frame=channels_of(small[None], focal))
         if not all(np.isfinite(said[name]).all() for name in OUTPUTS):
             raise NetlibError(f"{self.net.source}: answers that are not finite; check its weights")
-        chances = said["class"][0, 1], said["presence"][0, 0]
-        hand, presence = (rounded(values, CHANCE_STEP).astype(np.float32) for values in chances)
+        chances = *said["class"][0, 1:], said["presence"][0, 0]
+        hand, person, presence = (
+            rounded(values, CHANCE_STEP).astype(np.float32) for values in chances
+        )
         z = small[::4, ::4].astype(np.float64)
         z[z >= BEYOND_MM] = 0
         rays = np.concatenate([slopes[::4, ::4], np.ones((*z.shape, 1))], axis=-1)
@@ -127,8 +135,10 @@ class Finder:
             return []
         middles = np.stack([middle for _, middle in peaks])
         owner = np.linalg.norm(votes[:, :, None] - middles, axis=-1).argmin(-1)
-        masks = self._masks(image, camera, scale, hand, owner, middles)
-        return [FoundHand(*peak, mask) for peak, mask in zip(peaks, masks)]
+        maps = [hand, *self._weights(hand, person, owner, len(peaks))]
+        in_frame, *weights = _in_frame(maps, camera, scale)
+        masks = self._masks(image, camera, scale, in_frame, owner, middles)
+        return [FoundHand(*peak, *pixels) for peak, *pixels in zip(peaks, masks, weights)]
 
     def _peaks(
         self, presence: Floats, votes: Array, weight: Array, min_presence: float, most: int
@@ -163,6 +173,20 @@ class Finder:
         near = weight * (np.linalg.norm(votes - median, axis=1) < self.settings.apart_mm)
         return np.asarray(near @ votes / near.sum()) if near.any() else median
 
+    def _weights(
+        self, hand: Floats, person: Floats, owner: NDArray[np.intp], hands: int
+    ) -> list[Floats]:
+        """The weights (H/2, W/2) of the pixels of each hand.
+
+        hand, person  (H/2, W/2) probabilities
+        owner         (H/4, W/4) number of the hand that a pixel votes for
+        """
+        s = self.settings
+        nearest = owner.repeat(2, axis=0).repeat(2, axis=1)
+        arm = np.float32(s.arm) * person
+        shown = [np.where(nearest == k, hand, np.float32(0)) + arm for k in range(hands)]
+        return [np.float32(s.doubt) + np.float32(1 - s.doubt) * one for one in shown]
+
     def _masks(
         self,
         image: Floats,
@@ -174,19 +198,13 @@ class Finder:
     ) -> NDArray[np.bool_]:
         """The pixels (K, height, width) of the frame that belong to each middle.
 
-        hand   (H/2, W/2) probability of hands
+        hand   (height, width) probability of hands
         owner  (H/4, W/4) number of the middle that a pixel votes for
         """
-        u = np.arange(camera.width, dtype=np.float32) * np.float32(scale[0])
-        v = np.arange(camera.height, dtype=np.float32) * np.float32(scale[1])
-        x, y = np.meshgrid(u / 2, v / 2)
-        chance = cv2.remap(
-            np.ascontiguousarray(hand), x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-        )
-        is_hand = (chance > 0.5) & (image > 0) & (image < BEYOND_MM)
+        is_hand = (hand > 0.5) & (image > 0) & (image < BEYOND_MM)
         rows, columns = np.nonzero(is_hand)
-        quarter_row = np.minimum(np.rint(v[rows] / 4).astype(int), owner.shape[0] - 1)
-        quarter_column = np.minimum(np.rint(u[columns] / 4).astype(int), owner.shape[1] - 1)
+        quarter_row = np.rint(rows * scale[1] / 4).astype(int).clip(0, owner.shape[0] - 1)
+        quarter_column = np.rint(columns * scale[0] / 4).astype(int).clip(0, owner.shape[1] - 1)
         own = owner[quarter_row, quarter_column]
         points = camera.unproject(np.stack([columns, rows, image[rows, columns]], axis=-1))
         within_reach = np.linalg.norm(points - middles[own], axis=1) < self.settings.reach_mm
@@ -195,6 +213,14 @@ class Finder:
         for k in range(len(middles)):
             masks[k, rows[own == k], columns[own == k]] = True
         return masks
+
+
+def _in_frame(maps: Sequence[Floats], camera: Camera, scale: Array) -> list[Floats]:
+    """Maps (H/2, W/2) of the net, interpolated at the pixels (height, width) of the frame."""
+    u = np.arange(camera.width, dtype=np.float32) * np.float32(scale[0])
+    v = np.arange(camera.height, dtype=np.float32) * np.float32(scale[1])
+    x, y = np.meshgrid(u / 2, v / 2)
+    return [cv2.remap(one, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for one in maps]
 
 
 def channels_of(depth: Floats, focal: float = FOCAL_PX) -> Floats:

@@ -172,7 +172,12 @@ class Predictor:
             found = found[:1]
         mirror = mirror_of(frame.side)
         hands = [
-            self._judged(frame, frame.camera.project(one.middle * mirror), True, one.presence)
+            self._judged(
+                frame.weighted(one.weight),
+                frame.camera.project(one.middle * mirror),
+                True,
+                one.presence,
+            )
             for one in found
         ]
         return max(hands, key=lambda hand: hand.presence * max(hand.chance, 0.01)).given(

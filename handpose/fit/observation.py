@@ -26,7 +26,7 @@ class Observation:
 
     points   (N, 3, P) on the surface, from the rows of the crop; 0 where there are fewer
     rays     (N, 3, P) unit vectors from the camera through them
-    known    (N, P) 1, or 0 where there are fewer
+    known    (N, P) the weights of the points, 1 without any, 0 where there are fewer
     frame    (N,) index of the crop, of F
     outside  (F, S, S) distance of a pixel from the silhouette, negative inside
     nearest  (F, S, S) least depth in the 3 x 3 pixels about each
@@ -76,6 +76,7 @@ class HandCrops:
     cameras     of the frames, one or N that differ in the principal point alone
     cube_mm     edge of the crops' cubes
     shown       (N, S, S) instead of the crops for the network, or None
+    weight      (N, S, S) of the pixels in a fit; None: all are alike
     """
 
     crops: NDArray[np.floating]
@@ -83,6 +84,7 @@ class HandCrops:
     cameras: Camera | Sequence[Camera]
     cube_mm: float
     shown: NDArray[np.floating] | None = None
+    weight: NDArray[np.floating] | None = None
 
     def __len__(self) -> int:
         return len(self.crops)
@@ -90,12 +92,13 @@ class HandCrops:
     def take(self, rows: slice) -> HandCrops:
         """Some of the crops."""
         cameras = self.cameras
-        shown = self.shown
         if not isinstance(cameras, Camera):
             cameras = cameras[rows]
-        if shown is not None:
-            shown = shown[rows]
-        return HandCrops(self.crops[rows], self.center_uvd[rows], cameras, self.cube_mm, shown)
+        shown, weight = (
+            None if images is None else images[rows] for images in (self.shown, self.weight)
+        )
+        crops, center_uvd = self.crops[rows], self.center_uvd[rows]
+        return HandCrops(crops, center_uvd, cameras, self.cube_mm, shown, weight)
 
     @property
     def network_input(self) -> NDArray[np.floating]:
@@ -137,7 +140,7 @@ def observe(hands: HandCrops, points: int, thin_px: float) -> Observation:
         at = np.stack([x[n, column] * z, y[n, row] * z, z])
         surface[n, :, : len(seen)] = at - center[n][:, None]
         rays[n, :, : len(seen)] = at / np.linalg.norm(at, axis=0)
-        known[n, : len(seen)] = 1
+        known[n, : len(seen)] = 1 if hands.weight is None else hands.weight[n].reshape(-1)[seen]
         outside[n] = outline * np.float32(2 * half[n] / S)
         nearest[n] = cv2.erode(crop.astype(np.float32), _CROSS) * np.float32(half[n])
     focal = np.array([camera.fx, camera.fy])

@@ -24,7 +24,7 @@ arm that reaches through the near face does, and stays.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import cv2
 import numpy as np
@@ -47,6 +47,7 @@ REACHING_MM = 25.0  # a surface this close to the near face may continue in fron
 # pixels of contact: at least; relative to the square root of a component's area
 MIN_CONTACT_PX, MIN_CONTACT = 3, 0.1
 _AROUND = np.ones((3, 3), np.uint8)
+T = TypeVar("T", bound=np.generic)
 
 
 class Window(NamedTuple):
@@ -254,9 +255,17 @@ def unread(
     """True (S, S) for the pixels of a crop that are in the image and have no reading;
     arguments as ``crop``.
     """
+    is_unread = ~(readings > 0)  # type: ignore[operator]
+    return picked(is_unread, center_uvd, cube_mm, camera)
+
+
+def picked(image: NDArray[T], center_uvd: ArrayLike, cube_mm: float, camera: Camera) -> NDArray[T]:
+    """The pixels (S, S) of an image that a crop shows, 0 outside the image; arguments as
+    ``crop``.
+    """
     columns, rows = (index[0] for index in window(np.reshape(center_uvd, (1, 3)), cube_mm, camera))
-    picked = readings[rows[:, None], columns]
-    return (columns >= 0) & (rows >= 0)[:, None] & ~(picked > 0)
+    is_inside = (columns >= 0) & (rows >= 0)[:, None]
+    return np.where(is_inside, image[rows[:, None], columns], image.dtype.type(0))
 
 
 def without_flying_pixels(crop: Floats, half_mm: float, pixel_mm: float) -> Floats:

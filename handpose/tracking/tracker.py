@@ -287,8 +287,9 @@ class Tracker:
         """The poses of a found hand as one of each side; none if a fast fit has
         little confidence.
         """
+        view = view.weighted(hand.weight)
+        start = view.camera.project(hand.middle * mirror_of(view.side))
         try:
-            start = view.camera.project(hand.middle * mirror_of(view.side))
             first = self.estimator.in_frame(view, start, is_middle=True)
         except DataError:  # outside the image, or behind the camera
             return []
