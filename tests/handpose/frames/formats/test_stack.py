@@ -226,6 +226,13 @@ def test_names_and_units_of_times(tmp_path: Path, name: str, times: Any, how: st
     assert recording.remarks[0] == f"times from {name!r}, {how}" and recording.warnings == ()
 
 
+def test_times_that_are_dates(tmp_path: Path) -> None:
+    dates = np.datetime64("2024-02-29") + (1e6 * SECONDS).astype("timedelta64[us]")
+    recording = opened(tmp_path, timestamps=dates)
+    assert times_of(recording) == pytest.approx(SECONDS, abs=1e-6)
+    assert recording.remarks[0] == "times from 'timestamps', in ns since 1970"
+
+
 def test_times_of_no_known_unit(tmp_path: Path) -> None:
     """A step of 1 may be a second or a frame: refused under any name but the documented one,
     until it is given.
