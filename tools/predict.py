@@ -58,7 +58,7 @@ from handpose.frames.inspection import checked
 from netlib.errors import DataError
 from netlib.files.paths import ROOT
 from tools.common import arguments, outputs, prediction_outputs, sources
-from tools.common.console import DONE, guarded, say
+from tools.common.console import DONE, FAILED, guarded, say
 
 MODEL = ROOT / "prototxt" / "nyu_deploy.prototxt"
 FIT: Literal["accurate"] = "accurate"  # default for hands
@@ -168,13 +168,19 @@ def run(args: argparse.Namespace) -> int:
         centers = centers * len(args.images)
     pictures = outputs.places(args.images, out, "_hand.png" if predictor.is_hand else "_body.png")
     hands: list[tuple[str, HandEstimate]] = []
+    drawn: list[Path] = []
     for image, depth, center, picture in zip(args.images, depths, centers, pictures):
-        hand = (
-            _in_frame(predictor, depth, center, image, info)
-            if is_frame
-            else predictor.in_crop(depth)
-        )
+        try:
+            hand = (
+                _in_frame(predictor, depth, center, image, info)
+                if is_frame
+                else predictor.in_crop(depth)
+            )
+        except DataError as error:  # the outputs are of the other images
+            say(error, file=sys.stderr)
+            continue
         hands.append((image, hand))
+        drawn.append(picture)
         if hand.in_frame and predictor.is_hand:
             confidence = 0.0 if hand.fit is None else hand.confidence
             sources.print_warnings(image, depth, hand.camera, info.unit_mm, confidence)
@@ -182,13 +188,15 @@ def run(args: argparse.Namespace) -> int:
         if args.json != "-":
             words, lines = prediction_outputs.table(hand, predictor, args.joints)
             say(f"{image}: {words}; picture {picture}", *lines, sep="\n")
+    if not hands:
+        return FAILED
     if args.csv:
         prediction_outputs.write_csv(Path(args.csv), hands, predictor, args.joints)
     if args.json:
-        prediction_outputs.write_json(args.json, hands, pictures, predictor, args.joints)
+        prediction_outputs.write_json(args.json, hands, drawn, predictor, args.joints)
     if args.html:
         prediction_outputs.write_page(Path(args.html), hands, predictor)
-    return DONE
+    return DONE if len(hands) == len(args.images) else FAILED
 
 
 def _predictor(args: argparse.Namespace, camera: Camera) -> Predictor:
@@ -216,11 +224,11 @@ def _in_frame(
         has_position = center is not None and len(center) == 3
         if isinstance(error, UnitError) or has_position:
             raise DataError(f"{image}: {error}") from None
-        doubt = "" if center else checked([depth], predictor.camera, info.unit_mm).doubt
+        shown = checked([depth], predictor.camera, info.unit_mm)
+        doubts = [*shown.of_camera, *filter(None, [shown.doubt if center is None else ""])]
         body = "hand" if predictor.is_hand else "body"
-        raise DataError(
-            f"{image}: {error}{doubt and f'; {doubt}'}; give the position of the {body} with --center U,V,D"
-        ) from None
+        advice = f"give the position of the {body} with --center U,V,D"
+        raise DataError("; ".join([f"{image}: {error}", *doubts, advice])) from None
 
 
 if __name__ == "__main__":
