@@ -7,8 +7,10 @@ with open_device(MyDevice()) as recording:     # any object with the members of 
 from __future__ import annotations
 
 import contextlib
+import math
 import threading
 from collections.abc import Iterator
+from numbers import Real
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -81,6 +83,9 @@ class CaptureThread:
         while not self._is_closed:
             try:
                 frame = self._device.read()
+                if frame is not None:
+                    number = count if frame.number is None else frame.number
+                    frame = frame._replace(values=np.array(frame.values), number=number)
             except Exception as error:  # of any SDK; it is raised where the frames are read
                 with self._changed:
                     self._failure = error
@@ -89,10 +94,9 @@ class CaptureThread:
                     return
                 continue
             if frame is not None:
-                number = count if frame.number is None else frame.number
                 count += 1
                 with self._changed:
-                    self._newest = frame._replace(values=np.array(frame.values), number=number)
+                    self._newest = frame
                     self._failure = None
                     self._changed.notify()
 
@@ -172,6 +176,8 @@ class LiveRecording(Recording):
                 if step == 0:  # the same frame again
                     continue
                 last, lost = last + step, lost + step - 1
+                if not isinstance(frame.time, Real) or not math.isfinite(frame.time):
+                    raise DataError(f"{self.name}: a frame's time is {frame.time}; expected s")
                 yield DepthFrame(last, clock(frame.time, frame.clock), self._decode(frame.values))
         finally:
             if lost:
