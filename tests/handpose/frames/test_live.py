@@ -123,6 +123,13 @@ def test_the_end_in_a_thread() -> None:
         assert list(frames) == [] and recording.cut == "the camera has stopped: USB error 7"
 
 
+def test_an_event_that_is_no_frame_ends_the_recording() -> None:
+    """The reason names the mistake in the program of the device."""
+    with open_device(Simulated([(1.0, hand_sized())])) as recording:  # type: ignore[list-item]
+        assert list(recording) == []
+    assert recording.cut == "the camera has stopped: 'tuple' object has no attribute 'number'"
+
+
 def test_a_thread_keeps_the_newest_frame() -> None:
     """While a frame is in use, those that come are read, and all but the newest are
     dropped and counted.
@@ -177,6 +184,13 @@ def test_given_parameters() -> None:
             (CameraInfo(Camera("own", 60, 60, 32, 24, 0, 0), unit_mm=1.0), CameraInfo()),
             INCOMPLETE,
         ),
+        **{
+            f"{name} {value}": (
+                (CameraInfo(CAMERA, **{"unit_mm": 1.0, name: value}), CameraInfo()),
+                f"simulated: {name} is {value}; expected a number more than 0",
+            )
+            for name, value in (("unit_mm", 0.0), ("unit_mm", np.nan), ("rate", -30.0))
+        },
         "another size": (
             (CameraInfo(CAMERA, unit_mm=1.0), CameraInfo(Camera("x", 60, 60, 32, 24, 99, 48))),
             "simulated: 64 x 48 pixels; camera x has 99 x 48",
@@ -201,6 +215,10 @@ def test_parameters_that_do_not_fit(given: tuple[CameraInfo, CameraInfo], reject
         "a frame of another size": (
             DeviceFrame(0.0, np.zeros((3, 4), np.uint16)),
             "simulated: 4 x 3 pixels; the camera has 64 x 48",
+        ),
+        "no number for a time": (
+            frame(float("nan")),
+            "simulated: a frame's time is nan; expected s",
         ),
     },
 )
