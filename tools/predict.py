@@ -162,15 +162,15 @@ def run(args: argparse.Namespace) -> int:
     camera_file = args.camera if isinstance(args.camera, Path) else None
     for file in {args.html, args.csv, args.json} - {None, "-"}:
         outputs.check_place(Path(file), [*args.images, camera_file, args.weights, args.model])
-    depths = [read_frame(image, info) if is_frame else read_crop(image) for image in args.images]
     centers = args.center or [None]
     if len(centers) == 1:
         centers = centers * len(args.images)
     pictures = outputs.places(args.images, out, "_hand.png" if predictor.is_hand else "_body.png")
     hands: list[tuple[str, HandEstimate]] = []
     drawn: list[Path] = []
-    for image, depth, center, picture in zip(args.images, depths, centers, pictures):
+    for image, center, picture in zip(args.images, centers, pictures):
         try:
+            depth = read_frame(image, info) if is_frame else read_crop(image)
             hand = (
                 _in_frame(predictor, depth, center, image, info)
                 if is_frame
