@@ -222,7 +222,9 @@ def _name_of_depth(headers: Mapping[str, _Header], where: str, is_single: bool) 
     for candidates in images, by_itself, by_group:
         if len(candidates) == 1:
             return candidates[0]
-    content = ", ".join(f"{name} {header.shape}" for name, header in headers.items()) or "nothing"
+    shown = [f"{name} {header.shape}" for name, header in headers.items()]
+    more = f" and {len(shown) - MAX_NAMES} more" if len(shown) > MAX_NAMES else ""
+    content = f"{', '.join(shown[:MAX_NAMES]) or 'nothing'}{more}"
     raise NotDepthError(
         f"{where}: holds {content}; expected an array depth {EXPECTED_AXES[is_single]}"
     )

@@ -189,6 +189,10 @@ def cut(path: Path, size: int | None = None, flip: int = 0) -> Path:
             lambda tmp: archive(tmp / "a.npz", a=DEPTH, b=DEPTH),
             f"...a.npz: holds a (4, 48, 64), b (4, 48, 64); {EXPECTED}",
         ),
+        "a frame each": (
+            lambda tmp: archive(tmp / "a.npz", **{f"f{i}": DEPTH[0] for i in range(10)}),
+            f"...a.npz: holds f0 (48, 64), ..., f7 (48, 64) and 2 more; {EXPECTED}",
+        ),
         "a text": (lambda tmp: text(tmp / "a.npz"), f"...a.npz: holds nothing; {EXPECTED}"),
     },
 )
