@@ -193,7 +193,7 @@ class DepthDecoder:
             )
         elif own.camera is None:
             origin = given.origin if given.camera else camera_json.origin
-            remarks.append(f"camera {known.camera.name}, by {origin}")
+            remarks.append(f"camera {known.camera.name}{origin and f', by {origin}'}")
         unit = _unit_of(known, dtype, where)
         if unit is None:
             unit = 1.0
