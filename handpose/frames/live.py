@@ -141,7 +141,7 @@ class LiveRecording(Recording):
 
     Numbers count all frames of the device, so those that were dropped are missing.
 
-    If a device's clock restarts or changes, one frame's time is assumed to pass. The device is
+    If a device's clock restarts or changes, the rate gives the time that passed. The device is
     closed with the recording, and if its parameters are not valid: DataError.
     """
 
@@ -178,10 +178,16 @@ class LiveRecording(Recording):
                 last, lost = last + step, lost + step - 1
                 if not isinstance(frame.time, Real) or not math.isfinite(frame.time):
                     raise DataError(f"{self.name}: a frame's time is {frame.time}; expected s")
-                yield DepthFrame(last, clock(frame.time, frame.clock), self._decode(frame.values))
+                time = clock(frame.time, frame.clock, step)
+                yield DepthFrame(last, time, self._decode(frame.values))
         finally:
             if lost:
                 self.remarks += (f"frames lost because they were not taken in time: {lost}",)
+            if clock.jumps:
+                self.remarks += (
+                    f"times of the device that are more than {WAITS * WAIT_S:g} s after the frame before, and not "
+                    f"used: {clock.jumps}; expected s",
+                )
 
     def _next(self) -> DeviceFrame | None:
         """The next frame; None if none comes, and then ``cut`` is the reason unless the
@@ -212,17 +218,26 @@ class LiveRecording(Recording):
 class _Clock:
     """Seconds since the first frame.
 
-    If a device changes to another clock, one frame's time is assumed to pass.
+    If a device changes to another clock, the rate gives the time that passed; also if this is more
+    than a device may be silent for. Then its times may not be in s.
+
+    jumps  number of such times
     """
 
     def __init__(self, step: float) -> None:
+        self.jumps = 0
         self._step = step
         self._clock: object = None
         self._begin = self._last = -step
 
-    def __call__(self, seconds: float, clock: object) -> float:
-        if clock != self._clock or self._last < 0 or seconds - self._begin <= self._last:
+    def __call__(self, seconds: float, clock: object, frames: int) -> float:
+        """The time of a frame so many ``frames`` after the one before."""
+        passed = seconds - self._begin - self._last
+        is_same = clock == self._clock and self._last >= 0
+        is_jump = is_same and passed > frames * WAITS * WAIT_S
+        self.jumps += is_jump
+        if not is_same or is_jump or passed <= 0:
             self._clock = clock
-            self._begin = seconds - (self._last + self._step)
+            self._begin = seconds - (self._last + frames * self._step)
         self._last = seconds - self._begin
         return self._last

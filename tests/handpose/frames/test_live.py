@@ -88,6 +88,17 @@ def test_a_clock_that_changes(times: list[tuple[float, str]]) -> None:
     assert [one.time for one in recording] == pytest.approx([0, 0.1, 0.2, 0.3], abs=1e-6)
 
 
+def test_a_clock_that_is_not_in_s() -> None:
+    """A device is never silent for so long; frames that were not read count."""
+    times = [frame(1000.0, 0), frame(1100.0, 1), frame(1300.0, 3), EOFError()]
+    recording = LiveRecording(Simulated(times))
+    assert [one.time for one in recording] == pytest.approx([0, 0.1, 0.3])
+    assert recording.remarks[-1].endswith("after the frame before, and not used: 2; expected s")
+    slow = LiveRecording(Simulated([frame(1.0, 0), frame(61.0, 600), EOFError()]))
+    assert [one.time for one in slow] == pytest.approx([0, 60])
+    assert "after the frame before" not in slow.remarks[-1]
+
+
 @pytest.mark.parametrize(
     ("end", "cut"),
     [
