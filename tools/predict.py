@@ -27,6 +27,7 @@ for full frames --center.
 Joints are in mm, x right, y up, z away, from the camera, and without --camera from the crop's
 centre. The percentage is the probability that their mean error is below 30 mm; below
 --min-confidence no joints are given. --json has the format of a track, with one frame per image.
+An image without a hand, or that cannot be read, is left out, and the exit status is 1.
 --html also writes a page for the browser that shows the hands with the depth points; they can be
 rotated and bent.
 """
