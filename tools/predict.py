@@ -27,6 +27,7 @@ for full frames --center.
 Joints are in mm, x right, y up, z away, from the camera, and without --camera from the crop's
 centre. The percentage is the probability that their mean error is below 30 mm; below
 --min-confidence no joints are given. --json has the format of a track, with one frame per image.
+An image without a hand, or that cannot be read, is left out, and the exit status is 1.
 --html also writes a page for the browser that shows the hands with the depth points; they can be
 rotated and bent.
 """
@@ -58,7 +59,7 @@ from handpose.frames.inspection import checked
 from netlib.errors import DataError
 from netlib.files.paths import ROOT
 from tools.common import arguments, outputs, prediction_outputs, sources
-from tools.common.console import DONE, guarded, say
+from tools.common.console import DONE, FAILED, guarded, say
 
 MODEL = ROOT / "prototxt" / "nyu_deploy.prototxt"
 FIT: Literal["accurate"] = "accurate"  # default for hands
@@ -162,19 +163,25 @@ def run(args: argparse.Namespace) -> int:
     camera_file = args.camera if isinstance(args.camera, Path) else None
     for file in {args.html, args.csv, args.json} - {None, "-"}:
         outputs.check_place(Path(file), [*args.images, camera_file, args.weights, args.model])
-    depths = [read_frame(image, info) if is_frame else read_crop(image) for image in args.images]
     centers = args.center or [None]
     if len(centers) == 1:
         centers = centers * len(args.images)
     pictures = outputs.places(args.images, out, "_hand.png" if predictor.is_hand else "_body.png")
     hands: list[tuple[str, HandEstimate]] = []
-    for image, depth, center, picture in zip(args.images, depths, centers, pictures):
-        hand = (
-            _in_frame(predictor, depth, center, image, info)
-            if is_frame
-            else predictor.in_crop(depth)
-        )
+    drawn: list[Path] = []
+    for image, center, picture in zip(args.images, centers, pictures):
+        try:
+            depth = read_frame(image, info) if is_frame else read_crop(image)
+            hand = (
+                _in_frame(predictor, depth, center, image, info)
+                if is_frame
+                else predictor.in_crop(depth)
+            )
+        except DataError as error:  # the outputs are of the other images
+            say(error, file=sys.stderr)
+            continue
         hands.append((image, hand))
+        drawn.append(picture)
         if hand.in_frame and predictor.is_hand:
             confidence = 0.0 if hand.fit is None else hand.confidence
             sources.print_warnings(image, depth, hand.camera, info.unit_mm, confidence)
@@ -182,13 +189,15 @@ def run(args: argparse.Namespace) -> int:
         if args.json != "-":
             words, lines = prediction_outputs.table(hand, predictor, args.joints)
             say(f"{image}: {words}; picture {picture}", *lines, sep="\n")
+    if not hands:
+        return FAILED
     if args.csv:
         prediction_outputs.write_csv(Path(args.csv), hands, predictor, args.joints)
     if args.json:
-        prediction_outputs.write_json(args.json, hands, pictures, predictor, args.joints)
+        prediction_outputs.write_json(args.json, hands, drawn, predictor, args.joints)
     if args.html:
         prediction_outputs.write_page(Path(args.html), hands, predictor)
-    return DONE
+    return DONE if len(hands) == len(args.images) else FAILED
 
 
 def _predictor(args: argparse.Namespace, camera: Camera) -> Predictor:
@@ -216,11 +225,11 @@ def _in_frame(
         has_position = center is not None and len(center) == 3
         if isinstance(error, UnitError) or has_position:
             raise DataError(f"{image}: {error}") from None
-        doubt = "" if center else checked([depth], predictor.camera, info.unit_mm).doubt
+        shown = checked([depth], predictor.camera, info.unit_mm)
+        doubts = [*shown.of_camera, *filter(None, [shown.doubt if center is None else ""])]
         body = "hand" if predictor.is_hand else "body"
-        raise DataError(
-            f"{image}: {error}{doubt and f'; {doubt}'}; give the position of the {body} with --center U,V,D"
-        ) from None
+        advice = f"give the position of the {body} with --center U,V,D"
+        raise DataError("; ".join([f"{image}: {error}", *doubts, advice])) from None
 
 
 if __name__ == "__main__":

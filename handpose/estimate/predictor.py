@@ -83,6 +83,9 @@ class Predictor:
         check_options(
             cube_mm=cube_mm, hand=hand, refine=refine, fit=fit, min_confidence=min_confidence
         )
+        if not isinstance(camera, Camera):
+            what = type(camera).__name__
+            raise NetlibError(f"camera is a {what}; expected a Camera, such as handpose.NYU")
         for name in ("depth", "pred"):
             if name not in net.blobs:
                 raise NetlibError(
@@ -199,7 +202,8 @@ class Predictor:
         if self.finder is None:
             raise DataError("this predictor has no finder; give the hand's place (center)")
         if not (frame.depth > 0).any():  # type: ignore[operator]
-            raise DataError("no depth anywhere in the image")
+            nearest = self.camera.min_range_mm
+            raise DataError(f"no depth anywhere in the image, from {nearest:g} mm on")
         found = self.finder.hands_in(frame, most=MOST)
         if not found:
             raise DataError(

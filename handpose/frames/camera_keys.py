@@ -48,15 +48,15 @@ matrix intrinsicparameters kmatrix depthintrinsicmatrix depthcameramatrix camint
 matrix camintrinsic mcalibrationdepthintrinsic intrinsicdepth intrinsicsdepth calibrationmatrix
 matrix cameraintrinsicmatrix cameraintrinsicsmatrix
 rate fps framerate
-scale depthscale depthunits pngdepthscale depthmapfactor depthfactor mdepthshift
+scale depthscale depthunits pngdepthscale depthmapfactor depthfactor factor mdepthshift
 distortion coefficients coeffs d dist distcoeff distcoeffs distcoefs distcoef distortioncoefficients
 distortion distortioncoeffs distortioncoeff distortionparameters distortionparams depthdistortion
 model distortionmodel distortiontype distorsion
 name cameraname
 k1
 k2
-p1
-p2
+p1 tangentialdistortioncoefficientx
+p2 tangentialdistortioncoefficienty
 k3
 k4
 k5

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from handpose.frames.cameras import NYU, Camera, View
 from handpose.frames.crops import SIZE, numbers
-from handpose.frames.recording import CameraInfo, DepthDecoder, NotDepthError
+from handpose.frames.recording import CameraInfo, DepthDecoder, NotDepthError, check_values
 from netlib import files
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError, reason_of, system_error_of
@@ -162,10 +162,16 @@ class UnitError(DataError):
 
 
 def depth_image(depth: object) -> NDArray[Any]:
-    """The image (height, width), 0 where it is masked. Raises DataError for anything else."""
+    """The image (height, width), 0 where it is masked, NaN or infinite.
+
+    Raises DataError for anything else, also for 8-bit values.
+    """
     image = numbers(depth, "depth image", 0)
-    if image.ndim != 2:
+    if image.ndim != 2 or not image.size:
         raise DataError(f"depth image of shape {image.shape}, expected (height, width)")
+    check_values(image.dtype, "depth image")
+    if image.dtype.kind == "f" and not np.isfinite(image).all():
+        return np.where(np.isfinite(image), image, image.dtype.type(0))
     return image
 
 

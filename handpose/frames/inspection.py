@@ -32,6 +32,8 @@ HAND_MM = (40.0, 600.0)  # range of widths of a hand with its forearm
 # mm, of existing cameras and files, the most likely first
 POSSIBLE_UNITS_MM = (1.0, 0.125, 0.25, 0.1, 0.2, 0.5, 1000.0, 10.0)
 VIEW_DEGREES = (20.0, 130.0)
+FASTEST_S, SLOWEST_S = 0.002, 1.0  # plausible times from one frame to the next
+OFF_RATE = 3.0  # maximum ratio of the rate that is given to that of the times
 OFF_MIDDLE = 0.2  # maximum distance of a principal point from the middle, as a share of the size
 
 
@@ -75,7 +77,8 @@ def inspect(recording: Recording) -> Inspection:
         raise DataError(f"{recording.name}: no frame in it{recording.cut and f': {recording.cut}'}")
     shown = checked([frame.depth for frame in seen], recording.camera, recording.unit_mm)
     depth_mm = None
-    warnings = [*recording.warnings, *shown.of_camera, *shown.of_depths]
+    of_times = _of_times(np.array([frame.time for frame in seen]), recording.rate)
+    warnings = [*recording.warnings, *shown.of_camera, *shown.of_depths, *of_times]
     if len(shown.readings):
         low, middle, high = np.percentile(shown.readings, (1, 50, 99)).tolist()
         depth_mm = (low, middle, high)
@@ -189,6 +192,17 @@ def _of_camera(camera: Camera) -> Iterator[str]:
             f"the principal point {camera.u0:g}, {camera.v0:g} is {where} of {size} pixels; check u0 and v0, "
             "which may be for another image size"
         )
+
+
+def _of_times(times: NDArray[np.float64], rate: float | None) -> Iterator[str]:
+    """A warning if times (N,) in s are likely of another unit or do not agree with the rate."""
+    if len(times) < 2:
+        return
+    step = float(np.median(np.diff(times)))
+    if not FASTEST_S <= step <= SLOWEST_S:
+        yield f"a frame every {step:.3g} s, which is not plausible; check the times (--time-unit, --rate)"
+    elif rate and not 1 / OFF_RATE <= step * rate <= OFF_RATE:
+        yield f"a frame every {step:.3g} s by the times, which are used, and not {rate:g} frames/s"
 
 
 def _of_unit(nearest: tuple[float, float], unit_mm: float) -> tuple[str, str]:

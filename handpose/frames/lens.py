@@ -16,7 +16,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +43,7 @@ FORWARD = {
     "radial tangential",
 }
 INVERSE = {"inverse brown conrady"}
+LensModel = Literal["brown_conrady", "inverse_brown_conrady"]
 NONE = {"none", ""}
 
 
@@ -55,9 +56,11 @@ class Lens:
     """
 
     coefficients: tuple[float, ...] = ()
-    model: Literal["brown_conrady", "inverse_brown_conrady"] = "brown_conrady"
+    model: LensModel = "brown_conrady"
 
     def __post_init__(self) -> None:
+        if self.model not in (known := get_args(LensModel)):
+            raise DataError(f"lens model {self.model!r}, expected {' or '.join(known)}")
         if len(self.coefficients) not in (0, *COUNTS) or not np.isfinite(self.coefficients).all():
             raise DataError(
                 f"distortion {self.coefficients}, expected {', '.join(map(str, COUNTS))} finite numbers: "

@@ -7,8 +7,10 @@ with open_device(MyDevice()) as recording:     # any object with the members of 
 from __future__ import annotations
 
 import contextlib
+import math
 import threading
 from collections.abc import Iterator
+from numbers import Real
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -81,6 +83,9 @@ class CaptureThread:
         while not self._is_closed:
             try:
                 frame = self._device.read()
+                if frame is not None:
+                    number = count if frame.number is None else frame.number
+                    frame = frame._replace(values=np.array(frame.values), number=number)
             except Exception as error:  # of any SDK; it is raised where the frames are read
                 with self._changed:
                     self._failure = error
@@ -89,10 +94,9 @@ class CaptureThread:
                     return
                 continue
             if frame is not None:
-                number = count if frame.number is None else frame.number
                 count += 1
                 with self._changed:
-                    self._newest = frame._replace(values=np.array(frame.values), number=number)
+                    self._newest = frame
                     self._failure = None
                     self._changed.notify()
 
@@ -137,7 +141,7 @@ class LiveRecording(Recording):
 
     Numbers count all frames of the device, so those that were dropped are missing.
 
-    If a device's clock restarts or changes, one frame's time is assumed to pass. The device is
+    If a device's clock restarts or changes, the rate gives the time that passed. The device is
     closed with the recording, and if its parameters are not valid: DataError.
     """
 
@@ -172,10 +176,18 @@ class LiveRecording(Recording):
                 if step == 0:  # the same frame again
                     continue
                 last, lost = last + step, lost + step - 1
-                yield DepthFrame(last, clock(frame.time, frame.clock), self._decode(frame.values))
+                if not isinstance(frame.time, Real) or not math.isfinite(frame.time):
+                    raise DataError(f"{self.name}: a frame's time is {frame.time}; expected s")
+                time = clock(frame.time, frame.clock, step)
+                yield DepthFrame(last, time, self._decode(frame.values))
         finally:
             if lost:
                 self.remarks += (f"frames lost because they were not taken in time: {lost}",)
+            if clock.jumps:
+                self.remarks += (
+                    f"times of the device that are more than {WAITS * WAIT_S:g} s after the frame before, and not "
+                    f"used: {clock.jumps}; expected s",
+                )
 
     def _next(self) -> DeviceFrame | None:
         """The next frame; None if none comes, and then ``cut`` is the reason unless the
@@ -206,17 +218,26 @@ class LiveRecording(Recording):
 class _Clock:
     """Seconds since the first frame.
 
-    If a device changes to another clock, one frame's time is assumed to pass.
+    If a device changes to another clock, the rate gives the time that passed; also if this is more
+    than a device may be silent for. Then its times may not be in s.
+
+    jumps  number of such times
     """
 
     def __init__(self, step: float) -> None:
+        self.jumps = 0
         self._step = step
         self._clock: object = None
         self._begin = self._last = -step
 
-    def __call__(self, seconds: float, clock: object) -> float:
-        if clock != self._clock or self._last < 0 or seconds - self._begin <= self._last:
+    def __call__(self, seconds: float, clock: object, frames: int) -> float:
+        """The time of a frame so many ``frames`` after the one before."""
+        passed = seconds - self._begin - self._last
+        is_same = clock == self._clock and self._last >= 0
+        is_jump = is_same and passed > frames * WAITS * WAIT_S
+        self.jumps += is_jump
+        if not is_same or is_jump or passed <= 0:
             self._clock = clock
-            self._begin = seconds - (self._last + self._step)
+            self._begin = seconds - (self._last + frames * self._step)
         self._last = seconds - self._begin
         return self._last

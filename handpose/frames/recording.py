@@ -172,6 +172,9 @@ class DepthDecoder:
     ) -> None:
         check_values(dtype, where)
         known = given.or_else(own).or_else(camera_json)
+        for name, value in (("unit_mm", known.unit_mm), ("rate", known.rate)):
+            if value is not None and not 0 < value < np.inf:
+                raise DataError(f"{where}: {name} is {value}; expected a number more than 0")
         if known.camera is None:
             raise _unknown_camera(known, where)
         self.where = where
@@ -190,7 +193,7 @@ class DepthDecoder:
             )
         elif own.camera is None:
             origin = given.origin if given.camera else camera_json.origin
-            remarks.append(f"camera {known.camera.name}, by {origin}")
+            remarks.append(f"camera {known.camera.name}{origin and f', by {origin}'}")
         unit = _unit_of(known, dtype, where)
         if unit is None:
             unit = 1.0

@@ -13,6 +13,7 @@ camera as JSON.
 from __future__ import annotations
 
 import contextlib
+import math
 import shutil
 import zipfile
 from dataclasses import replace
@@ -51,8 +52,9 @@ class RecordingWriter:
     """
 
     def __init__(
-        self, path: Path, camera: Camera, unit_mm: float, rate: float | None = None
+        self, path: str | Path, camera: Camera, unit_mm: float, rate: float | None = None
     ) -> None:
+        path = Path(path)
         suffix = path.suffix.lower()
         self._kind = _Stack if suffix in (*OF_ONE_FRAME, *CONVERTED, *BAGS) else _Folder
         if self._kind is _Stack and suffix != ".npz":
@@ -71,7 +73,7 @@ class RecordingWriter:
     def write(self, frame: DepthFrame) -> None:
         """Add a frame; times must ascend, in microseconds."""
         where = f"{self.path}: frame {frame.number}"
-        micro = round(frame.time * MICRO)
+        micro = round(frame.time * MICRO) if math.isfinite(frame.time) else -1
         if frame.depth.shape != (self.camera.height, self.camera.width):
             raise DataError(
                 f"{where} has the shape {frame.depth.shape}, expected "

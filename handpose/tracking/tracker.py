@@ -16,6 +16,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from collections.abc import Iterable, Iterator
+from numbers import Real
 
 import numpy as np
 
@@ -164,9 +165,9 @@ class Tracker:
         if not self._read:
             check_unit(readings, np.inf)
             self._read = bool((readings > 0).any())
-        if not time > self._time:
+        if not isinstance(time, Real) or not self._time < time < np.inf:
             raise DataError(
-                f"frame {frame.number} is of {time:g} s, after one of {self._time:g} s; times must ascend"
+                f"frame {frame.number} is of {time} s, after one of {self._time:g} s; times must ascend"
             )
         self._time = time
         raw = SideView("right", self.camera, readings, readings).of(self.predictor.sides[0])

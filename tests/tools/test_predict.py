@@ -314,6 +314,23 @@ def test_a_likely_wrong_unit_or_camera_is_reported(frame):
         assert sum("check fx and fy" in line for line in lines) == count
 
 
+def test_an_image_that_is_missing_or_without_a_hand_does_not_end_the_run(frame):
+    """The outputs are of the other images, and the exit status is that of an error."""
+    cv2.imwrite("empty.png", IMAGES["empty.png"])
+    options = f"empty.png frame.png no.png {KINECT} {CENTER} --json a.json --csv a.csv"
+    done = run_tool(f"predict {OWN} --out p {options}", status=1)
+    assert done.err.startswith("empty.png: no depth around pixel 271, 217")
+    assert "\nno.png: cannot read the picture: No such file" in done.err
+    (found,) = hands_of(Path("a.json").read_text())
+    assert (found["image"], found["picture"]) == ("frame.png", "p/frame_hand.png")
+    assert [row["image"] for row in table("a.csv")] == ["frame.png"]
+
+
+def test_an_implausible_camera_is_reported_with_the_error(frame):
+    cv2.imwrite("empty.png", IMAGES["empty.png"])
+    assert "check fx and fy" in mistake("empty.png --camera 5,5,255.4,206.3")
+
+
 # --------------------------------------------------------------------------- a page for the browser
 
 

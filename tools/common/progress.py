@@ -123,8 +123,8 @@ class StoppedError(Exception):
 
 
 class Stopper:
-    """Context manager: the first Ctrl-C or SIGTERM makes ``check`` raise; a second one takes
-    effect at once.
+    """Context manager: the first Ctrl-C, SIGTERM or SIGHUP, of a terminal that is closed, makes
+    ``check`` raise; a second one takes effect at once. A SIGHUP that nohup ignores is ignored.
 
     The signal itself raises no exception, because that could happen where it is swallowed.
     """
@@ -135,10 +135,10 @@ class Stopper:
     def __enter__(self) -> Stopper:
         self._before = {}
         if threading.current_thread() is threading.main_thread():
-            self._before = {
-                number: signal.signal(number, self._note)
-                for number in (signal.SIGINT, signal.SIGTERM)
-            }
+            stops = [signal.SIGINT, signal.SIGTERM]
+            if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
+                stops.append(signal.SIGHUP)
+            self._before = {number: signal.signal(number, self._note) for number in stops}
         return self
 
     def __exit__(self, *exception: object) -> None:

@@ -11,7 +11,7 @@ import shlex
 from pathlib import Path
 
 from handpose.frames.recording import UNKNOWN, CameraInfo, Recording
-from netlib.errors import DataError
+from netlib.errors import DataError, NetlibError
 from netlib.files.paths import exists
 
 STACKS, BAGS, PICTURES, RAW = (
@@ -79,6 +79,9 @@ def open_recording(source: str | Path, given: CameraInfo = UNKNOWN) -> Recording
 
     Raises DataError, and NetlibError if the source needs a package that is missing.
     """
+    if not isinstance(given, CameraInfo):
+        what = type(given).__name__
+        raise NetlibError(f"given is a {what}; expected a CameraInfo, such as CameraInfo(NYU)")
     name = str(source)
     path = Path(source)
     if name.partition(":")[0] == LIVE and not exists(path):

@@ -13,6 +13,7 @@ FolderRecording(Path("frames/left_*.png"), given)    # those of one
     1616799936125.png 1616799936.125.png    s, ms, us or ns since 1970, by their size, also
                                             with a fraction
     00012_1616799936125.png                 a count and such a time, in any order: the time
+    0.033333.png                            s, if the frames are less than a second apart
     0001.png frame_7.png 34512.png          other numbers count frames, one frame period each,
                                             unless a unit is given
     2021-03-26 23h05m36s125.png             of dates only the order is used: one frame period each
@@ -293,6 +294,7 @@ SINCE_1970 = re.compile(r"(?<!\d)(\d{9,19})(?:\.(\d+)|(?<=(?<!\d)\d{10})[_-](\d{
 DATE = re.compile(
     r"(?<!\d)20\d\d\D?[01]\d\D?[0-3]\d(?:\D{0,4}[0-2]\d\D?[0-5]\d\D?[0-5]\d(?:\.\d+)?)?"
 )
+FRACTION = re.compile(r"\d+\.\d+")
 DIGITS, DECIMAL = re.compile(r"\d+"), re.compile(r"\d+(?:[.,]\d+)?")
 SPARSE = 10  # times as many numbers as frames are no count if the names have a date
 MIN_SIDE = 16  # px of a frame; labels and matrices have fewer rows or columns
@@ -334,9 +336,8 @@ def in_order(
     )
     more = f" and {len(sequences) - MAX_SHOWN} more" if len(sequences) > MAX_SHOWN else ""
     shown = ", ".join(f"{pattern} ({count})" for pattern, count in sequences[:MAX_SHOWN])
-    example = min(
-        (pattern for pattern, _ in sequences), key=lambda pattern: "depth" not in pattern.lower()
-    )
+    # a name with depth before the others, of these the longest sequence
+    example, _ = min(sequences, key=lambda one: ("depth" not in one[0].lower(), -one[1]))
     raise DataError(
         f"{where}: holds {len(sequences)} sequences: {shown}{more}; name one, as '{where}/{example}'"
     )
@@ -421,7 +422,8 @@ def _readings(stems: list[str], unit: str | None) -> list[Reading]:
             given.append(_read(stems, matches, times, NANO, how))
         return sorted(given, key=_range, reverse=True)
     dense = [one for one in counts if _range(one) < SPARSE * len(stems)]
-    return [*_with_units(stems), *_since_1970(stems), *dense, *_dated(stems), *counts]
+    known = [*_with_units(stems), *_since_1970(stems)]
+    return [*known, *dense, *_dated(stems), *_fractions(stems), *counts]
 
 
 def _with_units(stems: list[str]) -> Iterator[Reading]:
@@ -447,6 +449,16 @@ def _since_1970(stems: list[str]) -> Iterator[Reading]:
             yield _read(
                 stems, matches, times, NANO, f"times from the file names, in {unit} since 1970"
             )
+
+
+def _fractions(stems: list[str]) -> Iterator[Reading]:
+    """Numbers with a fraction, less than a second apart on average: seconds."""
+    how = "times from the file names, taken for s (--time-unit if that is wrong)"
+    for matches in _in_columns(stems, FRACTION):
+        times = [int(Decimal(match[0]) * NANO) for match in matches]
+        found = _read(stems, matches, times, NANO, how)
+        if _range(found) < NANO * len(stems):
+            yield found
 
 
 def _dated(stems: list[str]) -> Iterator[Reading]:

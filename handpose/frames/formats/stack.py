@@ -53,7 +53,7 @@ EXPECTED_AXES = {
     True: "(height, width); a file with several frames is opened by its name",
 }
 HEADER_READERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
-PARAMETER_KINDS = "biufSU"  # numbers and texts
+PARAMETER_KINDS = "biufSUM"  # numbers, texts and dates
 
 
 class StackRecording(Recording):
@@ -222,7 +222,9 @@ def _name_of_depth(headers: Mapping[str, _Header], where: str, is_single: bool) 
     for candidates in images, by_itself, by_group:
         if len(candidates) == 1:
             return candidates[0]
-    content = ", ".join(f"{name} {header.shape}" for name, header in headers.items()) or "nothing"
+    shown = [f"{name} {header.shape}" for name, header in headers.items()]
+    more = f" and {len(shown) - MAX_NAMES} more" if len(shown) > MAX_NAMES else ""
+    content = f"{', '.join(shown[:MAX_NAMES]) or 'nothing'}{more}"
     raise NotDepthError(
         f"{where}: holds {content}; expected an array depth {EXPECTED_AXES[is_single]}"
     )
@@ -360,7 +362,12 @@ def _unit_in(name: str) -> str | None:
 
 
 def checked_times(times: NDArray[Any], count: int, where: str) -> NDArray[np.float64]:
-    """Times of the frames. Raises DataError for others than one ascending number for each."""
+    """Times of the frames, of dates in ns.
+
+    Raises DataError for others than one ascending number for each.
+    """
+    if times.dtype.kind == "M":
+        times = times.astype("datetime64[ns]").astype(np.int64)
     if times.size != count or times.squeeze().ndim > 1 or times.dtype.kind not in "iuf":
         raise DataError(
             f"{where} is {times.dtype} {times.shape}, expected ({count},): a time for each frame"

@@ -13,7 +13,7 @@ import netlib
 from handpose.estimate.nets import best_fit, skeleton_to_fit
 from handpose.estimate.packaged import load_predictor
 from handpose.estimate.predictor import Predictor, depth_around
-from handpose.frames.cameras import KINECT2, NYU, Camera
+from handpose.frames.cameras import KINECT2, NYU, VIEWS, Camera
 from handpose.frames.images import UnitError
 from netlib.errors import DataError, NetlibError
 from tests.handpose.estimate.conftest import NET, NetOf, Said, found_at, some_crop
@@ -290,6 +290,8 @@ WHOLE = "expected a whole number from 0 to 100"
             ({"cube_mm": 0.3}, "cube_mm=0.3; expected 50 to 10000 mm"),
             ({"cube_mm": np.nan}, "cube_mm=nan; expected 50 to 10000 mm"),
             ({"cube_mm": "300"}, "cube_mm='300'; expected 50 to 10000 mm"),
+            ({"camera": "nyu"}, "camera is a str; expected a Camera, such as handpose.NYU"),
+            ({"camera": VIEWS["d435"]}, "camera is a View; ..."),
             ({"min_confidence": 30}, "min_confidence=30; expected a number from 0 to 1"),
             ({"min_confidence": np.nan}, "min_confidence=nan; expected a number from 0 to 1"),
         )

@@ -357,6 +357,7 @@ def test_the_depth_camera_in_a_list() -> None:
         ("png_depth_scale", 5000, 0.2),
         ("depth_scale", 0.1, 0.1),
         ("DepthMapFactor", 5000.0, 0.2),
+        ("factor", 5000, 0.2),
         ("depth_units", 0.000125, 0.125),
     ],
 )
@@ -536,8 +537,9 @@ LENS = Lens((0.1, -0.2, 0.01, 0.02, 0.0))
         (
             "resolution width: 64\nresolution height: 48\nprincipal point x: 31.5\nprincipal point y: 23.5\n"
             "focal length x: 60\nfocal length y: 61\nradial distortion coefficients:\nk1: 0.1\nk2: -0.2\nk3: 0\n"
-            "center of distortion in Z=1 plane, x: 0\ntangential distortion coefficient x: 0\nmetric radius: 0\n",
-            Lens((0.1, -0.2, 0, 0, 0, 0, 0, 0)),
+            "center of distortion in Z=1 plane, x: 0\ntangential distortion coefficient x: 0.01\n"
+            "tangential distortion coefficient y: 0.02\nmetric radius: 0\n",
+            Lens((0.1, -0.2, 0.01, 0.02, 0, 0, 0, 0)),
         ),
         (
             "Stream,Depth\nFormat,Z16\nResolution x,64\nResolution "

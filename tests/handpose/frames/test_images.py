@@ -13,6 +13,7 @@ from handpose.frames import images
 from handpose.frames.cameras import NYU, SR305
 from handpose.frames.images import BadFrameError, check_unit, depth_image, without_dropouts
 from handpose.frames.recording import CameraInfo
+from netlib.errors import DataError
 from tests.support.nyu_data_set import pack_depth
 
 
@@ -71,6 +72,26 @@ def test_masked_pixels_become_0() -> None:
     image = np.array([[700, 0], [65535, 800]], np.uint16)
     assert depth_image(image) is image
     assert depth_image(np.ma.masked_equal(image, 65535)).tolist() == [[700, 0], [0, 800]]
+
+
+@pytest.mark.parametrize("dtype", [np.float16, np.float32, ">f8"])
+def test_nan_and_infinite_readings_become_0(dtype: str) -> None:
+    image = np.array([[700, np.nan], [np.inf, -np.inf]], dtype)
+    found = depth_image(image)
+    assert found.tolist() == [[700, 0], [0, 0]] and found.dtype == image.dtype.newbyteorder("=")
+
+
+@pytest.mark.parametrize(
+    ("image", "what"),
+    [
+        (np.zeros((0, 3)), r"of shape \(0, 3\), expected \(height, width\)"),
+        (np.zeros((2, 2), np.uint8), "values of type uint8; expected depths, of 16 bits or more"),
+        (np.ones((2, 2), bool), "values of type bool"),
+    ],
+)
+def test_arrays_that_are_no_depth_are_rejected(image: np.ndarray, what: str) -> None:
+    with pytest.raises(DataError, match=what):
+        depth_image(image)
 
 
 @pytest.mark.parametrize(

@@ -19,18 +19,23 @@ class Taken(Recording):
     """A recording of given images."""
 
     def __init__(
-        self, images: Sequence[np.ndarray], camera: Camera = CAMERA, unit_mm: float = 1.0
+        self,
+        images: Sequence[np.ndarray],
+        camera: Camera = CAMERA,
+        unit_mm: float = 1.0,
+        step: float = 1 / 30,
     ) -> None:
         self.name = "take"
         self.images = images
         self.camera = camera
         self.unit_mm = unit_mm
         self.count = len(images)
+        self.step = step
         self.remarks = ("a remark",)
 
     def __iter__(self) -> Iterator[DepthFrame]:
         for i, image in enumerate(self.images):
-            yield DepthFrame(i, i / 30, image.astype(np.float32))
+            yield DepthFrame(i, i * self.step, image.astype(np.float32))
 
 
 def moving(factor: float = 1.0) -> list[np.ndarray]:
@@ -92,6 +97,25 @@ def test_a_unit_that_is_likely_wrong(factor: float, unit_mm: float, advice: str)
     warnings = inspect(Taken(moving(factor), unit_mm=unit_mm)).warnings
     assert len(warnings) == (advice != "^$")
     assert re.search(advice, "".join(warnings).replace("it would be ", ""))
+
+
+@pytest.mark.parametrize(
+    ("step", "rate", "warning"),
+    [
+        (33.3, None, "a frame every 33.3 s, which is not plausible; check the times"),
+        (0.0000333, 30.0, "a frame every 3.33e-05 s, which is not plausible"),
+        (1 / 30, 5.0, "a frame every 0.0333 s by the times, which are used, and not 5 frames/s"),
+        (1 / 15, 30.0, None),
+        (1 / 5, None, None),
+        (1 / 300, None, None),
+    ],
+)
+def test_times_that_are_likely_wrong(step: float, rate: float | None, warning: str | None) -> None:
+    """Of another unit, or of another rate than the one that is given."""
+    taken = Taken(moving(), step=step)
+    taken.rate = rate
+    found = inspect(taken).warnings
+    assert [one[: len(warning or "")] for one in found] == ([warning] if warning else [])
 
 
 @pytest.mark.parametrize("true_mm", [0.25, 0.2])

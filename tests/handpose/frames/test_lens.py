@@ -11,6 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from handpose.frames.cameras import Camera
 from handpose.frames.lens import Lens, Undistorter, lens_of
+from netlib.errors import DataError
 
 CAMERA = Camera("own", 100.0, 104.0, 78.0, 62.0, 160, 120)
 LENSES = [
@@ -91,3 +92,8 @@ def test_pixels_beyond_a_fold_of_the_lens_become_0() -> None:
 def test_names_of_models(model: str, coefficients: tuple[float, ...], lens: Lens) -> None:
     """Names as in RealSense, ROS and OpenCV are accepted; without distortion any name is."""
     assert lens_of(model, coefficients, "x") == lens
+
+
+def test_a_lens_of_an_unknown_model_is_rejected() -> None:
+    with pytest.raises(DataError, match="lens model 'fisheye', expected brown_conrady or inv"):
+        Lens((0.1, 0, 0, 0), "fisheye")  # type: ignore[arg-type]

@@ -88,6 +88,17 @@ def test_a_clock_that_changes(times: list[tuple[float, str]]) -> None:
     assert [one.time for one in recording] == pytest.approx([0, 0.1, 0.2, 0.3], abs=1e-6)
 
 
+def test_a_clock_that_is_not_in_s() -> None:
+    """A device is never silent for so long; frames that were not read count."""
+    times = [frame(1000.0, 0), frame(1100.0, 1), frame(1300.0, 3), EOFError()]
+    recording = LiveRecording(Simulated(times))
+    assert [one.time for one in recording] == pytest.approx([0, 0.1, 0.3])
+    assert recording.remarks[-1].endswith("after the frame before, and not used: 2; expected s")
+    slow = LiveRecording(Simulated([frame(1.0, 0), frame(61.0, 600), EOFError()]))
+    assert [one.time for one in slow] == pytest.approx([0, 60])
+    assert "after the frame before" not in slow.remarks[-1]
+
+
 @pytest.mark.parametrize(
     ("end", "cut"),
     [
@@ -121,6 +132,13 @@ def test_the_end_in_a_thread() -> None:
         assert next(frames).number == 0
         events.put(ValueError("USB error 7"))
         assert list(frames) == [] and recording.cut == "the camera has stopped: USB error 7"
+
+
+def test_an_event_that_is_no_frame_ends_the_recording() -> None:
+    """The reason names the mistake in the program of the device."""
+    with open_device(Simulated([(1.0, hand_sized())])) as recording:  # type: ignore[list-item]
+        assert list(recording) == []
+    assert recording.cut == "the camera has stopped: 'tuple' object has no attribute 'number'"
 
 
 def test_a_thread_keeps_the_newest_frame() -> None:
@@ -177,6 +195,13 @@ def test_given_parameters() -> None:
             (CameraInfo(Camera("own", 60, 60, 32, 24, 0, 0), unit_mm=1.0), CameraInfo()),
             INCOMPLETE,
         ),
+        **{
+            f"{name} {value}": (
+                (CameraInfo(CAMERA, **{"unit_mm": 1.0, name: value}), CameraInfo()),
+                f"simulated: {name} is {value}; expected a number more than 0",
+            )
+            for name, value in (("unit_mm", 0.0), ("unit_mm", np.nan), ("rate", -30.0))
+        },
         "another size": (
             (CameraInfo(CAMERA, unit_mm=1.0), CameraInfo(Camera("x", 60, 60, 32, 24, 99, 48))),
             "simulated: 64 x 48 pixels; camera x has 99 x 48",
@@ -201,6 +226,10 @@ def test_parameters_that_do_not_fit(given: tuple[CameraInfo, CameraInfo], reject
         "a frame of another size": (
             DeviceFrame(0.0, np.zeros((3, 4), np.uint16)),
             "simulated: 4 x 3 pixels; the camera has 64 x 48",
+        ),
+        "no number for a time": (
+            frame(float("nan")),
+            "simulated: a frame's time is nan; expected s",
         ),
     },
 )

@@ -17,7 +17,7 @@ from handpose.frames.formats import open_recording, realsense, ros_bag
 from handpose.frames.formats.folder import FolderRecording
 from handpose.frames.formats.stack import StackRecording
 from handpose.frames.recording import CameraInfo, Recording
-from netlib.errors import DataError
+from netlib.errors import DataError, NetlibError
 from tests.handpose.frames.conftest import GIVEN, hand_sized, middles, put, times_of
 from tests.support.bad_input import bad_inputs
 from tests.support.running import run_python
@@ -95,6 +95,11 @@ def test_sources_with_a_clock_reject_a_unit_of_times(
     with rejected:
         open_recording(given, CameraInfo(time_unit="ms"))
     assert not asked
+
+
+def test_a_camera_without_its_info_is_rejected() -> None:
+    with pytest.raises(NetlibError, match="given is a Camera; expected a CameraInfo"):
+        open_recording("frames", GIVEN.camera)  # type: ignore[arg-type]
 
 
 @bad_inputs(

@@ -74,6 +74,7 @@ def test_the_unit_of_a_known_camera() -> None:
     given = CameraInfo(SR305, origin="--camera")
     found = DepthDecoder((480, 640), U16, "take", given)
     assert found.unit_mm == 0.125 and found.remarks == ("camera sr305, by --camera",)
+    assert DepthDecoder((480, 640), U16, "take", CameraInfo(SR305)).remarks == ("camera sr305",)
     stranger = CameraInfo(replace(SR305, fx=500.0), origin="--camera")
     found = DepthDecoder((480, 640), U16, "take", stranger)
     assert found.unit_mm == 1 and "unit unknown: a value of 1 is taken for 1 mm" in found.remarks[1]

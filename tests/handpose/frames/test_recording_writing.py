@@ -95,6 +95,10 @@ def test_written_depths_and_times_are_restored_exactly(
             DepthFrame(9, 1 / 30, np.ones((3, 4), np.float32)),
             "...: frame 9: at 0.033333 s, which is not after the frame before",
         ),
+        "no time": (
+            DepthFrame(9, np.nan, np.ones((3, 4), np.float32)),
+            "...: frame 9: at nan s, which is not after the frame before",
+        ),
         "another size": (
             DepthFrame(9, 1.0, np.ones((4, 3), np.float32)),
             "...: frame 9 has the shape (4, 3), expected (3, 4)",
@@ -104,7 +108,7 @@ def test_written_depths_and_times_are_restored_exactly(
 def test_frames_that_cannot_be_stored_are_rejected(
     here: Path, name: str, given: DepthFrame, rejected: Any
 ) -> None:
-    with rejected, RecordingWriter(Path(name), SMALL, 1.0) as writer:
+    with rejected, RecordingWriter(name, SMALL, 1.0) as writer:
         for one in (*frames(2), given):
             writer.write(one)
     assert writer.count == 2

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from handpose.estimate import estimator
 from handpose.estimate.finder import FoundHand
@@ -432,6 +433,21 @@ def test_a_masked_frame_has_no_hands(shown: Take, predictor: Predictor) -> None:
     assert Tracker(predictor).step(frame) == TrackedFrame(0, 0.0)
 
 
+@pytest.mark.parametrize("unread", [np.nan, np.inf, -1])
+def test_readings_of_frames_from_other_programs(
+    shown: Take, predictor: Predictor, unread: float
+) -> None:
+    """NaN, infinite and negative values are pixels without a reading."""
+    depth = shown.frames[0].depth.copy()
+    depth[:60] = 0
+    tracked = [
+        Tracker(predictor).step(DepthFrame(0, 0.0, np.where(depth > 0, depth, value)))
+        for value in (0, unread)
+    ]
+    joints, same = (frame.hands[0].xyz for frame in tracked)
+    assert_allclose(joints, same)
+
+
 # ----------------------------------------------------------------------------------------- mistakes
 
 
@@ -443,7 +459,7 @@ def test_a_frame_of_another_size(begun: Callable[[], Tracker]) -> None:
 def test_times_must_ascend(shown: Take, begun: Callable[[], Tracker]) -> None:
     """Velocities would be undefined."""
     tracker = begun()
-    for time in (5 / RATE, 0.0, float("nan")):
+    for time in (5 / RATE, 0.0, float("nan"), float("inf"), "1", None):
         with pytest.raises(DataError, match=r"frame 9 is of \S+ s, after one of 0.333333 s"):
             tracker.step(DepthFrame(9, time, shown.frames[6].depth))
     assert tracker.step(shown.frames[6]).hands

@@ -92,3 +92,18 @@ def test_the_first_signal_is_recorded_and_the_second_interrupts() -> None:
         assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="no SIGHUP on Windows")
+def test_a_closed_terminal_stops_and_nohup_does_not() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    try:
+        with Stopper() as stopper:
+            signal.raise_signal(signal.SIGHUP)
+            assert stopper.signum == signal.SIGHUP
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
+        with Stopper() as stopper:
+            signal.raise_signal(signal.SIGHUP)
+            stopper.check()
+    finally:
+        signal.signal(signal.SIGHUP, before)

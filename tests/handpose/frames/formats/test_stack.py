@@ -189,6 +189,10 @@ def cut(path: Path, size: int | None = None, flip: int = 0) -> Path:
             lambda tmp: archive(tmp / "a.npz", a=DEPTH, b=DEPTH),
             f"...a.npz: holds a (4, 48, 64), b (4, 48, 64); {EXPECTED}",
         ),
+        "a frame each": (
+            lambda tmp: archive(tmp / "a.npz", **{f"f{i}": DEPTH[0] for i in range(10)}),
+            f"...a.npz: holds f0 (48, 64), ..., f7 (48, 64) and 2 more; {EXPECTED}",
+        ),
         "a text": (lambda tmp: text(tmp / "a.npz"), f"...a.npz: holds nothing; {EXPECTED}"),
     },
 )
@@ -224,6 +228,13 @@ def test_names_and_units_of_times(tmp_path: Path, name: str, times: Any, how: st
     recording = opened(tmp_path, **{name: times})
     assert times_of(recording) == pytest.approx(SECONDS, abs=1e-6)
     assert recording.remarks[0] == f"times from {name!r}, {how}" and recording.warnings == ()
+
+
+def test_times_that_are_dates(tmp_path: Path) -> None:
+    dates = np.datetime64("2024-02-29") + (1e6 * SECONDS).astype("timedelta64[us]")
+    recording = opened(tmp_path, timestamps=dates)
+    assert times_of(recording) == pytest.approx(SECONDS, abs=1e-6)
+    assert recording.remarks[0] == "times from 'timestamps', in ns since 1970"
 
 
 def test_times_of_no_known_unit(tmp_path: Path) -> None:
