@@ -71,9 +71,10 @@ class SideView:
         weight = None if self.weight is None else self.weight[:, ::-1]
         return SideView(side, camera, self.depth[:, ::-1], self.readings[:, ::-1], weight)
 
-    def weighted(self, weight: Floats) -> SideView:
-        """The view with weights (height, width) of the camera's pixels."""
-        return replace(self, weight=as_right(weight, self.side))
+    def weighted(self, weight: Floats | None) -> SideView:
+        """The view with weights (height, width) of the camera's pixels, or None."""
+        own = None if weight is None else as_right(weight, self.side)
+        return replace(self, weight=own)
 
     def pixel_in(self, side: Side, uvd: Array) -> Array:
         """A pixel of this view and its depth (3,) in the view of a side."""

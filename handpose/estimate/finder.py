@@ -46,18 +46,18 @@ class FoundHand(NamedTuple):
     mask      (height, width) the hand's pixels in the frame
     weight    (height, width) of each pixel in a fit, 0 to 1: the probability that it shows this
               hand, a part of that for the rest of a person, which may be its arm, and a rest of
-              doubt
+              doubt; None: all are alike
     """
 
     presence: float
     middle: Array
     mask: NDArray[np.bool_]
-    weight: Floats
+    weight: Floats | None = None
 
     def mirrored(self) -> FoundHand:
         """The hand in the mirror image of its frame."""
-        mask, weight = self.mask[:, ::-1], self.weight[:, ::-1]
-        return FoundHand(self.presence, self.middle * MIRROR, mask, weight)
+        weight = None if self.weight is None else self.weight[:, ::-1]
+        return FoundHand(self.presence, self.middle * MIRROR, self.mask[:, ::-1], weight)
 
 
 class Finder:
@@ -184,8 +184,8 @@ class Finder:
         s = self.settings
         nearest = owner.repeat(2, axis=0).repeat(2, axis=1)
         arm = np.float32(s.arm) * person
-        shown = [np.where(nearest == k, hand, np.float32(0)) + arm for k in range(hands)]
-        return [np.float32(s.doubt) + np.float32(1 - s.doubt) * one for one in shown]
+        shown = [np.where(nearest == k, hand, 0) + arm for k in range(hands)]
+        return [s.doubt + (1 - s.doubt) * one for one in shown]
 
     def _masks(
         self,
@@ -220,7 +220,9 @@ def _in_frame(maps: Sequence[Floats], camera: Camera, scale: Array) -> list[Floa
     u = np.arange(camera.width, dtype=np.float32) * np.float32(scale[0])
     v = np.arange(camera.height, dtype=np.float32) * np.float32(scale[1])
     x, y = np.meshgrid(u / 2, v / 2)
-    return [cv2.remap(one, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for one in maps]
+    border = cv2.BORDER_REPLICATE
+    shown = (cv2.remap(one, x, y, cv2.INTER_LINEAR, borderMode=border) for one in maps)
+    return [np.asarray(one, np.float32) for one in shown]
 
 
 def channels_of(depth: Floats, focal: float = FOCAL_PX) -> Floats:

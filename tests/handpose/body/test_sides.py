@@ -54,7 +54,11 @@ def test_the_view_of_a_side_shows_the_same_points(side: Side, rng: np.random.Gen
 def test_a_view_and_back_is_the_frame() -> None:
     depth = np.arange(12.0).reshape(3, 4)
     frame = SideView("right", replace(ICVL, width=4, height=3), depth, depth + 1)
-    again = frame.of("left").of("right")
+    weight = np.arange(12, dtype=np.float32).reshape(3, 4)
+    left = frame.of("left").weighted(weight)
+    assert_array_equal(left.weight, weight[:, ::-1])
+    again = left.of("right")
+    assert_array_equal(again.weight, weight)
     assert_array_equal(again.depth, depth)
     assert_array_equal(again.readings, depth + 1)
     assert again.camera == frame.camera and frame.of("right") is frame

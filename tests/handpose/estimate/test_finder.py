@@ -76,6 +76,10 @@ def test_palms_and_masks_of_two_hands() -> None:
         true = frame() == PALMS[side][2] - 20
         assert not (hand.mask & ~true).any()
         assert hand.mask.sum() > 0.9 * true.sum()
+        assert hand.weight is not None and hand.weight[true].mean() > 0.9
+        other = ~true & (frame() < BEHIND_MM)
+        for pixels in (other, ~true):
+            assert hand.weight[pixels].mean() == pytest.approx(0.1, abs=0.02)
     assert (first.presence, second.presence) == pytest.approx((0.9, 0.6), abs=1e-3)
     assert [hand.presence for hand in found_in(frame(), most=1)] == [first.presence]
 

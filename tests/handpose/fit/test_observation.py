@@ -74,6 +74,17 @@ def test_small_and_empty_crops_have_fewer_points() -> None:
     assert (seen.points[1] == 0).all()
 
 
+def test_points_have_the_weights_of_their_pixels() -> None:
+    """Also those of some of the crops."""
+    crop = np.ones((2, 128, 128), np.float32)
+    crop[:, 60:65, 60:70] = 0
+    weight = np.ones_like(crop)
+    weight[0, 60] = 0.25
+    hands = HandCrops(crop, np.array([[320, 240, 700]] * 2), NYU, 300.0, weight=weight)
+    assert observe(hands, 80, 3.0).known.sum(axis=1).tolist() == [42.5, 50]
+    assert observe(hands.take(slice(1)), 80, 3.0).known.sum(axis=1).tolist() == [42.5]
+
+
 def test_pixels_outside_the_image_yield_no_points() -> None:
     crop = np.zeros((1, 128, 128), np.float32)
     seen = observe(HandCrops(crop, [[5, 240, 700]], NYU, 300.0), 400, 3.0)
