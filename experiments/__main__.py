@@ -26,6 +26,7 @@ NAMES = (
     "tracking",
     "constants",
     "finder",
+    "scenes",
     "package_model",
     "confidence",
 )

@@ -11,7 +11,8 @@ signs that handpose/fit/pose_confidence.py describes, first of hands, then of fi
 recordings have the same total weight, no weight of a sign is below 0, and weights are drawn towards
 those in use (--keep). What is tracked in addition to the labelled hand, and a pose at another of
 the two most certain places of the finder, is as wrong as a lost hand and counts a tenth. The
-packaged network and its fit must be those for which the confidence is computed.
+packaged network and its fit must be those for which the confidence is computed. --scenes adds hands
+in rendered scenes, as `experiments scenes` finds and fits them.
 
 A row has the labelled hands, those with a confidence of 90% or more, the share of these that is
 more than 30 mm off, the correlation of expected and true error, both in mm; then the other poses,
@@ -33,8 +34,10 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from experiments.constants import OFF_MM, SURE, TrackedLabels, labels_of, tracked_labels
+from experiments.scenes import FINER, hands_in, predictors
 from handpose import CAMERAS, open_recording
 from handpose.body.model import FINGERS, Fingers, Surface
+from handpose.body.sides import SideView
 from handpose.fit.body import CapsuleModel
 from handpose.fit.pose_confidence import (
     FINGER_SIGNS,
@@ -51,6 +54,7 @@ from handpose.fit.pose_confidence import (
 from handpose.fit.settings import FitSettings
 from handpose.frames.recording import Recording
 from handpose.sequences.recordings import SCRIPTS, SyntheticRecording
+from handpose.synthetic.whole_scenes import SceneGenerator
 from handpose.tracking.hand_track import HandTrack
 from handpose.tracking.output import variables_of
 from handpose.tracking.settings import TrackSettings
@@ -58,7 +62,7 @@ from netlib.blob import Array
 from netlib.errors import DataError
 from netlib.files import atomic
 from tools.common import outputs
-from tools.common.arguments import real, seconds, seed
+from tools.common.arguments import count, real, seconds, seed
 from tools.common.console import DONE, aligned, say
 from tools.common.progress import ProgressBar
 
@@ -66,6 +70,7 @@ from tools.common.progress import ProgressBar
 # have less than 50%, with 0.05 more of the others have more.
 OTHER_WEIGHT = 0.1
 MAX_PLACES = 2  # of the finder in a frame: the hand, and another one
+SCENE_SEEDS = (9000, 9001)  # of rendered scenes
 KEEP = 0.3  # of 0, 0.3, 1, 3 and 10; up to 1 they are alike when a recording is left out
 COMMENT = """Weights of the confidence of poses: handpose/fit/pose_confidence.py has the formulas.
 Fitted by `python -m experiments confidence` to {count} poses of {names},
@@ -144,15 +149,40 @@ def poses_of(name: str, frames: Iterator[TrackedLabels]) -> Poses:
 def evidence_of_others(frame: TrackedLabels) -> list[Evidence]:
     """What an image shows of poses at the finder's places away from the only hand."""
     predictor, middle = frame.tracker.predictor, frame.label.mean(axis=(0, 1))
+    view = SideView("right", predictor.camera, frame.depth, frame.depth)
     evidence = []
     for found in frame.tracker.finder.hands(frame.depth, predictor.camera, most=MAX_PLACES):
         with contextlib.suppress(DataError):  # the pose leads out of the image
-            hand = predictor.in_frame(frame.depth, predictor.camera.project(found.middle))
+            hand = predictor.at_found(view, found)
             distances_mm = np.linalg.norm([found.middle - middle, hand.center_mm - middle], axis=1)
             if distances_mm.min() > LOST_MM:
                 assert hand.evidence is not None
                 evidence.append(hand.evidence)
     return evidence
+
+
+def poses_in_scenes(scenes: int, number: int) -> Poses:
+    """The poses of hands in rendered scenes (``experiments.scenes``), and of what the finder
+    takes for one.
+    """
+    generator = SceneGenerator(number, "test", finer=FINER)
+    fingers = Fingers(generator.sampler.surface)
+    evidence, errors = [], []
+    for scene in hands_in(generator, scenes, predictors("accurate")):
+        for hand in scene.hands:
+            if hand.estimate and hand.estimate.evidence:
+                evidence.append(hand.estimate.evidence)
+                own, true = (
+                    fingers.joints(joints[None])[0] for joints in (hand.estimate.xyz, hand.joints)
+                )
+                errors.append(np.linalg.norm(own - true, axis=-1).mean(axis=1))
+        for other in scene.false:
+            if other.evidence:
+                evidence.append(other.evidence)
+                errors.append(np.full(len(FINGERS), np.nan))
+    fingers_mm = np.minimum(errors, LOST_MM)
+    error_mm = np.nan_to_num(fingers_mm.mean(axis=1), nan=LOST_MM)
+    return Poses("scenes", Evidence.concatenate(evidence), error_mm, fingers_mm)
 
 
 def evidence_of_track(track: HandTrack, model: CapsuleModel) -> Evidence:
@@ -304,6 +334,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="SCRIPT",
         help=f"instead, synthetic recordings, some of {', '.join(SCRIPTS)}",
     )
+    parser.add_argument(
+        "--scenes",
+        type=count,
+        metavar="N",
+        help="also to hands in N rendered scenes of two seeds each",
+    )
     parser.add_argument("--apart", **pair, help="a recording to which nothing is fitted, likewise")
     parser.add_argument(
         "--cameras",
@@ -341,10 +377,12 @@ def run(args: argparse.Namespace) -> int:
     apart = [*map(_recorded, args.apart)]
     with ProgressBar(2 * len(own + apart), "recordings", "tracking") as progress:
         takes, others = (_tracked(sources, args.seed, progress) for sources in (own, apart))
+    if args.scenes:
+        takes += [poses_in_scenes(args.scenes, number) for number in SCENE_SEEDS]
     new = fitted(takes, read_weights(), args.keep)
     print(aligned([HEAD, *compared(takes, others, new, args.keep)]))
     count = sum(len(take.error_mm) for take in takes)
-    names = ", ".join(source.name for source in own)
+    names = ", ".join(dict.fromkeys(take.name for take in takes))
     text = text_of(new, COMMENT.format(count=count, names=names, **vars(args)))
     if args.out:
         atomic.replace(args.out, lambda fresh: fresh.write_text(text, encoding="utf-8"))

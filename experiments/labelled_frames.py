@@ -15,7 +15,6 @@ from experiments.constants import array_in
 from handpose.frames.cameras import KINECT2, NYU, SR305, Camera
 from handpose.frames.formats import open_recording
 from handpose.sequences.recordings import SCRIPTS, SyntheticRecording
-from handpose.synthetic.scenes.cameras import HEIGHT, WIDTH
 from handpose.synthetic.whole_scenes import SCENES_PER_BLOCK, SceneGenerator, Scenes
 from handpose.tracking.track import PARTLY
 from netlib.blob import Array
@@ -52,8 +51,9 @@ def camera_of(scenes: Scenes, n: int) -> Camera:
     """The camera of a scene."""
     x = scenes.slopes[n, 0, :, 0].astype(float)
     y = scenes.slopes[n, :, 0, 1].astype(float)
-    focal = (WIDTH - 1) / (x[-1] - x[0])
-    return Camera("scene", focal, focal, -x[0] * focal, y[0] * focal, WIDTH, HEIGHT, 60.0)
+    width, height = len(x), len(y)
+    focal = (width - 1) / (x[-1] - x[0])
+    return Camera("scene", focal, focal, -x[0] * focal, y[0] * focal, width, height, 60.0)
 
 
 def other_scenes(number: int, scenes: int) -> Iterator[Labelled]:

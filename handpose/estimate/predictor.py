@@ -169,30 +169,26 @@ class Predictor:
             place = _center(center)
             start = place if len(place) == 3 else depth_around(depth, *place)
             place = pixel_of(start, camera, frame.side)
-            return self._judged(frame, place, False).given(self.min_confidence)
+            hand = self.estimator.in_frame(frame, place)
+            return as_one_side(hand, self.estimator.judge).given(self.min_confidence)
         found = self._found(frame)
         if self.plan is None:
             found = found[:1]
-        mirror = mirror_of(frame.side)
-        hands = [
-            self._judged(
-                frame.weighted(one.weight),
-                frame.camera.project(one.middle * mirror),
-                True,
-                one.presence,
-            )
-            for one in found
-        ]
+        hands = [self.at_found(frame, one) for one in found]
         return max(hands, key=lambda hand: hand.presence * max(hand.chance, 0.01)).given(
             self.min_confidence
         )
 
-    def _judged(
-        self, frame: SideView, place: Array, is_middle: bool, presence: float = np.nan
-    ) -> HandEstimate:
-        """The hand at a place (3,) in a frame, px, px, mm in its view, as one side."""
-        found = self.estimator.in_frame(frame, place, is_middle=is_middle)
-        return dataclasses.replace(as_one_side(found, self.estimator.judge), presence=presence)
+    def at_found(self, frame: SideView, found: FoundHand) -> HandEstimate:
+        """The hand that a finder found in a frame, however sure, as one side.
+
+        Raises DataError for a place outside the image, NetlibError.
+        """
+        place = frame.camera.project(found.middle * mirror_of(frame.side))
+        hand = self.estimator.in_frame(frame.weighted(found.weight), place, is_middle=True)
+        return dataclasses.replace(
+            as_one_side(hand, self.estimator.judge), presence=found.presence
+        )
 
     def _found(self, frame: SideView) -> list[FoundHand]:
         """The hands that the finder finds, the most certain first.

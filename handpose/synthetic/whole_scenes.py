@@ -7,7 +7,7 @@ hand. The camera is on the person's head, or anywhere around. The table may be n
 hands; things stand on it, in the room, hang in the air, or are held. How often, how large and where
 is the scene prior's (``scenes.prior``).
 
-Frames have a focal length of about ``FOCAL_PX``. A block of ``SCENES_PER_BLOCK`` scenes depends on
+Frames have a focal length of about ``FOCAL_PX``, or a multiple of it. A block of ``SCENES_PER_BLOCK`` scenes depends on
 the seed, the split and its number alone. Axes are the camera's: x right, y up, z away, in mm.
 """
 
@@ -38,25 +38,29 @@ READ = 0.35  # of what is visible
 
 
 class Scenes(NamedTuple):
-    """N frames.
+    """N frames of H x W pixels.
 
     Hands that are hidden, cut off or hardly read are ``doubtful``: neither right nor wrong to find.
 
-    depth      (N, HEIGHT, WIDTH) mm, 0 where nothing was read
-    classes    (N, HEIGHT, WIDTH) OTHER, HAND or PERSON
-    which      (N, HEIGHT, WIDTH) 1 or 2 at the pixels of the first or second hand, else 0
-    what       (N, HEIGHT, WIDTH) what is shown: an index of ``SceneGenerator.names``
+    depth      (N, H, W) mm, 0 where nothing was read
+    classes    (N, H, W) OTHER, HAND or PERSON
+    which      (N, H, W) 1 or 2 at the pixels of the first or second hand, else 0
+    what       (N, H, W) what is shown: an index of ``SceneGenerator.names``
+    joints     (N, 2, K, 3) mm, of the skeleton of ``SceneGenerator.sampler``
+    is_right   (N, 2)
     middle     (N, 2, 3) mm, the mean of each hand's joints without the wrist
     middle_px  (N, 2, 2) its column and row
     present    (N, 2) whether the hand is to be found
     doubtful   (N, 2)
-    slopes     (N, HEIGHT, WIDTH, 2) x / z and y / z of the rays
+    slopes     (N, H, W, 2) x / z and y / z of the rays
     """
 
     depth: Floats
     classes: NDArray[np.int8]
     which: NDArray[np.int8]
     what: NDArray[np.int16]
+    joints: Array
+    is_right: NDArray[np.bool_]
     middle: Array
     middle_px: Array
     present: NDArray[np.bool_]
@@ -68,7 +72,7 @@ class Clean(NamedTuple):
     """Scenes without errors of a sensor (depth infinite where there is nothing).
 
     focal     (N,) px
-    reflects  (N, HEIGHT, WIDTH) the part of the light that the surfaces send back
+    reflects  (N, H, W) the part of the light that the surfaces send back
     """
 
     scenes: Scenes
@@ -79,14 +83,18 @@ class Clean(NamedTuple):
 class SceneGenerator:
     """Draws scenes for a seed and a split, block by block.
 
+    finer  factor of the frames' resolution, ``HEIGHT`` x ``WIDTH``
     names  of what the scenes show
     """
 
     def __init__(
-        self, seed: int = 0, split: Split = "train", prior: ScenePrior | None = None
+        self,
+        seed: int = 0,
+        split: Split = "train",
+        prior: ScenePrior | None = None,
+        finer: int = 1,
     ) -> None:
-        self.seed = seed
-        self.split = split
+        self.seed, self.split, self.finer = seed, split, finer
         self.prior = prior or scene_prior.load()
         self.sampler = BodySampler(prior_file.load(prior_file.PEOPLE_PRIOR))
         self.names = (*GROUPS[:-1], *(thing.name for thing in self.prior.things.thing))
@@ -94,22 +102,24 @@ class SceneGenerator:
     def block(self, number: int) -> Scenes:
         """Scenes ``number * SCENES_PER_BLOCK`` and following, as a camera measures them."""
         rng = rng_of(self.seed, self.split, number, STREAM)
-        scenes, focal, reflects = draw_scenes(rng, self.prior, self.sampler, SCENES_PER_BLOCK)
+        scenes, focal, reflects = draw_scenes(
+            rng, self.prior, self.sampler, SCENES_PER_BLOCK, self.finer
+        )
         depth = np.stack(
             [
                 measure_frame(rng, *scene)
                 for scene in zip(scenes.depth, scenes.which > 0, focal, reflects)
             ]
         )
-        return _judged(scenes._replace(depth=depth))
+        return _judged(scenes._replace(depth=depth), self.finer)
 
 
 def draw_scenes(
-    rng: np.random.Generator, prior: ScenePrior, sampler: BodySampler, count: int
+    rng: np.random.Generator, prior: ScenePrior, sampler: BodySampler, count: int, finer: int = 1
 ) -> Clean:
     """``count`` scenes."""
     cameras = draw_cameras(rng, prior.view, count)
-    rays = cameras.rays()
+    rays = cameras.rays(finer)
     people = draw_people(rng, prior, sampler, cameras)
     sight = sight_of(rng, prior, people, rays)
     what_of_number = np.array([*range(THINGS - 1), THINGS - 2, *(THINGS - 1 + sight.of)])
@@ -121,13 +131,15 @@ def draw_scenes(
         classes=classes.astype(np.int8),
         which=sight.which,
         what=what.astype(np.int16),
+        joints=np.stack([hand.joints for hand in people.hands], axis=1),
+        is_right=np.stack([hand.side > 0 for hand in people.hands], axis=1),
         middle=middles,
-        middle_px=cameras.pixels(middles),
+        middle_px=finer * cameras.pixels(middles),
         present=people.there & (sight.share > SEEN),
         doubtful=people.there,
         slopes=slopes_of(rays),
     )
-    return Clean(scenes, cameras.focal, sight.reflects)
+    return Clean(scenes, finer * cameras.focal, sight.reflects)
 
 
 def _pixels_of_hands(which: Array) -> Array:
@@ -135,15 +147,15 @@ def _pixels_of_hands(which: Array) -> Array:
     return np.stack([(which == hand).sum((1, 2)) for hand in (1, 2)], axis=1)
 
 
-def _judged(scenes: Scenes) -> Scenes:
+def _judged(scenes: Scenes, finer: int) -> Scenes:
     """The scenes with those hands present that are read well enough too, and the
     others doubtful.
     """
     u, v = np.moveaxis(scenes.middle_px, -1, 0)
     z = scenes.middle[..., 2]
-    inside = (u > 1) & (u < WIDTH - 2) & (v > 1) & (v < HEIGHT - 2)
+    inside = (u > finer) & (u < finer * (WIDTH - 2)) & (v > finer) & (v < finer * (HEIGHT - 2))
     seen = _pixels_of_hands(scenes.which)
     read = _pixels_of_hands(np.where(scenes.depth > 0, scenes.which, 0))
-    is_read = (read > SEEN_PX) & (read > READ * seen)
+    is_read = (read > finer**2 * SEEN_PX) & (read > READ * seen)
     present = scenes.present & inside & (z < FARTHEST_MM) & is_read
     return scenes._replace(present=present, doubtful=scenes.doubtful & ~present & (seen > 0))

@@ -116,6 +116,11 @@ class FrameHands:
         apart = {float(np.linalg.norm(hand.middle - place)): hand for hand in self.hands}
         return apart[min(apart)] if apart and min(apart) < within_mm else None
 
+    def weighted(self, place: Array, within_mm: float) -> SideView:
+        """The frame, with the weights of the hand found near a place if the finder has looked."""
+        near = self.near(place, within_mm) if self.is_known else None
+        return self.view if near is None else self.view.weighted(near.weight)
+
 
 class HandTrack:
     """One hand of a recording: its state while it is tracked, and what is kept while it is lost.

@@ -27,7 +27,7 @@ from handpose.estimate.hand import MIN_CONFIDENCE, MIN_PRESENCE, HandEstimate
 from handpose.estimate.nets import refuse_other_bodies
 from handpose.estimate.packaged import load_predictor
 from handpose.estimate.predictor import Predictor, check_probability, check_whole
-from handpose.fit.settings import Fit, FitSettings, Plan
+from handpose.fit.settings import Fit, FitSettings
 from handpose.frames.cameras import Camera
 from handpose.frames.crops import check_size
 from handpose.frames.images import check_unit, depth_image, without_dropouts
@@ -180,28 +180,34 @@ class Tracker:
         tracks, view = self.tracks, found.view
         regions = {track.id: track.regions(time, before) for track in tracks}
         estimates = self._estimates(view, regions)
-        others = {
-            track.id: track.other_regions(found, estimates[track.id], time) for track in tracks
-        }
-        again = self._estimates(view, others, self._again)
         for track in tracks:
             seen = estimates[track.id]
-            more = again[track.id] if others[track.id] else None
+            more = self._other_estimates(track, found, seen, time)
             if not track.take(seen, more, time, before):
                 confidence = max((one.chance for one in [*seen, *(more or ())]), default=0.0)
                 own, pose = view.of(track.hand), track.best.expected(time)
                 track.reason = why_missing(self.estimator.expected, own, pose, confidence)
 
     def _estimates(
-        self, view: SideView, regions: dict[int, list[SearchRegion]], plan: Plan | None = None
+        self, view: SideView, regions: dict[int, list[SearchRegion]]
     ) -> dict[int, list[HandEstimate]]:
         """The poses in those regions of several hands, by their ids, that are in the image."""
         every = [region for own in regions.values() for region in own]
-        estimates = iter(self.estimator.in_regions(view, every, plan))
+        estimates = iter(self.estimator.in_regions(view, every))
         return {
             id: [one for one in itertools.islice(estimates, len(own)) if one]
             for id, own in regions.items()
         }
+
+    def _other_estimates(
+        self, track: HandTrack, found: FrameHands, seen: list[HandEstimate], time: float
+    ) -> list[HandEstimate] | None:
+        """The poses by full fits of a hand that is uncertain; None if there is no need."""
+        regions = track.other_regions(found, seen, time)
+        if not regions:
+            return None
+        view = found.weighted(track.place, self.settings.present.same_mm)
+        return [one for one in self.estimator.in_regions(view, regions, self._again) if one]
 
     def _drop_doubles(self) -> None:
         """Drop one of two tracks at the same place: the one seen earlier, otherwise

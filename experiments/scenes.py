@@ -1,0 +1,234 @@
+"""Hands that are found in rendered scenes: their sides, errors and confidence.
+
+    python -m experiments scenes
+    python -m experiments scenes --network snapshots/in_scenes_iter_44000.caffemodel.h5 \\
+        models/synthetic_hand/deploy.prototxt --scenes 320
+
+Scenes are those of the training's generator with other random numbers ("training"), and of another
+setting of it ("other"): more cameras on heads, and more hands that rest, hold something or are near
+another one. Frames have twice the resolution of the finder's trainings.
+
+Each hand that the finder finds within 80 mm is fitted as by tools/predict.py. A row has the hands
+in sight, the share found, and of these: the share whose side is right, and the mean and the median
+error in mm of 14 joints where it is; the share with a confidence of 30% or more, which would have
+joints, and of these the share whose side is right and error below 30 mm ("good"); the number with
+90% or more ("sure"), and the share of these that is no good ("off"). "false" are hands with joints
+where there is none, a frame. "same" is the mean error of a pose that is always the same, at the
+true place.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from experiments.finder import WITHIN_MM
+from experiments.labelled_frames import camera_of, first_scenes
+from handpose import load_predictor
+from handpose.body.sides import Side, SideView
+from handpose.estimate.finder import FoundHand
+from handpose.estimate.hand import MIN_CONFIDENCE, HandEstimate
+from handpose.estimate.predictor import Predictor
+from handpose.fit.pose_confidence import GOOD_MM
+from handpose.fit.settings import PLANS, Fit
+from handpose.frames.cameras import Camera
+from handpose.scoring.metrics import mean_errors_14
+from handpose.synthetic.scenes import prior as scene_prior
+from handpose.synthetic.scenes.prior import Range, ScenePrior
+from handpose.synthetic.whole_scenes import SceneGenerator
+from netlib.blob import Array
+from netlib.errors import DataError
+from netlib.net import Net
+from netlib.proto.schema import changed
+from netlib.training.trained import trained
+from tools.common.arguments import add_engine, count, seed
+from tools.common.console import DONE, aligned
+from tools.common.progress import ProgressBar
+
+FINER = 2  # resolution of the frames, relative to the training's
+SURE = 0.9
+HEAD = [
+    "scenes",
+    "hands",
+    "found",
+    "side",
+    "mean",
+    "median",
+    "joints",
+    "good",
+    "sure",
+    "off",
+    "false",
+    "same",
+]
+
+
+class SceneHand(NamedTuple):
+    """A hand in sight, and its estimate if it was found.
+
+    joints  (K, 3) mm
+    """
+
+    joints: Array
+    side: Side
+    estimate: HandEstimate | None
+
+    @property
+    def error_mm(self) -> float:
+        """The mean error of 14 joints; infinite as the other side."""
+        assert self.estimate is not None
+        if self.estimate.hand != self.side:
+            return np.inf
+        return float(mean_errors_14(self.estimate.xyz[None], self.joints[None])[0])
+
+
+def other_setting() -> ScenePrior:
+    """Another setting than the packaged prior's."""
+    prior = scene_prior.load()
+    distance = Range(350.0, 1100.0)
+    return changed(
+        prior,
+        view=changed(prior.view, on_head=0.6, facing=0.1),
+        hands=changed(prior.hands, rests=0.4, second=0.8, close=0.3, distance=distance),
+        held=changed(prior.held, share=0.6),
+        table=changed(prior.table, share=0.9, near=0.6),
+        body=changed(prior.body, share=0.9),
+    )
+
+
+class SceneHands(NamedTuple):
+    """The hands in sight in a scene, and the estimates where there is none."""
+
+    hands: list[SceneHand]
+    false: list[HandEstimate]
+
+
+def hands_in(
+    generator: SceneGenerator, scenes: int, predictor_of: Callable[[Camera], Predictor]
+) -> Iterator[SceneHands]:
+    """The hands in some scenes. Raises NetlibError."""
+    for block, n in first_scenes(generator, scenes):
+        predictor = predictor_of(camera_of(block, n))
+        depth, middle = block.depth[n], block.middle[n]
+        frame = SideView("right", predictor.camera, depth, depth)
+        assert predictor.finder is not None
+        left = predictor.finder.hands_in(frame)
+        hands = []
+        for k in np.flatnonzero(block.present[n]):
+            own = _nearest(left, middle[k])
+            left = [one for one in left if one is not own]
+            side: Side = "right" if block.is_right[n, k] else "left"
+            estimate = None if own is None else _estimate(predictor, frame, own)
+            hands.append(SceneHand(block.joints[n, k], side, estimate))
+        doubtful = middle[block.doubtful[n]]
+        others = [one for one in left if all(_apart(one, place) > WITHIN_MM for place in doubtful)]
+        estimates = [_estimate(predictor, frame, one) for one in others]
+        yield SceneHands(hands, [one for one in estimates if one])
+
+
+def predictors(fit: Fit, net: Net | None = None) -> Callable[[Camera], Predictor]:
+    """Predictors of hands of either side, however sure, by the packaged network or another one."""
+    packaged = load_predictor(fit=fit)
+
+    def predictor_of(camera: Camera) -> Predictor:
+        return Predictor(
+            net or packaged.net,
+            camera,
+            hand="either",
+            fit=fit,
+            fitter=packaged.fitter,
+            finder=packaged.finder,
+            min_confidence=0,
+        )
+
+    return predictor_of
+
+
+def _nearest(found: Sequence[FoundHand], place: Array) -> FoundHand | None:
+    """The hand found nearest to a place (3,), if it is near enough."""
+    near = [one for one in found if _apart(one, place) < WITHIN_MM]
+    return min(near, key=lambda one: _apart(one, place)) if near else None
+
+
+def _apart(found: FoundHand, place: Array) -> float:
+    return float(np.linalg.norm(found.middle - place))
+
+
+def _estimate(predictor: Predictor, frame: SideView, found: FoundHand) -> HandEstimate | None:
+    """The estimate of a found hand; None if its pose leads out of the image."""
+    try:
+        return predictor.at_found(frame, found)
+    except DataError:
+        return None
+
+
+def cells_of(scenes: Sequence[SceneHands]) -> list[str]:
+    """Figures of some scenes."""
+    hands = [hand for scene in scenes for hand in scene.hands]
+    false = [one for scene in scenes for one in scene.false if one.chance >= MIN_CONFIDENCE]
+    fitted = [hand for hand in hands if hand.estimate]
+    joints = np.stack([hand.joints for hand in hands])
+    around = joints - joints.mean(axis=1, keepdims=True)
+    same = mean_errors_14(np.broadcast_to(around.mean(axis=0), around.shape), around)
+    error = np.array([hand.error_mm for hand in fitted])
+    confidence = np.array([hand.estimate.chance for hand in fitted if hand.estimate])
+    right, given, sure = np.isfinite(error), confidence >= MIN_CONFIDENCE, confidence >= SURE
+    return [
+        str(len(hands)),
+        f"{len(fitted) / len(hands):.0%}",
+        f"{right.mean():.0%}",
+        f"{error[right].mean():.1f}",
+        f"{np.median(error[right]):.1f}",
+        f"{given.mean():.0%}",
+        f"{(error[given] < GOOD_MM).mean():.0%}" if given.any() else "",
+        str(sure.sum()),
+        f"{(error[sure] > GOOD_MM).mean():.1%}" if sure.any() else "",
+        f"{len(false) / len(scenes):.2f}",
+        f"{same.mean():.1f}",
+    ]
+
+
+# ------------------------------------------------------------------------------------- command line
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
+    parser.add_argument(
+        "--network",
+        nargs=2,
+        type=Path,
+        metavar=("WEIGHTS", "NET"),
+        help="*.caffemodel.h5, and the deploy prototxt of their net",
+    )
+    parser.add_argument("--fit", choices=PLANS, default="accurate", help="default: %(default)s")
+    parser.add_argument(
+        "--scenes", type=count, default=160, metavar="N", help="of each kind (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--seed", type=seed, default=8000, metavar="N", help="of the scenes (default: %(default)s)"
+    )
+    add_engine(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Find and fit the hands. Raises NetlibError."""
+    net = None
+    if args.network:
+        weights, model = args.network
+        net = trained(model, weights, args.engine)
+    predictor_of = predictors(args.fit, net)
+    rows = [HEAD]
+    with ProgressBar(2 * args.scenes, "scenes") as progress:
+        for name, prior in (("training", scene_prior.load()), ("other", other_setting())):
+            generator = SceneGenerator(args.seed, "test", prior, FINER)
+            scenes = []
+            for scene in hands_in(generator, args.scenes, predictor_of):
+                scenes.append(scene)
+                progress(1)
+            rows.append([name, *cells_of(scenes)])
+    print(aligned(rows))
+    return DONE
