@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from experiments.finder import WITHIN_MM
 from experiments.labelled_frames import camera_of, first_scenes
@@ -171,25 +172,31 @@ def cells_of(scenes: Sequence[SceneHands]) -> list[str]:
     hands = [hand for scene in scenes for hand in scene.hands]
     false = [one for scene in scenes for one in scene.false if one.chance >= MIN_CONFIDENCE]
     fitted = [hand for hand in hands if hand.estimate]
-    joints = np.stack([hand.joints for hand in hands])
+    joints = np.array([hand.joints for hand in hands]).reshape(len(hands), -1, 3)
     around = joints - joints.mean(axis=1, keepdims=True)
-    same = mean_errors_14(np.broadcast_to(around.mean(axis=0), around.shape), around)
     error = np.array([hand.error_mm for hand in fitted])
     confidence = np.array([hand.estimate.chance for hand in fitted if hand.estimate])
     right, given, sure = np.isfinite(error), confidence >= MIN_CONFIDENCE, confidence >= SURE
+    same = [mean_errors_14(around.mean(axis=0)[None], own[None]) for own in around]
     return [
         str(len(hands)),
-        f"{len(fitted) / len(hands):.0%}",
-        f"{right.mean():.0%}",
-        f"{error[right].mean():.1f}",
-        f"{np.median(error[right]):.1f}",
-        f"{given.mean():.0%}",
-        f"{(error[given] < GOOD_MM).mean():.0%}" if given.any() else "",
+        _mean("{:.0%}", [hand.estimate is not None for hand in hands]),
+        _mean("{:.0%}", right),
+        _mean("{:.1f}", error[right]),
+        f"{np.median(error[right]):.1f}" if right.any() else "",
+        _mean("{:.0%}", given),
+        _mean("{:.0%}", error[given] < GOOD_MM),
         str(sure.sum()),
-        f"{(error[sure] > GOOD_MM).mean():.1%}" if sure.any() else "",
+        _mean("{:.1%}", error[sure] > GOOD_MM),
         f"{len(false) / len(scenes):.2f}",
-        f"{same.mean():.1f}",
+        _mean("{:.1f}", same),
     ]
+
+
+def _mean(form: str, values: ArrayLike) -> str:
+    """The mean of some values, as text; empty without any."""
+    numbers = np.asarray(values)
+    return form.format(numbers.mean()) if numbers.size else ""
 
 
 # ------------------------------------------------------------------------------------- command line
