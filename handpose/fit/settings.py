@@ -203,7 +203,7 @@ class FinderSettings:
     reach_mm: float = 150.0  # from the middle to the farthest part of a hand
     # weights in a fit: of pixels of the rest of a person, and of all that are no hand
     arm: float = 0.3
-    doubt: float = 0.1
+    doubt: float = 0.05
 
 
 @dataclass(frozen=True)
