@@ -7,6 +7,7 @@ losses, and which layers run backwards.
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -156,9 +157,11 @@ class Graph:
         name = layer.spec.top[index]
         bottom = layer.spec.bottom
         if name in self.blobs and name not in bottom[index : index + 1]:
+            advice = f"or that of the bottom in the same place ({index}) to run in place"
+            if self._is_copy(name, bottom[index : index + 1]):
+                advice = "as a layer that runs in place must be the only reader of its bottom"
             raise layer.fail(
-                f"top blob {name!r} is already written by layer {self._writers[name]!r}; give it another name, or that "
-                f"of the bottom in the same place ({index}) to run in place"
+                f"top blob {name!r} is already written by layer {self._writers[name]!r}; give it another name, {advice}"
             )
         if name not in self.blobs:
             self.blobs[name] = self.engine.blob(self.dtype)
@@ -166,6 +169,11 @@ class Graph:
             if layer.is_input:
                 self.inputs.append(name)
         return self.blobs[name]
+
+    def _is_copy(self, name: str, bottom: Sequence[str]) -> bool:
+        """Whether one of these blobs is a Split's copy of the blob ``name``."""
+        writers = [self.layer_dict[self._writers[blob]].spec for blob in bottom]
+        return any(spec.type == "Split" and spec.bottom == (name,) for spec in writers)
 
     def _weigh(self, layer: Layer, top: Blobs) -> None:
         """Register the losses of the layer."""

@@ -24,7 +24,7 @@ from netlib.snapshots import snapshot
 WHY_UNKNOWN = {
     "data": "the data of blob %r is unknown: the last pass did not complete; run forward again",
     "diff": "the diff of blob %r is unknown: it was not stored, and its backward pass did not complete "
-    "or a forward pass came after it; read it directly after backward",
+    "or a forward pass came after it; read it directly after backward, or call net.store_all() before",
 }
 
 
