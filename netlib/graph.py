@@ -7,7 +7,7 @@ losses, and which layers run backwards.
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,7 @@ from netlib.errors import LayerError, did_you_mean
 from netlib.layer import Layer, check_backward
 from netlib.layer_errors import LayerErrors
 from netlib.proto import schema
-from netlib.proto.messages import LayerParameter, NetParameter
+from netlib.proto.messages import LayerParameter, NetParameter, NetState
 from netlib.proto.net_parameter import distinct, insert_splits
 
 log = logging.getLogger("netlib")
@@ -47,6 +47,8 @@ class Graph:
     """
 
     source: str  # the file, for messages
+    state: NetState
+    excluded: Set[str]  # tops of the layers that ``state`` excludes, for messages
 
     def __init__(
         self,
@@ -135,11 +137,16 @@ class Graph:
         """The bottom blobs of the layer, created by layers before it."""
         for index, name in enumerate(layer.spec.bottom):
             if name not in self.blobs:
+                advice = did_you_mean(name, self.blobs)
+                if name in self.excluded:
+                    stages = ", ".join(self.state.stage) or "none"
+                    state = f"phase {self._phase}, level {self.state.level}, stages: {stages}"
+                    advice = f"; the layers that write it are excluded in {state}"
                 known = f"; known here: {', '.join(self.blobs)}" if self.blobs else ""
                 where = schema.position_of(layer.spec, "bottom", index)
                 raise LayerError(
                     f"{where}: error: layer {layer.name!r}: unknown bottom blob {name!r}"
-                    f"{did_you_mean(name, self.blobs) or known}"
+                    f"{advice or known}"
                 )
             self._unread.pop(name, None)
         return Blobs(self.blobs[name] for name in layer.spec.bottom)
