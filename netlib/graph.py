@@ -7,16 +7,16 @@ losses, and which layers run backwards.
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence, Set
+from collections.abc import Set
 from typing import Any
 
 import numpy as np
 
 from netlib.blob import Blob, Blobs
 from netlib.building import create
+from netlib.building.blob_errors import taken_top, unknown_bottom
 from netlib.building.params import Parameters
 from netlib.engine import Connection, Engine
-from netlib.errors import LayerError, did_you_mean
 from netlib.layer import Layer, check_backward
 from netlib.layer_errors import LayerErrors
 from netlib.proto import schema
@@ -137,17 +137,7 @@ class Graph:
         """The bottom blobs of the layer, created by layers before it."""
         for index, name in enumerate(layer.spec.bottom):
             if name not in self.blobs:
-                advice = did_you_mean(name, self.blobs)
-                if name in self.excluded:
-                    stages = ", ".join(self.state.stage) or "none"
-                    state = f"phase {self._phase}, level {self.state.level}, stages: {stages}"
-                    advice = f"; the layers that write it are excluded in {state}"
-                known = f"; known here: {', '.join(self.blobs)}" if self.blobs else ""
-                where = schema.position_of(layer.spec, "bottom", index)
-                raise LayerError(
-                    f"{where}: error: layer {layer.name!r}: unknown bottom blob {name!r}"
-                    f"{advice or known}"
-                )
+                raise unknown_bottom(layer, index, self.blobs, self.excluded, self.state)
             self._unread.pop(name, None)
         return Blobs(self.blobs[name] for name in layer.spec.bottom)
 
@@ -162,25 +152,16 @@ class Graph:
 
     def _top(self, layer: Layer, index: int) -> Blob:
         name = layer.spec.top[index]
-        bottom = layer.spec.bottom
-        if name in self.blobs and name not in bottom[index : index + 1]:
-            advice = f"or that of the bottom in the same place ({index}) to run in place"
-            if self._is_copy(name, bottom[index : index + 1]):
-                advice = "as a layer that runs in place must be the only reader of its bottom"
-            raise layer.fail(
-                f"top blob {name!r} is already written by layer {self._writers[name]!r}; give it another name, {advice}"
-            )
+        bottom = layer.spec.bottom[index : index + 1]
+        if name in self.blobs and name not in bottom:
+            writers = [self.layer_dict[self._writers[blob]].spec for blob in bottom]
+            raise taken_top(layer, index, self._writers[name], writers)
         if name not in self.blobs:
             self.blobs[name] = self.engine.blob(self.dtype)
             self._writers[name] = layer.name
             if layer.is_input:
                 self.inputs.append(name)
         return self.blobs[name]
-
-    def _is_copy(self, name: str, bottom: Sequence[str]) -> bool:
-        """Whether one of these blobs is a Split's copy of the blob ``name``."""
-        writers = [self.layer_dict[self._writers[blob]].spec for blob in bottom]
-        return any(spec.type == "Split" and spec.bottom == (name,) for spec in writers)
 
     def _weigh(self, layer: Layer, top: Blobs) -> None:
         """Register the losses of the layer."""
