@@ -16,6 +16,7 @@ from functools import partial
 import numpy as np
 
 from netlib.blob import Array, Blob
+from netlib.building.splits import copies_of, share_splits
 from netlib.engine import Connection, Missing, Step, check_memory, versions_of, writes_only_tops
 from netlib.errors import NetlibError
 from netlib.graph import Graph
@@ -62,6 +63,7 @@ class PassState:
         self._fits = False  # whether the check for memory has passed
         self._watched: set[Blob] = set()  # the blobs whose accesses are noted
         self._unstored: set[Blob] = set()  # the unstored blobs of all steps
+        self._apart: set[Blob] = set()  # copies of Split layers with memory of their own
         # the steps that compute unstored blobs from a blob
         self._sources: dict[Blob, list[Step]] = {}
         self._by_layer = False  # whether there is a step for each layer, so that a part can run
@@ -168,7 +170,7 @@ class PassState:
         self.reshape()
         self.store_all()
         missing = [step for step in self.steps[first:last] if not self._is_ready(step)]
-        read = {blob for at in self._connections if self._has_run(at) for blob in at.bottom}
+        read = {blob.root for at in self._connections if self._has_run(at) for blob in at.bottom}
         for step in missing:
             [at] = step.connections
             layer = at.layer
@@ -177,7 +179,7 @@ class PassState:
                     "backward was called before forward, which reads data: run forward first"
                 )
             before = snapshot.as_plain(layer.state())
-            kept = [(blob, blob.data.copy()) for blob in at.top if blob in read]
+            kept = [(blob, blob.data.copy()) for blob in at.top if blob.root in read]
             self.forward(step)
             for blob, data in kept:  # before a later layer reads them
                 blob.data[...] = data
@@ -235,6 +237,9 @@ class PassState:
         with np.errstate(all="ignore"):
             for step in self.steps:
                 self._note(step.store())
+        ran = [at for at in self._connections if self._has_run(at)]
+        share_splits(self._connections)  # all copies are stored
+        self._ran |= {at: versions_of(at.blobs) for at in ran}
         self._use(by_layer)
         self._by_layer = self.is_reshaped = True
 
@@ -255,7 +260,9 @@ class PassState:
             for blob in step.sources:
                 sources.setdefault(blob, []).append(step)
         before = self._watched
-        self._watched = unstored | sources.keys() | self._unknown.keys()
+        copies = [blob for at in self._connections for blob in copies_of(at)]
+        self._apart = {blob for blob in copies if blob.owns_memory}
+        self._watched = unstored | sources.keys() | self._unknown.keys() | self._apart
         for blob in self._watched:
             is_source = blob not in unstored and blob not in self._unknown
             blob.on_access = partial(_look, state, is_source)
@@ -275,7 +282,8 @@ class PassState:
                     self.is_reshaped = False
         if half == "memory":
             return
-        if blob in self._unstored:
+        is_written = blob in self._apart and half == "data" and not self._is_running
+        if blob in self._unstored or is_written:
             self._store_before_access()
         if half in self._unknown.get(blob, ()):
             names = {other: name for name, other in self._blobs.items()}
