@@ -22,7 +22,7 @@ from fast.plan import plan
 from fast.slices import SlicedStep
 from fast.whole_steps import FastStep, WholeStep, whole_steps
 from netlib.blob import Array, Blob, equal_blocks
-from netlib.building.splits import of_users, share_splits
+from netlib.building.splits import share_splits
 from netlib.engine import Connection, Engine, Step
 from netlib.proto.options import class_at, place_of
 
@@ -81,7 +81,7 @@ class FastEngine(Engine):
         fuse(connections, stored)
         runs = plan(connections, stored)
         sliced = [at for run in runs if run.sliced for at in run.connections]
-        share_splits(connections, [*sliced, *of_users(connections)])
+        share_splits(connections, sliced)
         blobs = {blob for at in connections for blob in at.blobs}
         new: list[FastStep] = []
         for is_sliced, part in groupby(runs, lambda run: run.sliced):

@@ -16,7 +16,7 @@ from functools import partial
 import numpy as np
 
 from netlib.blob import Array, Blob
-from netlib.building.splits import copies_of, share_splits
+from netlib.building.splits import copies_of, renew_splits, share_splits
 from netlib.engine import Connection, Missing, Step, check_memory, versions_of, writes_only_tops
 from netlib.errors import NetlibError
 from netlib.graph import Graph
@@ -110,6 +110,8 @@ class PassState:
             self._by_layer = self.is_reshaped = False
             self._make_steps()
             self._stores_less = False
+        if first:
+            renew_splits(self._connections, first)
         if not self._fits:
             check_memory(self.steps)
             self._fits = True
@@ -260,8 +262,7 @@ class PassState:
             for blob in step.sources:
                 sources.setdefault(blob, []).append(step)
         before = self._watched
-        copies = [blob for at in self._connections for blob in copies_of(at)]
-        self._apart = {blob for blob in copies if blob.owns_memory}
+        self._apart = {copy for _, copy, _ in copies_of(self._connections) if copy.owns_memory}
         self._watched = unstored | sources.keys() | self._unknown.keys() | self._apart
         for blob in self._watched:
             is_source = blob not in unstored and blob not in self._unknown
