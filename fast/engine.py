@@ -21,8 +21,8 @@ from fast.fusing import fuse, release
 from fast.plan import plan
 from fast.slices import SlicedStep
 from fast.whole_steps import FastStep, WholeStep, whole_steps
-from layers.common.split import Split
 from netlib.blob import Array, Blob, equal_blocks
+from netlib.building.splits import share_splits
 from netlib.engine import Connection, Engine, Step
 from netlib.proto.options import class_at, place_of
 
@@ -80,7 +80,8 @@ class FastEngine(Engine):
         stored = set(outside)
         fuse(connections, stored)
         runs = plan(connections, stored)
-        _share_splits(connections, [at for run in runs if run.sliced for at in run.connections])
+        sliced = [at for run in runs if run.sliced for at in run.connections]
+        share_splits(connections, sliced)
         blobs = {blob for at in connections for blob in at.blobs}
         new: list[FastStep] = []
         for is_sliced, part in groupby(runs, lambda run: run.sliced):
@@ -94,7 +95,6 @@ class FastEngine(Engine):
     def steps_by_layer(self, connections: Sequence[Connection]) -> Sequence[Step]:
         """A step for each layer, on the whole batch; no layer is computed with another."""
         release(connections)
-        _share_splits(connections, connections)
         return [WholeStep(at) for at in connections]
 
     def run(self, jobs: Sequence[Callable[[], None]], values: float = float("inf")) -> None:
@@ -124,18 +124,3 @@ class FastEngine(Engine):
     def set_threads(self, count: int) -> None:
         """Set the number of threads of the pool in parallel.py."""
         parallel.set_threads(count)
-
-
-def _share_splits(connections: Sequence[Connection], apart: Iterable[Connection]) -> None:
-    """Let the tops of a Split share the memory of its bottom, as in Caffe, unless a later layer
-    overwrites one of them, or one of the layers ``apart`` or a user's layer uses it.
-    """
-    writers = {blob: number for number, at in enumerate(connections) for blob in at.top}
-    users = [*apart, *(at for at in connections if at.layer.type == "Python")]
-    own = {blob for at in users for blob in at.blobs}
-    for number, at in enumerate(connections):
-        for blob in at.top if type(at.layer) is Split else []:
-            if all(writers[one] <= number and one not in own for one in (at.bottom[0], blob)):
-                blob.share_data(at.bottom[0])
-            else:
-                blob.unshare_data()

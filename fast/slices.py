@@ -151,7 +151,7 @@ class SlicedStep(FastStep):
         self._users = uses_of(run.order)
         self._needs_backward = any(at.needs_backward for at in run.connections)
         self._read_again = run.read_again()
-        self._same = {} if self._needs_backward else self._copied() | self._fused()
+        self._same = self._fused() | ({} if self._needs_backward else self._copied())
         self._buffers = threading.local()
         self._lanes: list[Lane] = []
         # the lanes for recent shapes of all blobs, the present ones last

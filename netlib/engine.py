@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from netlib.blob import Array, Blob, Blobs
+from netlib.building.splits import share_splits
 from netlib.errors import NetlibError, did_you_mean
 from netlib.files.own_modules import own_module
 from netlib.files.paths import ROOT
@@ -214,6 +215,7 @@ class Engine:
         ``outside`` are the blobs that a caller reads or writes: inputs, outputs, losses. They are
         always stored.
         """
+        share_splits(connections)
         return old or self.steps_by_layer(connections)
 
     def steps_by_layer(self, connections: Sequence[Connection]) -> Sequence[Step]:

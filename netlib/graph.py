@@ -7,19 +7,20 @@ losses, and which layers run backwards.
 from __future__ import annotations
 
 import logging
+from collections.abc import Set
 from typing import Any
 
 import numpy as np
 
 from netlib.blob import Blob, Blobs
 from netlib.building import create
+from netlib.building.blob_errors import taken_top, unknown_bottom
 from netlib.building.params import Parameters
 from netlib.engine import Connection, Engine
-from netlib.errors import LayerError, did_you_mean
 from netlib.layer import Layer, check_backward
 from netlib.layer_errors import LayerErrors
 from netlib.proto import schema
-from netlib.proto.messages import LayerParameter, NetParameter
+from netlib.proto.messages import LayerParameter, NetParameter, NetState
 from netlib.proto.net_parameter import distinct, insert_splits
 
 log = logging.getLogger("netlib")
@@ -46,6 +47,8 @@ class Graph:
     """
 
     source: str  # the file, for messages
+    state: NetState
+    excluded: Set[str]  # tops of the layers that ``state`` excludes, for messages
 
     def __init__(
         self,
@@ -134,12 +137,7 @@ class Graph:
         """The bottom blobs of the layer, created by layers before it."""
         for index, name in enumerate(layer.spec.bottom):
             if name not in self.blobs:
-                known = f"; known here: {', '.join(self.blobs)}" if self.blobs else ""
-                where = schema.position_of(layer.spec, "bottom", index)
-                raise LayerError(
-                    f"{where}: error: layer {layer.name!r}: unknown bottom blob {name!r}"
-                    f"{did_you_mean(name, self.blobs) or known}"
-                )
+                raise unknown_bottom(layer, index, self.blobs, self.excluded, self.state)
             self._unread.pop(name, None)
         return Blobs(self.blobs[name] for name in layer.spec.bottom)
 
@@ -154,12 +152,10 @@ class Graph:
 
     def _top(self, layer: Layer, index: int) -> Blob:
         name = layer.spec.top[index]
-        bottom = layer.spec.bottom
-        if name in self.blobs and name not in bottom[index : index + 1]:
-            raise layer.fail(
-                f"top blob {name!r} is already written by layer {self._writers[name]!r}; give it another name, or that "
-                f"of the bottom in the same place ({index}) to run in place"
-            )
+        bottom = layer.spec.bottom[index : index + 1]
+        if name in self.blobs and name not in bottom:
+            writers = [self.layer_dict[self._writers[blob]].spec for blob in bottom]
+            raise taken_top(layer, index, self._writers[name], writers)
         if name not in self.blobs:
             self.blobs[name] = self.engine.blob(self.dtype)
             self._writers[name] = layer.name

@@ -26,7 +26,7 @@ from netlib.layer import PHASES, TEST, TRAIN
 from netlib.pass_state import PassState
 from netlib.proto import schema
 from netlib.proto.messages import NetParameter, NetState
-from netlib.proto.net_parameter import load_parameter, select_layers
+from netlib.proto.net_parameter import load_parameter, select_layers, tops_of
 from netlib.proto.prototxt import Message
 from netlib.snapshots import snapshot
 from netlib.snapshots import weights as weights_of
@@ -104,6 +104,7 @@ class Net(Graph):
         self.phase = PHASES[self.state.phase]
         self.seed = next_seed() if seed is None else seed
         layers = tuple(select_layers(param, self.state))  # inputs are among them now
+        self.excluded = tops_of(param.layer) - tops_of(layers)
         self.param = schema.changed(param, layer=layers, input=(), input_dim=(), input_shape=())
         python_layer.check_allowed(self.param.layer, python_layers)
         super().__init__(

@@ -16,6 +16,7 @@ from functools import partial
 import numpy as np
 
 from netlib.blob import Array, Blob
+from netlib.building.splits import copies_of, renew_splits, share_splits
 from netlib.engine import Connection, Missing, Step, check_memory, versions_of, writes_only_tops
 from netlib.errors import NetlibError
 from netlib.graph import Graph
@@ -24,7 +25,7 @@ from netlib.snapshots import snapshot
 WHY_UNKNOWN = {
     "data": "the data of blob %r is unknown: the last pass did not complete; run forward again",
     "diff": "the diff of blob %r is unknown: it was not stored, and its backward pass did not complete "
-    "or a forward pass came after it; read it directly after backward",
+    "or a forward pass came after it; read it directly after backward, or call net.store_all() before",
 }
 
 
@@ -62,6 +63,7 @@ class PassState:
         self._fits = False  # whether the check for memory has passed
         self._watched: set[Blob] = set()  # the blobs whose accesses are noted
         self._unstored: set[Blob] = set()  # the unstored blobs of all steps
+        self._apart: set[Blob] = set()  # copies of Split layers with memory of their own
         # the steps that compute unstored blobs from a blob
         self._sources: dict[Blob, list[Step]] = {}
         self._by_layer = False  # whether there is a step for each layer, so that a part can run
@@ -108,6 +110,8 @@ class PassState:
             self._by_layer = self.is_reshaped = False
             self._make_steps()
             self._stores_less = False
+        if first:
+            renew_splits(self._connections, first)
         if not self._fits:
             check_memory(self.steps)
             self._fits = True
@@ -168,7 +172,7 @@ class PassState:
         self.reshape()
         self.store_all()
         missing = [step for step in self.steps[first:last] if not self._is_ready(step)]
-        read = {blob for at in self._connections if self._has_run(at) for blob in at.bottom}
+        read = {blob.root for at in self._connections if self._has_run(at) for blob in at.bottom}
         for step in missing:
             [at] = step.connections
             layer = at.layer
@@ -177,7 +181,7 @@ class PassState:
                     "backward was called before forward, which reads data: run forward first"
                 )
             before = snapshot.as_plain(layer.state())
-            kept = [(blob, blob.data.copy()) for blob in at.top if blob in read]
+            kept = [(blob, blob.data.copy()) for blob in at.top if blob.root in read]
             self.forward(step)
             for blob, data in kept:  # before a later layer reads them
                 blob.data[...] = data
@@ -235,6 +239,9 @@ class PassState:
         with np.errstate(all="ignore"):
             for step in self.steps:
                 self._note(step.store())
+        ran = [at for at in self._connections if self._has_run(at)]
+        share_splits(self._connections)  # all copies are stored
+        self._ran |= {at: versions_of(at.blobs) for at in ran}
         self._use(by_layer)
         self._by_layer = self.is_reshaped = True
 
@@ -255,7 +262,8 @@ class PassState:
             for blob in step.sources:
                 sources.setdefault(blob, []).append(step)
         before = self._watched
-        self._watched = unstored | sources.keys() | self._unknown.keys()
+        self._apart = {copy for _, copy, _ in copies_of(self._connections) if copy.owns_memory}
+        self._watched = unstored | sources.keys() | self._unknown.keys() | self._apart
         for blob in self._watched:
             is_source = blob not in unstored and blob not in self._unknown
             blob.on_access = partial(_look, state, is_source)
@@ -275,7 +283,8 @@ class PassState:
                     self.is_reshaped = False
         if half == "memory":
             return
-        if blob in self._unstored:
+        is_written = blob in self._apart and half == "data" and not self._is_running
+        if blob in self._unstored or is_written:
             self._store_before_access()
         if half in self._unknown.get(blob, ()):
             names = {other: name for name, other in self._blobs.items()}

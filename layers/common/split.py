@@ -5,7 +5,7 @@ The net inserts this layer automatically (netlib/proto/net_parameter.py).
 bottom[0]  x    any shape
 top[i]     y_i  same shape
 
-y_i = x             copies; where no layer overwrites it, the fast engine shares x, as Caffe does
+y_i = x             copies; where no layer overwrites one, they share the memory of x, as in Caffe
 dx  = sum of dy_i   the gradients of all readers add up
 """
 

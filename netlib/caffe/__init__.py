@@ -9,7 +9,7 @@ protobuf. Everything runs on the CPU; requests for a GPU only log a warning.
 from netlib import engine
 from netlib.caffe import _caffe, io, proto
 from netlib.caffe._caffe import *  # noqa: F403
-from netlib.caffe.classifier import Classifier
+from netlib.caffe.classifier import Classifier, Detector
 from netlib.caffe.net_spec import NetSpec, layers, params, to_proto
 from netlib.files import own_modules
 from netlib.layer import TEST, TRAIN
@@ -20,6 +20,7 @@ __all__ = [
     "TEST",
     "TRAIN",
     "Classifier",
+    "Detector",
     "NetSpec",
     "_caffe",
     "io",

@@ -84,3 +84,13 @@ class Classifier(Net):
         items = np.stack([self.transformer.preprocess(name, crop) for crop in crops])
         predictions: NDArray[np.float32] = self.forward_all(**{name: items})[self.outputs[0]]
         return predictions.reshape(len(images), 10, -1).mean(axis=1) if oversample else predictions
+
+
+class Detector:
+    """Not supported. Raises NotImplementedError."""
+
+    def __init__(self, *args: object, **options: object) -> None:
+        raise NotImplementedError(
+            "Detector, for the windows of R-CNN (2014), is not supported; crop the windows from the images and give "
+            "them to Classifier.predict(windows, oversample=False)"
+        )

@@ -4,7 +4,7 @@ inserting Split layers.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from netlib.errors import PrototxtError
@@ -55,10 +55,9 @@ def select_layers(param: NetParameter, state: NetState) -> list[LayerParameter]:
     As in Caffe, an input without a shape is dropped if a layer, such as an Input layer in the same
     file, has this top.
     """
-    tops = {top for spec in param.layer for top in spec.top}
     has_shapes = param.input_shape or param.input_dim
     selected = []
-    if param.input and (has_shapes or not tops.issuperset(param.input)):
+    if param.input and (has_shapes or not tops_of(param.layer).issuperset(param.input)):
         selected.append(input_layer(param))
     for spec in param.layer:
         if spec.include and spec.exclude:
@@ -69,6 +68,11 @@ def select_layers(param: NetParameter, state: NetState) -> list[LayerParameter]:
         if is_included and not any(meets(state, rule) for rule in spec.exclude):
             selected.append(spec)
     return selected
+
+
+def tops_of(layers: Iterable[LayerParameter]) -> set[str]:
+    """The names of all tops."""
+    return {top for spec in layers for top in spec.top}
 
 
 def meets(state: NetState, rule: NetStateRule) -> bool:

@@ -197,7 +197,7 @@ def _writes(
         if shaped.shape != target[i].shape:
             raise WeightsError(
                 f"{what}: layer {name!r} parameter {i} has shape {array.shape}, "
-                f"the net expects {target[i].shape}"
+                f"the net expects {target[i].shape}; a layer that is to be trained anew needs another name"
             )
         writes.append((target[i].data, shaped))
     return writes

@@ -171,3 +171,29 @@ def test_a_backward_pass(chain: str, count: int, rng: np.random.Generator) -> No
                 tolerance = 1e-4 * max(size, 1e-3)
                 np.testing.assert_allclose(found.diff, expected.diff, rtol=0, atol=tolerance)
                 np.testing.assert_allclose(found.data, expected.data, rtol=1e-5, atol=1e-5)
+
+
+def test_frozen_layers_in_the_slices_of_trained_ones(rng: np.random.Generator) -> None:
+    """A frozen convolution writes the blob of the layer that it computes, as without training."""
+    text = (
+        inputs(x=(4, 3, 8, 8))
+        + 'layer { name: "a" bottom: "x" top: "a" param { lr_mult: 0 } param { lr_mult: 0 } '
+        + f"{FIRST['columns'].replace('%s', FILLERS)} }}"
+        + f'layer {{ name: "b" bottom: "a" top: "b" {NORM} }}'
+        + f'layer {{ name: "c" bottom: "b" top: "c" {FIRST["1 x 1"].replace("%s", FILLERS)} }}'
+        + 'layer { name: "l" type: "Reduction" bottom: "c" top: "l" loss_weight: 1 }'
+    )
+    plain, fast = (
+        netlib.Net(prototxt.parse(text), netlib.TRAIN, engine=engine, seed=3)
+        for engine in ("plain", "fast")
+    )
+    assert fused(fast) == 1
+    x = rng.normal(size=(4, 3, 8, 8))
+    for net in (plain, fast):
+        net.forward(x=x)
+        net.backward()
+    for y, found in (
+        (plain.blobs["l"].data, fast.blobs["l"].data),
+        (plain.params["c"][0].diff, fast.params["c"][0].diff),
+    ):
+        np.testing.assert_allclose(found, y, rtol=0, atol=1e-5 * np.abs(y).max())

@@ -14,7 +14,7 @@ import netlib
 from netlib.proto import prototxt
 from netlib.proto.messages import SolverParameter
 from tests.netlib.conftest import MakeNet
-from tests.support.nets import ONE, TWO, X, ip, loss
+from tests.support.nets import ONE, TWO, X, inputs, ip, loss
 
 pytestmark = pytest.mark.both_engines
 
@@ -87,6 +87,20 @@ def test_forward_from_one_layer_to_another(net_of: MakeNet) -> None:
     assert np.allclose(net.forward(start="b")["c"], whole["c"])
 
 
+@pytest.mark.parametrize("written", ["a", "a_a_0_split_0", "a_a_0_split_1"])
+def test_all_readers_of_a_blob_see_what_a_caller_writes(net_of: MakeNet, written: str) -> None:
+    readers = "".join(
+        f'layer {{ name: "{top}" type: "AbsVal" bottom: "a" top: "{top}" }} ' for top in "bc"
+    )
+    net = net_of(inputs(x=(4, 3)) + ip("a", "x", "a") + readers)
+    for value in (5, 7):  # also if a part has run before
+        net.forward(x=np.ones((4, 3)))
+        net.blobs[written].data[...] = value
+        found = net.forward(start="b")
+        assert (found["b"] == value).all()
+        assert (found["c"] == value).all()
+
+
 def test_backward_from_one_layer_to_another(net_of: MakeNet) -> None:
     net = net_of("force_backward: true " + TWO)
     net.forward(x=np.ones((2, 3)))
@@ -142,7 +156,7 @@ NO_BIAS = TWO.replace("num_output: 3", "num_output: 3 bias_term: false")
         (
             TWO,
             ONE + ip("b", "a", "b", outputs=4),
-            r"layer 'b' parameter 0 has shape \(3, 3\), the net expects \(4, 3\)",
+            r"layer 'b' parameter 0 has shape \(3, 3\), the net expects \(4, 3\); .* another name",
         ),
         (
             TWO,

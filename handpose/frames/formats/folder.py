@@ -96,9 +96,7 @@ class FolderRecording(Recording):
             first = arrays_in(path, is_single=True)
             own, fields, taken = parameters_in(first.others, where, given)
             timed = name_of_times(first.others, 1)
-            self.warnings = not_used(
-                [name for name in first.names if name not in fields and name != timed]
-            )
+            self.warnings = not_used(first.names, fields, timed)
             if timed is not None:
                 in_names = in_order(names, str(self.folder))  # a given unit is that of the arrays
                 if not in_names[1].ticks:

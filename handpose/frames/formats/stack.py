@@ -18,7 +18,7 @@ import math
 import re
 import warnings
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from io import BufferedReader
 from pathlib import Path
 from typing import IO, Any, Literal, NamedTuple
@@ -85,9 +85,7 @@ class StackRecording(Recording):
             self.remarks = ("; ".join(taken), *self.remarks)
         if timed is None and count > 1:
             self._assume_rate()
-        self.warnings = not_used(
-            [name for name in frames.names if _base_name(name) not in fields and name != timed]
-        )
+        self.warnings = not_used(frames.names, fields, timed)
 
     def _timed_by(
         self, name: str, given: CameraInfo, own: CameraInfo, camera_json: CameraInfo
@@ -280,8 +278,14 @@ MAX_VALUES = 1000  # in an array of parameters
 MAX_CAMERA_VALUES = 16  # in an array of the parameters by which a camera is recognised: 4 x 4
 
 
-def not_used(names: list[str]) -> tuple[str, ...]:
-    """The warning about arrays that are not used, if there are any."""
+def not_used(others: Sequence[str], fields: Collection[str], timed: str | None) -> tuple[str, ...]:
+    """The warning about arrays that are not used, if there are any.
+
+    others  names of the arrays without the depth
+    fields  names of parameters that are used, without those of groups
+    timed   the array of times
+    """
+    names = [name for name in others if _base_name(name) not in fields and name != timed]
     if not names:
         return ()
     shown = ", ".join(map(repr, names[:MAX_NAMES]))

@@ -114,6 +114,14 @@ def test_a_python_layer(squares: None) -> None:
     assert netlib.Net(text_with(python("Gain")), netlib.TEST).forward()["y"].tolist() == [1, 1, 1]
 
 
+def test_a_part_reads_what_a_caller_has_written_to_a_blob_with_other_readers(squares: None) -> None:
+    net = net_with(python("Square") + 'layer { name: "abs" type: "AbsVal" bottom: "x" top: "z" }')
+    for value in (2, 3):
+        net.forward(x=np.zeros(3))
+        net.blobs["x"].data[...] = value
+        assert net.forward(start="own")["y"].tolist() == [value**2] * 3
+
+
 def test_a_python_layer_may_derive_from_ours(module: MakeModule) -> None:
     module(
         "steeper",

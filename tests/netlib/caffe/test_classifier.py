@@ -111,3 +111,8 @@ def test_invalid_images_are_rejected(classifier_of, given, rejected):
     classifier = classifier_of()
     with rejected:
         classifier.predict(given)
+
+
+def test_a_detector_is_not_supported() -> None:
+    with pytest.raises(NotImplementedError, match="Classifier"):
+        caffe.Detector("deploy.prototxt", "net.caffemodel", context_pad=16)

@@ -264,6 +264,13 @@ def test_archives_of_frames_may_contain_the_camera(here: Path) -> None:
     assert FolderRecording(here, CameraInfo(replace(CAMERA, fx=70.0))).camera.fx == 70
 
 
+def test_parameters_in_groups_of_an_archive_are_used(here: Path) -> None:
+    parameters = {"camera.fx": 60, "camera.fy": 61, "camera.cx": 31.5, "camera.cy": 23.5}
+    put_array("frame_0.npz", hand_sized(), **parameters)
+    recording = FolderRecording(here)
+    assert (recording.camera, recording.warnings) == (CAMERA, ())
+
+
 @pytest.mark.parametrize(
     ("name", "values", "unit", "times"),
     [
