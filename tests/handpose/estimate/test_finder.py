@@ -11,6 +11,7 @@ from numpy.testing import assert_allclose
 
 from handpose.estimate.finder import VOTE_MM, Finder, FoundHand, channels_of
 from handpose.estimate.packaged import load_finder
+from handpose.fit.settings import FinderSettings
 from handpose.frames.cameras import Camera
 from netlib.errors import DataError, NetlibError
 
@@ -79,7 +80,7 @@ def test_palms_and_masks_of_two_hands() -> None:
         assert hand.weight is not None and hand.weight[true].mean() > 0.9
         other = ~true & (frame() < BEHIND_MM)
         for pixels in (other, ~true):
-            assert hand.weight[pixels].mean() == pytest.approx(0.1, abs=0.02)
+            assert hand.weight[pixels].mean() == pytest.approx(FinderSettings().doubt, abs=0.02)
     assert (first.presence, second.presence) == pytest.approx((0.9, 0.6), abs=1e-3)
     assert [hand.presence for hand in found_in(frame(), most=1)] == [first.presence]
 
