@@ -33,6 +33,7 @@ BEYOND_MM, MIDDLE_MM = 4000.0, 600.0  # farther readings are ignored; depth with
 STRIDE = 32  # heights and widths of the net's input are multiples
 MAX_PIXELS = 1 << 19  # of the net's input; larger frames are seen smaller
 CHANCE_STEP = 2.0**-10  # to which probabilities are rounded, so that processors agree
+REACH_MM = 150.0  # from the middle to the farthest part of a hand
 MIN_VOTES = 1e-4  # sum of the weights around a maximum
 # channels, part of the resolution
 OUTPUTS = {"class": (3, 2), "presence": (1, 4), "votes": (3, 4)}
@@ -45,8 +46,7 @@ class FoundHand(NamedTuple):
     middle    (3,) mm, the mean of its joints without the wrist, camera axes
     mask      (height, width) the hand's pixels in the frame
     weight    (height, width) of each pixel in a fit, 0 to 1: the probability that it shows this
-              hand, a part of that for the rest of a person, which may be its arm, and a rest of
-              doubt; None: all are alike
+              hand, and some doubt; None: all are alike
     """
 
     presence: float
@@ -116,10 +116,8 @@ class Finder:
         said = self.net.forward(blobs=["votes", "class"], frame=channels_of(small[None], focal))
         if not all(np.isfinite(said[name]).all() for name in OUTPUTS):
             raise NetlibError(f"{self.net.source}: answers that are not finite; check its weights")
-        chances = *said["class"][0, 1:], said["presence"][0, 0]
-        hand, person, presence = (
-            rounded(values, CHANCE_STEP).astype(np.float32) for values in chances
-        )
+        chances = said["class"][0, 1], said["presence"][0, 0]
+        hand, presence = (rounded(values, CHANCE_STEP).astype(np.float32) for values in chances)
         z = small[::4, ::4].astype(np.float64)
         z[z >= BEYOND_MM] = 0
         rays = np.concatenate([slopes[::4, ::4], np.ones((*z.shape, 1))], axis=-1)
@@ -135,7 +133,7 @@ class Finder:
             return []
         middles = np.stack([middle for _, middle in peaks])
         owner = np.linalg.norm(votes[:, :, None] - middles, axis=-1).argmin(-1)
-        maps = [hand, *self._weights(hand, person, owner, len(peaks))]
+        maps = [hand, *self._weights(hand, owner, len(peaks))]
         in_frame, *weights = _in_frame(maps, camera, scale)
         masks = self._masks(image, camera, scale, in_frame, owner, middles)
         return [FoundHand(*peak, *pixels) for peak, *pixels in zip(peaks, masks, weights)]
@@ -173,19 +171,16 @@ class Finder:
         near = weight * (np.linalg.norm(votes - median, axis=1) < self.settings.apart_mm)
         return np.asarray(near @ votes / near.sum()) if near.any() else median
 
-    def _weights(
-        self, hand: Floats, person: Floats, owner: NDArray[np.intp], hands: int
-    ) -> list[Floats]:
+    def _weights(self, hand: Floats, owner: NDArray[np.intp], hands: int) -> list[Floats]:
         """The weights (H/2, W/2) of the pixels of each hand.
 
-        hand, person  (H/2, W/2) probabilities
-        owner         (H/4, W/4) number of the hand that a pixel votes for
+        hand   (H/2, W/2) probability of hands
+        owner  (H/4, W/4) number of the hand that a pixel votes for
         """
-        s = self.settings
+        doubt = np.float32(self.settings.doubt)
         nearest = owner.repeat(2, axis=0).repeat(2, axis=1)
-        arm = np.float32(s.arm) * person
-        shown = [np.where(nearest == k, hand, 0) + arm for k in range(hands)]
-        return [s.doubt + (1 - s.doubt) * one for one in shown]
+        weight = doubt + (1 - doubt) * hand
+        return [np.where(nearest == k, weight, doubt) for k in range(hands)]
 
     def _masks(
         self,
@@ -207,7 +202,7 @@ class Finder:
         quarter_column = np.rint(columns * scale[0] / 4).astype(int).clip(0, owner.shape[1] - 1)
         own = owner[quarter_row, quarter_column]
         points = camera.unproject(np.stack([columns, rows, image[rows, columns]], axis=-1))
-        within_reach = np.linalg.norm(points - middles[own], axis=1) < self.settings.reach_mm
+        within_reach = np.linalg.norm(points - middles[own], axis=1) < REACH_MM
         own = np.where(within_reach, own, -1)
         masks = np.zeros((len(middles), *image.shape), bool)
         for k in range(len(middles)):

@@ -186,9 +186,7 @@ class Predictor:
         """
         place = frame.camera.project(found.middle * mirror_of(frame.side))
         hand = self.estimator.in_frame(frame.weighted(found.weight), place, is_middle=True)
-        return dataclasses.replace(
-            as_one_side(hand, self.estimator.judge), presence=found.presence
-        )
+        return dataclasses.replace(as_one_side(hand, self.estimator.judge), presence=found.presence)
 
     def _found(self, frame: SideView) -> list[FoundHand]:
         """The hands that the finder finds, the most certain first.

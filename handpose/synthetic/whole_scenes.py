@@ -7,8 +7,9 @@ hand. The camera is on the person's head, or anywhere around. The table may be n
 hands; things stand on it, in the room, hang in the air, or are held. How often, how large and where
 is the scene prior's (``scenes.prior``).
 
-Frames have a focal length of about ``FOCAL_PX``, or a multiple of it. A block of ``SCENES_PER_BLOCK`` scenes depends on
-the seed, the split and its number alone. Axes are the camera's: x right, y up, z away, in mm.
+Frames have a focal length of about ``FOCAL_PX``, or a multiple of it. A block of
+``SCENES_PER_BLOCK`` scenes depends on the seed, the split and its number alone. Axes are the
+camera's: x right, y up, z away, in mm.
 """
 
 from __future__ import annotations
@@ -88,11 +89,7 @@ class SceneGenerator:
     """
 
     def __init__(
-        self,
-        seed: int = 0,
-        split: Split = "train",
-        prior: ScenePrior | None = None,
-        finer: int = 1,
+        self, seed: int = 0, split: Split = "train", prior: ScenePrior | None = None, finer: int = 1
     ) -> None:
         self.seed, self.split, self.finer = seed, split, finer
         self.prior = prior or scene_prior.load()
