@@ -43,10 +43,12 @@ class DepthFit:
     network     (N, K, 3) mm, the joints of the first start: the network's, or in ``follow``
                 the expected ones
     cost        (N,) sum of all terms; infinite where nothing is visible
-    uncertainty (N,) by which crops and sides are compared: a mean of the signs
+    uncertainty (N,) by which crops and sides are compared: a mean of the signs, with the cost of
+                the weighted points
     x           (N, V) all variables, for ``CapsuleModel``
     signs       (N, 5) of failure: the four parts of the cost, and the distance in mm by which the
-                joints moved; infinite where nothing is visible
+                joints moved; infinite where nothing is visible. All points count alike in them: a
+                finder may take something else for a hand, which then fits its own points well
     start       (N,) index of its start: first the quarter turns, then the expected pose,
                 then those drawn
     """
@@ -235,12 +237,19 @@ class DepthFitter:
         moved = np.maximum(np.linalg.norm(joints - network, axis=2).mean(axis=1), moved_mm)
         signs = np.column_stack([found.parts, moved])
         shown = (seen.outside < 0).mean(axis=(1, 2))[seen.frame]
-        signs[shown < EMPTY_CROP] = np.inf  # an empty crop contradicts no hand
+        is_empty = shown < EMPTY_CROP
+        signs[is_empty] = np.inf  # an empty crop contradicts no hand
         log_uncertainty = np.log1p(signs) @ np.array(self.settings.sign_weights)
+        cost = signs[:, :4].sum(axis=1)
+        weighted = np.flatnonzero(seen.is_weighted & ~is_empty)
+        if len(weighted):
+            all_alike = seen.take(weighted).unweighted()
+            robust = self.settings.search.robust
+            signs[weighted, 0] = self.objective.surface_cost(found.x[weighted], all_alike, robust)
         return DepthFit(
             joints=joints,
             network=network,
-            cost=signs[:, :4].sum(axis=1),
+            cost=cost,
             uncertainty=np.exp(log_uncertainty),
             x=found.x,
             start=found.start,

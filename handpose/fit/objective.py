@@ -123,6 +123,13 @@ class Objective:
         parts = np.stack(columns, axis=1).astype(np.float64)
         return Cost(parts.sum(axis=1), parts, weight)
 
+    def surface_cost(self, x: Array, seen: Observation, robust: float) -> Array:
+        """The cost (N,) of the surface at x (N, V)."""
+        posed, slack = self.model.posed(x), self.weights.slack * self.larger
+        residuals = residuals_of(self.model, posed, seen, self.spheres, slack)
+        none = np.zeros(len(x))
+        return self.weigh(Measured(posed, residuals, none, none, none), seen, robust).parts[:, 0]
+
     def equations(self, m: Measured, cost: Cost) -> tuple[Array, Array]:
         """The Gauss-Newton curvature (N, V, V) and half the gradient (N, V) of the cost."""
         A, b = normal_equations(self.model, m.posed, m.residuals, cost.weight)

@@ -6,7 +6,7 @@ Everything is in mm from the crop's centre, in camera axes (x right, y up, z awa
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -57,6 +57,15 @@ class Observation:
                 for name, values in vars(self).items()
             }
         )
+
+    @property
+    def is_weighted(self) -> NDArray[np.bool_]:
+        """True (N,) for frames whose points are not all alike."""
+        return np.asarray(((self.known > 0) & (self.known < 1)).any(axis=1))
+
+    def unweighted(self) -> Observation:
+        """The observations with points that are all alike."""
+        return replace(self, known=(self.known > 0).astype(np.float32))
 
     def thinned(self, every: int) -> Observation:
         """The observations with every ``every``-th point."""

@@ -71,6 +71,23 @@ def test_the_same_frames_give_the_same_bits(
         engine.get().set_threads(threads)
 
 
+def test_weights_keep_a_fit_away_from_other_surfaces(fitter: DepthFitter, few: Scene) -> None:
+    """A board 20 mm behind the palm; the signs count its points like those of the hand."""
+    model, start = fitter.model, start_of(few, fitter.model)
+    behind = few.joints.mean(axis=1)[:, 2, None, None] / 150 + 20 / 150
+    crops = np.minimum(few.crops, behind).astype(np.float32)
+    weight = np.where(few.crops < crops + 1e-6, 1.0, 0.05).astype(np.float32)
+    plain, weighted = (
+        observe(HandCrops(crops, few.center_uvd, NYU, 300.0, weight=weights), 400, 3.0)
+        for weights in (None, weight)
+    )
+    found, better = (fitter.fit(seen, [start], FAST) for seen in (plain, weighted))
+    assert np.median(error(model, better.x, few)) < 0.8 * np.median(error(model, found.x, few))
+    robust = SearchSettings().robust
+    assert_allclose(better.signs[:, 0], fitter.objective.surface_cost(better.x, plain, robust))
+    assert (better.cost < better.signs[:, :4].sum(axis=1)).all()
+
+
 def test_an_empty_crop_and_a_speck_have_infinite_signs_and_cost(
     fitter: DepthFitter, scene: Scene
 ) -> None:
