@@ -217,7 +217,7 @@ def _in_frame(maps: Sequence[Floats], camera: Camera, scale: Array) -> list[Floa
     x, y = np.meshgrid(u / 2, v / 2)
     border = cv2.BORDER_REPLICATE
     shown = (cv2.remap(one, x, y, cv2.INTER_LINEAR, borderMode=border) for one in maps)
-    return [np.asarray(one, np.float32) for one in shown]
+    return [rounded(one, CHANCE_STEP).astype(np.float32) for one in shown]
 
 
 def channels_of(depth: Floats, focal: float = FOCAL_PX) -> Floats:
