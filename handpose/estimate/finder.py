@@ -1,9 +1,9 @@
 """Hands in whole depth frames, also beside bodies, tables and objects: where, and which pixels.
 
-A fully convolutional network sees the frame at a focal length of ``FOCAL_PX``. Each pixel on a hand
-votes for the middle of its joints; a found hand is a local maximum of the presence, placed by the
-votes around it. Pixels of a hand belong to the found middle that is nearest to their vote. Where
-nothing was read there are no votes and no mask.
+A fully convolutional network sees the frame at a focal length of ``FINDER_FOCAL_PX``. Each pixel
+on a hand votes for the middle of its joints; a found hand is a local maximum of the presence,
+placed by the votes around it. Pixels of a hand belong to the found middle that is nearest to their
+vote. Where nothing was read there are no votes and no mask.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ from handpose.body.sides import MIRROR, SideView
 from handpose.estimate.hand import MIN_PRESENCE
 from handpose.fit.rounding import PLACE_STEP_MM, rounded
 from handpose.fit.settings import FinderSettings
-from handpose.frames.cameras import Camera, Floats
+from handpose.frames.cameras import FINDER_FOCAL_PX, Camera, Floats
 from handpose.frames.crops import check_size
 from handpose.frames.images import depth_image
 from netlib.blob import Array
 from netlib.errors import NetlibError
 from netlib.net import Net
 
-FOCAL_PX = 160.0
 VOTE_MM = 100.0  # unit of the votes
 NEAREST_MM = 100.0  # minimum range of depth cameras
 BEYOND_MM, MIDDLE_MM = 4000.0, 600.0  # farther readings are ignored; depth with logarithm 0
 STRIDE = 32  # heights and widths of the net's input are multiples
 MAX_PIXELS = 1 << 19  # of the net's input; larger frames are seen smaller
 CHANCE_STEP = 2.0**-10  # to which probabilities are rounded, so that processors agree
+WEIGHT_STEP = 2.0**-5  # likewise, of weights: a rough one hardly ever rounds to another
 REACH_MM = 150.0  # from the middle to the farthest part of a hand
 MIN_VOTES = 1e-4  # sum of the weights around a maximum
 # channels, part of the resolution
@@ -136,7 +136,8 @@ class Finder:
         maps = [hand, *self._weights(hand, owner, len(peaks))]
         in_frame, *weights = _in_frame(maps, camera, scale)
         masks = self._masks(image, camera, scale, in_frame, owner, middles)
-        return [FoundHand(*peak, *pixels) for peak, *pixels in zip(peaks, masks, weights)]
+        rough = [rounded(weight, WEIGHT_STEP).astype(np.float32) for weight in weights]
+        return [FoundHand(*peak, *pixels) for peak, *pixels in zip(peaks, masks, rough)]
 
     def _peaks(
         self, presence: Floats, votes: Array, weight: Array, min_presence: float, most: int
@@ -217,10 +218,10 @@ def _in_frame(maps: Sequence[Floats], camera: Camera, scale: Array) -> list[Floa
     x, y = np.meshgrid(u / 2, v / 2)
     border = cv2.BORDER_REPLICATE
     shown = (cv2.remap(one, x, y, cv2.INTER_LINEAR, borderMode=border) for one in maps)
-    return [rounded(one, CHANCE_STEP).astype(np.float32) for one in shown]
+    return [np.asarray(one, np.float32) for one in shown]
 
 
-def channels_of(depth: Floats, focal: float = FOCAL_PX) -> Floats:
+def channels_of(depth: Floats, focal: float = FINDER_FOCAL_PX) -> Floats:
     """Frames (N, H, W) in mm as the net's input (N, 4, H, W): read or not, logarithm of depth,
     slopes across and down.
 
@@ -246,7 +247,7 @@ def channels_of(depth: Floats, focal: float = FOCAL_PX) -> Floats:
 
 def _scale(camera: Camera) -> Array:
     """Factors of columns and rows from the camera's frames to the net's."""
-    scale = FOCAL_PX / np.array([camera.fx, camera.fy])
+    scale = FINDER_FOCAL_PX / np.array([camera.fx, camera.fy])
     pixels = camera.width * camera.height * scale.prod()
     return np.asarray(scale * min(1.0, (MAX_PIXELS / pixels) ** 0.5))
 

@@ -27,6 +27,7 @@ Floats = NDArray[np.float32]  # depths, and crops of them
 MIN_FOCAL_PX = 1e-6  # with less, points have no finite pixels
 # default; the cameras named below, and most others, measure from 200 mm or farther
 MIN_RANGE_MM = 200.0
+FINDER_FOCAL_PX = 160.0  # focal length of the frames that the finder of hands sees
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,8 @@ from typing import Any
 
 import numpy as np
 
-from handpose.estimate.finder import FOCAL_PX, VOTE_MM, channels_of
+from handpose.estimate.finder import VOTE_MM, channels_of
+from handpose.frames.cameras import FINDER_FOCAL_PX
 from handpose.synthetic.scenes.cameras import HEIGHT, WIDTH
 from handpose.synthetic.whole_scenes import SCENES_PER_BLOCK, SceneGenerator, Scenes
 from netlib import TEST, Layer
@@ -93,7 +94,7 @@ def _heat(scenes: Scenes) -> Array:
     for k in range(2):
         u, v = np.round(scenes.middle_px[:, k].T / HEAT_STEP)[..., None, None]
         z = np.maximum(scenes.middle[:, k, 2], MIN_MIDDLE_MM)
-        std_px = np.clip(FOCAL_PX * HEAT_STD_MM / z / HEAT_STEP, MIN_STD_PX, MAX_STD_PX)
+        std_px = np.clip(FINDER_FOCAL_PX * HEAT_STD_MM / z / HEAT_STEP, MIN_STD_PX, MAX_STD_PX)
         squares = (column - u) ** 2 + (row - v) ** 2
         own = np.exp(-squares / (2 * std_px[:, None, None] ** 2))
         heat = np.where(scenes.present[:, k, None, None], np.maximum(heat, own), heat)

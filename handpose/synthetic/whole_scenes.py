@@ -7,7 +7,7 @@ hand. The camera is on the person's head, or anywhere around. The table may be n
 hands; things stand on it, in the room, hang in the air, or are held. How often, how large and where
 is the scene prior's (``scenes.prior``).
 
-Frames have a focal length of about ``FOCAL_PX``, or a multiple of it. A block of
+Frames have a focal length of about ``FINDER_FOCAL_PX``, or a multiple of it. A block of
 ``SCENES_PER_BLOCK`` scenes depends on the seed, the split and its number alone. Axes are the
 camera's: x right, y up, z away, in mm.
 """

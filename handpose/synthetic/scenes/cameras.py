@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.estimate.finder import FOCAL_PX
-from handpose.frames.cameras import Floats
+from handpose.frames.cameras import FINDER_FOCAL_PX, Floats
 from handpose.synthetic.scenes.prior import ViewParameter
 from handpose.synthetic.scenes.solids import Rays
 from netlib.blob import Array
@@ -66,7 +65,7 @@ class Cameras(NamedTuple):
 
 def draw_cameras(rng: np.random.Generator, prior: ViewParameter, count: int) -> Cameras:
     """Cameras worn on a head, in front of a person, or anywhere; held in any way."""
-    focal = FOCAL_PX * prior.focal.draw(rng, count)
+    focal = FINDER_FOCAL_PX * prior.focal.draw(rng, count)
     u0 = WIDTH / 2 + rng.uniform(-prior.shift_x, prior.shift_x, count)
     v0 = HEIGHT / 2 + rng.uniform(-prior.shift_y, prior.shift_y, count)
     kind = rng.random(count)

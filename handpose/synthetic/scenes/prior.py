@@ -52,7 +52,7 @@ NOWHERE = Range(0.0, 0.0)
 class ViewParameter:
     """The ``view { ... }``: cameras."""
 
-    focal: Range  # of ``FOCAL_PX``
+    focal: Range  # of ``FINDER_FOCAL_PX``
     shift_x: Double  # px: largest distance of the principal point from the frame's middle
     shift_y: Double
     on_head: Double  # share of cameras that a person wears

@@ -8,6 +8,8 @@ import pytest
 from handpose.estimate.nets import hand_poses, skeleton_to_fit
 from handpose.estimate.packaged import load_predictor
 from handpose.frames.cameras import NYU
+from handpose.synthetic.generator import Generator
+from handpose.synthetic.recipes import recipe
 from layers.hand.bodies import kinematics_of
 from netlib.net import Net
 
@@ -20,11 +22,8 @@ def net() -> Net:
 
 @pytest.fixture
 def crops() -> np.ndarray:
-    """Three crops of boxes as wide as a palm, without background."""
-    crops = np.ones((3, 128, 128), np.float32)
-    for crop, depth in zip(crops, (-0.2, 0.0, 0.2), strict=True):
-        crop[36:92, 44:84] = depth
-    return crops
+    """Three rendered hands."""
+    return Generator(3, recipe=recipe("people")).scene(0).depth[:3]
 
 
 def test_predicted_poses_give_the_joints_of_the_net(net: Net, crops: np.ndarray) -> None:
