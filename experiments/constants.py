@@ -17,7 +17,8 @@ side, "sure" that of poses with a confidence of 90% or more, "off" the share of 
 than 30 mm off. A rule stays if its gain is larger than the spread of the seeds.
 
 What rules gain, as mean errors in mm over P1, P4 and hpx (docs/fit.md), as recorded and mirrored,
-seeds 0 to 2: 13.38 with all. The means of other seeds differ by up to 0.3.
+seeds 0 to 2: 13.38 with all, with the network before its training in scenes. The means of other
+seeds differ by up to 0.3.
 
     switched off                          error   and
     track.follow.kept=0 .new=1 .max_jump_mm=1e9
