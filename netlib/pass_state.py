@@ -16,7 +16,7 @@ from functools import partial
 import numpy as np
 
 from netlib.blob import Array, Blob
-from netlib.building.splits import copies_of, renew_splits, share_splits
+from netlib.building.splits import copies_of, renew_splits, share_splits, used_by_python
 from netlib.engine import Connection, Missing, Step, check_memory, versions_of, writes_only_tops
 from netlib.errors import NetlibError
 from netlib.graph import Graph
@@ -139,6 +139,9 @@ class PassState:
         self._is_at_once = self._follows
         self._follows = False
         self._begin(first, last)
+        if not self._is_at_once:
+            kept = self._unstored | used_by_python(self._connections)
+            renew_splits(self._connections, kept=kept)
         if not all(map(self._is_ready, self.steps[first:last])):
             self._run_missing(first, last)
 
