@@ -197,3 +197,19 @@ def test_frozen_layers_in_the_slices_of_trained_ones(rng: np.random.Generator) -
         (plain.params["c"][0].diff, fast.params["c"][0].diff),
     ):
         np.testing.assert_allclose(found, y, rtol=0, atol=1e-5 * np.abs(y).max())
+
+
+def test_a_scale_behind_a_batch_norm_without_a_gradient(rng: np.random.Generator) -> None:
+    """It writes the gradient that the prototxt asks for, which the BatchNorm does not continue."""
+    text = (
+        inputs(x=(4, 3, 5, 5))
+        + f'layer {{ name: "b" bottom: "x" top: "b" {NORM_OF_BATCH} }}'
+        + 'layer { name: "s" bottom: "b" top: "b" type: "Scale" propagate_down: true }'
+        + 'layer { name: "l" type: "Reduction" bottom: "b" top: "l" loss_weight: 1 }'
+    )
+    for engine in ("plain", "fast"):
+        net = netlib.Net(prototxt.parse(text), netlib.TRAIN, engine=engine)
+        net.params["s"][0].data[...] = 3
+        net.forward(x=rng.normal(size=(4, 3, 5, 5)))
+        net.backward()
+        assert (net.blobs["b"].diff == 3).all()
