@@ -213,3 +213,25 @@ def test_a_scale_behind_a_batch_norm_without_a_gradient(rng: np.random.Generator
         net.forward(x=rng.normal(size=(4, 3, 5, 5)))
         net.backward()
         assert (net.blobs["b"].diff == 3).all()
+
+
+def test_a_batch_norm_alone_keeps_what_the_scale_behind_it_reads(rng: np.random.Generator) -> None:
+    """Backward after a part with new values: the Scale has not run, so its gradient is that of the
+    values before.
+    """
+    text = (
+        inputs(x=(4, 3, 5, 5))
+        + f'layer {{ name: "b" bottom: "x" top: "b" {NORM_OF_BATCH} }}'
+        + 'layer { name: "s" bottom: "b" top: "b" type: "Scale" }'
+        + 'layer { name: "l" type: "Reduction" bottom: "b" top: "l" loss_weight: 1 }'
+    )
+    first, new = rng.normal(size=(2, 4, 3, 5, 5))
+    gradients = []
+    for engine in ("plain", "fast"):
+        net = netlib.Net(prototxt.parse(text), netlib.TRAIN, engine=engine)
+        net.forward(x=first)
+        net.forward(x=new, end="b")
+        net.blobs["b"].diff[...] = first
+        net.backward(start="s")
+        gradients.append(net.params["s"][0].diff)
+    np.testing.assert_allclose(*gradients, rtol=1e-4)
