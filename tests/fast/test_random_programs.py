@@ -10,6 +10,7 @@ its inputs changes its values.
 
 from __future__ import annotations
 
+import functools
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -45,19 +46,28 @@ Result = Values | netlib.NetlibError
 class UsedNet(netlib.Net):
     """A net in float64 with what a script has in addition.
 
+    text    of the net in both phases
     noise   of the values that the script writes
     held    arrays of blobs that it keeps
-    test    a test net with the same parameters
     solver  None: the script updates the parameters
     """
 
+    text = ""
     noise = 0.0
-    test: UsedNet
     solver: Solver | None = None
 
     def __init__(self, *args: Any, **options: Any) -> None:
         super().__init__(*args, **{"dtype": np.float64} | options)
         self.held: list[np.ndarray] = []
+
+    @functools.cached_property
+    def test(self) -> netlib.Net:
+        """A test net with the same parameters."""
+        if self.solver is not None:
+            return self.solver.test_nets[0]
+        net = UsedNet(prototxt.parse(self.text), netlib.TEST, engine=self.engine.name, seed=1)
+        net.share_params(self)
+        return net
 
     def noisy(self, values: np.ndarray) -> np.ndarray:
         if not self.noise:
@@ -89,17 +99,12 @@ class Program:
                 prototxt.parse(self.solver), snapshot_prefix=str(folder / engine)
             )
             solver = UsedSolver(param, engine=engine)
-            net, test = solver.net, solver.test_nets[0]
+            net = solver.net
+            assert isinstance(net, UsedNet)
+            net.solver = solver
         else:
-            model = prototxt.parse(self.net)
-            net, test = (
-                UsedNet(model, phase, engine=engine, seed=1) for phase in (self.phase, netlib.TEST)
-            )
-            test.share_params(net)
-            solver = None
-        assert isinstance(net, UsedNet)
-        assert isinstance(test, UsedNet)
-        net.solver, net.test, net.noise, test.noise = solver, test, noise, noise
+            net = UsedNet(prototxt.parse(self.net), self.phase, engine=engine, seed=1)
+        net.text, net.noise = self.net, noise
         new_params(net, np.random.default_rng(self.seed))
         return net
 
@@ -268,6 +273,13 @@ def other_net(net: UsedNet, rng: Generator) -> UsedNet:
     return other
 
 
+def share(net: UsedNet, rng: Generator) -> None:
+    """Share the parameters of a net that is used on."""
+    other = other_net(net, rng)
+    net.share_params(other)
+    net.held += [param.blob.data for param in other.learnable]
+
+
 def update(net: UsedNet, rng: Generator) -> Values:
     """An iteration, or two, of a solver."""
     if net.solver is not None:
@@ -293,7 +305,7 @@ def resume(net: UsedNet, rng: Generator) -> Values:
 
 def test(net: UsedNet, rng: Generator) -> Values:
     """Run the test net."""
-    found = net.test.forward(**new_images(net.test, rng, 0.2))
+    found = net.test.forward(**images(net.test, rng, 0.2))
     return {f"{name} in the test": y for name, y in found.items()}
 
 
@@ -334,7 +346,7 @@ OPERATIONS: dict[str, tuple[int, Operation]] = {
     ),
     "hold an array": (2, hold),
     "write held arrays": (3, write_held),
-    "share": (1, lambda net, rng: net.share_params(other_net(net, rng))),
+    "share": (2, share),
     "copy": (1, lambda net, rng: net.learnable and net.copy_from(other_net(net, rng)) and {}),
     "store": (2, lambda net, rng: net.store_all(bool(rng.random() < 0.4))),
     "update": (6, update),
