@@ -94,6 +94,9 @@ class FastEngine(Engine):
 
     def steps_by_layer(self, connections: Sequence[Connection]) -> Sequence[Step]:
         """A step for each layer, on the whole batch; no layer is computed with another."""
+        for at in connections:
+            if isinstance(at.layer, FastLayer) and at.layer.is_fused:
+                at.layer.take_memory()
         release(connections)
         return [WholeStep(at) for at in connections]
 

@@ -51,6 +51,11 @@ class FastLayer(Layer):
         """Release the memory of ``for_backward``, which a copy of a layer must not share."""
         self._for_backward = {}
 
+    def take_memory(self) -> None:
+        """Copy what backward reads from the memory of the layer that has computed forward until
+        now, and may be run without this one from now on.
+        """
+
     # Layers that compute others behind them (fusing.py) override these methods.
 
     def fuses_relu(self) -> bool:

@@ -195,7 +195,8 @@ def _continues(at: Connection, chain: Sequence[Layer], follower: Connection, blo
     if isinstance(layer, (ReLU, ReLU6)):
         return layer.is_monotone()
     if isinstance(layer, Scale) and first.fuses_trained_scale():
-        if chain:
+        # the dx of both is computed by the first
+        if chain or (any(follower.propagate_down) and not any(at.propagate_down)):
             return False
     elif follower.needs_backward or not first.fuses_channels():
         return False

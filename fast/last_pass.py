@@ -181,11 +181,9 @@ class LastPass:
             _take_state(at.layer, computed.layer)
 
     def is_discarded(self) -> bool:
-        """Whether reshapes since the pass have discarded all unstored blobs, and what
-        the layers keep.
-        """
-        changed = {blob for blob, shape in self.shapes.items() if blob.count != math.prod(shape)}
-        return bool(changed) and changed.issuperset(self.run.unstored)
+        """Whether reshapes since the pass have discarded all blobs, and what the layers keep."""
+        changed = [blob.count != math.prod(shape) for blob, shape in self.shapes.items()]
+        return bool(changed) and all(changed)
 
     def _compute(self, connections: list[Connection], blobs: Mapping[Blob, Blob]) -> None:
         """Run these copies of the layers forwards, and backwards if the pass was."""

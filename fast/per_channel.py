@@ -131,6 +131,13 @@ class FastScale(FastLayer, Scale):
         if propagate_down[0] and not self.is_fused:
             affine(dy, gain, None, view(bottom[0].diff, self.axis, gain.size))
 
+    def take_memory(self) -> None:
+        """Copy x, the normalized values of a BatchNorm."""
+        shared: Array | None = getattr(self, "x", None)
+        if shared is not None:
+            self.x = self.for_backward("x", shared)
+            self.x[...] = shared
+
 
 class FastBatchNorm(FastLayer, BatchNorm):
     """Batch normalization."""

@@ -213,6 +213,10 @@ class Blob:
             self._owners[half] = owner
             self._memory.arrays.pop(half, None)
 
+    def copy_data(self, other: Blob) -> None:
+        """Copy the data of another blob. Raises NetlibError if it has another count now."""
+        self.data[...] = self._in_this_shape(other.data)
+
     def unshare_data(self) -> None:
         """Keep the data in memory of this blob, with the same values; unless those of the owner
         have been discarded.

@@ -158,6 +158,7 @@ class Net(Graph):
             self._pass.begin_forward(first, last)
             for step in self.steps[first:last]:
                 self._pass.forward(step)
+            self._pass.seed_losses()  # those of a new shape
 
     def loss(self, layers: slice = slice(None)) -> float:
         """The loss of the last forward pass, or the part of it from some layers: the sum of
@@ -185,7 +186,7 @@ class Net(Graph):
         """
         layers = self._layer_range(end, start)
         with self.one_thread:
-            self._pass.seed_losses()
+            self._pass.seed_losses(is_backward=True)
             self._set_diffs(tops)
             self._backward_steps(*layers)
         names = self.inputs if end is None else self.layer_dict[end].spec.bottom
@@ -196,7 +197,7 @@ class Net(Graph):
         parameter diffs.
         """
         with self.one_thread:
-            self._pass.seed_losses()
+            self._pass.seed_losses(is_backward=True)
             self._backward_steps(first, last)
 
     def run_forward_backward(self) -> float:

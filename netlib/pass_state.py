@@ -16,7 +16,7 @@ from functools import partial
 import numpy as np
 
 from netlib.blob import Array, Blob
-from netlib.building.splits import copies_of, renew_splits, share_splits
+from netlib.building.splits import copies_of, renew_splits, share_splits, used_by_python
 from netlib.engine import Connection, Missing, Step, check_memory, versions_of, writes_only_tops
 from netlib.errors import NetlibError
 from netlib.graph import Graph
@@ -139,6 +139,9 @@ class PassState:
         self._is_at_once = self._follows
         self._follows = False
         self._begin(first, last)
+        if not self._is_at_once:
+            kept = self._unstored | used_by_python(self._connections)
+            renew_splits(self._connections, kept=kept)
         if not all(map(self._is_ready, self.steps[first:last])):
             self._run_missing(first, last)
 
@@ -191,17 +194,18 @@ class PassState:
                     "backward was called before forward, which draws random numbers: run forward first"
                 )
 
-    def seed_losses(self) -> None:
+    def seed_losses(self, is_backward: bool = False) -> None:
         """Set the diff of each loss to its weight: the loss is the sum of loss_weight x top, so
         dL/dtop = loss_weight.
 
         As in Caffe, the weight is written once per array, so a value that the user writes over it
-        is kept. If a layer in place overwrites it, it is written before each pass.
+        is kept. If a layer in place overwrites it, it is written before each backward pass.
         """
         for i, (blob, weight, _) in enumerate(self._losses):
             diff = blob.diff
             seeded = self._seeded.get(i)
-            if seeded is None or not np.may_share_memory(seeded, diff) or blob in self._in_place:
+            is_new = seeded is None or not np.may_share_memory(seeded, diff)
+            if is_new or (is_backward and blob in self._in_place):
                 diff[...] = weight
                 self._seeded[i] = diff
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence, Set
 from typing import Protocol
 
 from netlib.blob import Blob, Blobs
@@ -33,8 +33,7 @@ def share_splits(connections: Sequence[Connected], apart: Iterable[Connected] = 
     what a caller writes; unless a layer ``apart`` uses one of them, or a layer of type Python,
     which may write what it reads.
     """
-    users = [*apart, *(at for at in connections if at.layer.type == "Python")]
-    own = {blob for at in users for blob in (*at.bottom, *at.top)}
+    own = used_by(apart) | used_by_python(connections)
     for _, copy, blob in copies_of(connections):
         if copy in own or blob in own:
             copy.unshare_data()
@@ -42,10 +41,24 @@ def share_splits(connections: Sequence[Connected], apart: Iterable[Connected] = 
             copy.share_data(blob)
 
 
-def renew_splits(connections: Sequence[Connected], first: int) -> None:
+def renew_splits(
+    connections: Sequence[Connected], first: int | None = None, kept: Set[Blob] = frozenset()
+) -> None:
     """Copy what a caller may have written to the bottoms of Split layers before layer ``first``,
-    from which a part will run, to the tops that do not share their memory.
+    from which a part will run, to the tops that do not share their memory; not from or to blobs
+    of ``kept``.
     """
     for number, copy, blob in copies_of(connections):
-        if number < first and copy.owns_memory:
-            copy.data[...] = blob.data
+        is_before = first is None or number < first
+        if is_before and copy.owns_memory and kept.isdisjoint((copy, blob)):
+            copy.copy_data(blob)
+
+
+def used_by(connections: Iterable[Connected]) -> set[Blob]:
+    """The blobs that layers read or write."""
+    return {blob for at in connections for blob in (*at.bottom, *at.top)}
+
+
+def used_by_python(connections: Iterable[Connected]) -> set[Blob]:
+    """The blobs of layers of type Python, which may write what they read."""
+    return used_by(at for at in connections if at.layer.type == "Python")

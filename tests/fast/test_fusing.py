@@ -197,3 +197,41 @@ def test_frozen_layers_in_the_slices_of_trained_ones(rng: np.random.Generator) -
         (plain.params["c"][0].diff, fast.params["c"][0].diff),
     ):
         np.testing.assert_allclose(found, y, rtol=0, atol=1e-5 * np.abs(y).max())
+
+
+def test_a_scale_behind_a_batch_norm_without_a_gradient(rng: np.random.Generator) -> None:
+    """It writes the gradient that the prototxt asks for, which the BatchNorm does not continue."""
+    text = (
+        inputs(x=(4, 3, 5, 5))
+        + f'layer {{ name: "b" bottom: "x" top: "b" {NORM_OF_BATCH} }}'
+        + 'layer { name: "s" bottom: "b" top: "b" type: "Scale" propagate_down: true }'
+        + 'layer { name: "l" type: "Reduction" bottom: "b" top: "l" loss_weight: 1 }'
+    )
+    for engine in ("plain", "fast"):
+        net = netlib.Net(prototxt.parse(text), netlib.TRAIN, engine=engine)
+        net.params["s"][0].data[...] = 3
+        net.forward(x=rng.normal(size=(4, 3, 5, 5)))
+        net.backward()
+        assert (net.blobs["b"].diff == 3).all()
+
+
+def test_a_batch_norm_alone_keeps_what_the_scale_behind_it_reads(rng: np.random.Generator) -> None:
+    """Backward after a part with new values: the Scale has not run, so its gradient is that of the
+    values before.
+    """
+    text = (
+        inputs(x=(4, 3, 5, 5))
+        + f'layer {{ name: "b" bottom: "x" top: "b" {NORM_OF_BATCH} }}'
+        + 'layer { name: "s" bottom: "b" top: "b" type: "Scale" }'
+        + 'layer { name: "l" type: "Reduction" bottom: "b" top: "l" loss_weight: 1 }'
+    )
+    first, new = rng.normal(size=(2, 4, 3, 5, 5))
+    gradients = []
+    for engine in ("plain", "fast"):
+        net = netlib.Net(prototxt.parse(text), netlib.TRAIN, engine=engine)
+        net.forward(x=first)
+        net.forward(x=new, end="b")
+        net.blobs["b"].diff[...] = first
+        net.backward(start="s")
+        gradients.append(net.params["s"][0].diff)
+    np.testing.assert_allclose(*gradients, rtol=1e-4)

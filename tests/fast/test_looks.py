@@ -21,7 +21,7 @@ import pytest
 import netlib
 from fast import slices
 from netlib.proto import prototxt
-from tests.fast.test_random_programs import images, random_net
+from tests.support.random_nets import images, random_net
 from tests.support.sliced_nets import unstored
 
 Array = np.ndarray

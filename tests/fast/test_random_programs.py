@@ -1,18 +1,20 @@
-"""Random nets, used at random, under the plain engine and the fast one on 1 and on 4 threads.
+"""Random nets, used at random, under the plain engine and the fast one on 1 and on several threads.
 
-A *program* is a net and a list of operations, run by ``check(123)``. After each operation the
-three nets must agree: on values returned or errors raised, on parameters, gradients, outputs;
-plain and fast to rounding in float64, fast on 1 and on 4 threads bit for bit. The programs of the
-test find five planted faults: gradients of weights without the last slice, padding that keeps old
-values, a winner of max pooling one column off in windows beyond the image, the slope of ReLU at 0,
-lanes one for each thread. What docs/net.md excludes is not generated: a gradient read after
-another pass or new weights, a blob written after a pass that did not store all blobs, and inputs
-that are views of each other.
+A *program* is a net, or a solver with its nets, and a list of operations, run by ``check(123)``.
+After each operation the three must agree: on values returned or errors raised, and after every
+second one on parameters, gradients, outputs; plain and fast to rounding in float64, fast on 1 and
+on several threads bit for bit, unless layers outside of slices are large. Errors of the fast engine
+alone are those that docs/caffe.md lists. A program says nothing where noise in the last digits of
+its inputs changes its values.
 """
 
 from __future__ import annotations
 
+import functools
 import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from random import Random
 from typing import Any
 
@@ -21,273 +23,399 @@ import pytest
 
 import netlib
 from fast import slices
-from netlib.blob import Blob
 from netlib.proto import prototxt
-from tests.support.nets import inputs
+from netlib.solver import Solver
+from netlib.training import solver_parameter
+from tests.support.random_nets import alternatives, images, is_large, pick, random_net
 
 TOLERANCE = 1e-9  # of the largest value of an array, or of 1 where all are smaller
+NOISE = 1e-13  # of a value; what it changes by more than the tolerance, rounding may change
+ALLOWED = re.compile(
+    "written between forward and backward|is unknown|run forward first|shares the memory of another|is empty; "
+)
+SOLVER = """type: <"SGD"|"SGD"|"Nesterov"|"Adam" delta: 0.1> base_lr: 0.01 lr_policy: "fixed"
+    momentum: <0|0.9> iter_size: <1|1|2>
+    clip_gradients: <2|0.5> test_iter: 1 test_interval: <1|2> display: <0|1> debug_info: <true|false>
+    snapshot_format: <HDF5|BINARYPROTO> max_iter: 100 random_seed: 1 net_param {"""
 
-# Options of layers, and weights of their choice. One of the <alternatives|in angle brackets> is
-# drawn. A layer reads a blob, and any other as its bottom "B"; it writes a new one, and another one
-# as its top "Z".
-CONVOLUTION = """type: "Convolution" convolution_param { num_output: <1|2|3|4> bias_term: <true|false>
-    weight_filler { type: "gaussian" std: 0.5 } bias_filler { type: "uniform" min: -1 max: 1 } """
-# Two layers with the same weights.
-SHARED = CONVOLUTION.replace("<1|2|3|4>", "2") + 'kernel_size: 2 } param { name: "w" }'
-RELU = 'type: <"ReLU" relu_param|"ReLU" relu_param|"ReLU6" relu6_param> { negative_slope: <0|0|0|0.1> }'
-LOSS = 'type: "Reduction" loss_weight: <1|2> reduction_param { operation: SUMSQ }'
-ELEMENTWISE = {  # in place where possible
-    RELU: 8,
-    'type: "<TanH|Sigmoid|BNLL|PReLU|Bias|Softmax|Dropout>"': 7,
-    'type: "Power" power_param { scale: <-1|0.5|1> shift: <0|0.5> power: <1|1|2> }': 2,
-    'type: "Scale" scale_param { bias_term: true filler { type: "uniform" min: -1 max: 2 } }': 1,
-    'type: "BatchNorm" batch_norm_param { eps: 0.1 <|use_global_stats: true> }': 1,
-    'type: "BN" bn_param { <bn_mode: INFERENCE scale|<eps: 0.1|frozen: true> slope>_filler { value: 2 } }': 2,
-    'type: "Normalize" norm_param { across_spatial: <true|false> channel_shared: false eps: 0.1 }': 1,
-}
-LAYERS = ELEMENTWISE | {
-    CONVOLUTION
-    + "kernel_size: <1|2|2|3|4> stride: <1|1|1|2> pad: <0|0|0|1> } <||||param { lr_mult: 0 }>": 6,
-    CONVOLUTION.replace("<1|2|3|4>", "12")
-    + "kernel_size: <2|3> pad: 1 group: <2|3|4> dilation: <1|1|2> }": 2,
-    CONVOLUTION + 'kernel_size: <2|3> } bottom: "B" top: "Z"': 1,
-    SHARED: 2,
-    'type: "Pooling" pooling_param { <kernel_size: 2 stride: 2|kernel_size: 3 stride: 3|kernel_size: 4 stride: 4> }': 3,
-    'type: "Pooling" pooling_param { pool: <MAX|AVE> kernel_size: <2|3|4> stride: <1|2|3> pad: <0|1> }': 3,
-    'type: "InnerProduct" inner_product_param { num_output: 3 weight_filler { type: "xavier" } }': 2,
-    'type: <"ReLU" relu_param { negative_slope: -0.5 }|"LRN" lrn_param { local_size: 3 }>': 2,
-    'type: <"Concat"|"Eltwise" eltwise_param { operation: <SUM|PROD> }|"EuclideanLoss" loss_weight: 2> bottom: "B"': 3,
-    LOSS: 8,
-}
+Generator = np.random.Generator
+Values = dict[str, Any]
+Result = Values | netlib.NetlibError
 
 
-def pick(rng: Random, weights: dict[str, int], count: int) -> list[str]:
-    return rng.choices(list(weights), list(weights.values()), k=count)
+class UsedNet(netlib.Net):
+    """A net in float64 with what a script has in addition.
 
-
-def random_net(rng: Random) -> str:
-    """Return the text of a random net.
-
-    The name of an input ends in the step of its sizes: ``x1``.
+    text    of the net in both phases
+    noise   of the values that the script writes
+    held    arrays of blobs that it keeps
+    solver  None: the script updates the parameters
     """
-    T = rng.choice([1] * 6 + [2, 4])  # 1, or the step of a depth image
-    C = rng.randint(1, 4 if T == 1 else 1)
-    sizes = [rng.randrange(max(6, 2 * T), 19, T) for _ in range(2)]
-    names = ["x1", "y1", "z1"][: rng.choice([1, 1, 1, 2, 3])] if T == 1 else [f"x{T}"]
-    text = inputs(**{name: (3, C, *rng.choice([sizes, sizes, sizes[::-1]])) for name in names})
-    text += rng.choice(["", "", "force_backward: true "]) if T == 1 else ""
-    layers = pick(rng, LAYERS, rng.randint(2, 10))
-    layers += [SHARED] * layers.count(SHARED)
-    if T > 1:
-        layers = depth_layers(rng, T)
-    for number, options in enumerate(layers):
-        bottom = rng.choice([names[-1]] * 3 + names) if T == 1 else names[-1]
-        text, names = extended(rng, text, names, number, bottom, options)
-    return text
+
+    text = ""
+    noise = 0.0
+    solver: Solver | None = None
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, **{"dtype": np.float64} | options)
+        self.held: list[np.ndarray] = []
+
+    @functools.cached_property
+    def test(self) -> netlib.Net:
+        """A test net with the same parameters."""
+        if self.solver is not None:
+            return self.solver.test_nets[0]
+        net = UsedNet(prototxt.parse(self.text), netlib.TEST, engine=self.engine.name, seed=1)
+        net.share_params(self)
+        return net
+
+    def noisy(self, values: np.ndarray) -> np.ndarray:
+        if not self.noise:
+            return values
+        return values * (1 + self.noise * np.random.default_rng(0).normal(size=values.shape))
 
 
-def depth_layers(rng: Random, T: int) -> list[str]:
-    """Return a convolution and a pooling that fit together, whose windows of background the fast
-    engine skips, with layers around them.
+class UsedSolver(Solver):
+    net_class = UsedNet
 
-    A second max pooling would choose between values that differ only by rounding.
+
+@dataclass(frozen=True)
+class Program:
+    """A net or, if ``solver`` has a text, a solver, and the operations, each with a
+    number of threads.
     """
-    return [
-        CONVOLUTION + f"kernel_size: {T + 1} }}",
-        *[RELU] * rng.choice([0, 1, 1]),
-        f'type: "Pooling" pooling_param {{ kernel_size: {T} stride: {T} }}',
-        *pick(rng, ELEMENTWISE, rng.randint(0, 3)),
-        CONVOLUTION + "kernel_size: 1 }",
-        LOSS,
-    ]
+
+    seed: int
+    net: str
+    phase: int
+    solver: str
+    operations: Sequence[str]
+    threads: Sequence[int]
+
+    def start(self, engine: str, noise: float, folder: Path) -> UsedNet:
+        """The net, with random parameters."""
+        if self.solver:
+            param = solver_parameter.parameter_of(
+                prototxt.parse(self.solver), snapshot_prefix=str(folder / engine)
+            )
+            solver = UsedSolver(param, engine=engine)
+            net = solver.net
+            assert isinstance(net, UsedNet)
+            net.solver = solver
+        else:
+            net = UsedNet(prototxt.parse(self.net), self.phase, engine=engine, seed=1)
+        net.text, net.noise = self.net, noise
+        new_params(net, np.random.default_rng(self.seed))
+        return net
+
+    def run(
+        self, engine: str, folder: Path, threads: int = 0, noise: float = 0
+    ) -> Iterator[Result]:
+        """The results of the operations; ``threads`` instead of the numbers of the program."""
+        net, has_failed = self.start(engine, noise, folder), False
+        shapes = {name: net.blobs[name].shape for name in net.inputs}
+        for number, name in enumerate(self.operations):
+            netlib.set_threads(threads or self.threads[number])
+            rng = np.random.default_rng([self.seed, number])
+            looks = rng.random() < 0.5
+            try:
+                if has_failed:
+                    recover(net, rng, shapes)
+                has_failed = False
+                values = OPERATIONS[name][1](net, rng) or {}
+                if looks:
+                    values = values | outputs_and_params(net)
+                yield {what: np.array(value) for what, value in values.items()}
+            except netlib.NetlibError as error:
+                has_failed = True
+                yield error
 
 
-def extended(
-    rng: Random, text: str, names: list[str], number: int, bottom: str, options: str
-) -> tuple[str, list[str]]:
-    """Append a layer, unless it does not fit its bottoms; returns the net and its blobs."""
-    top = f"b{number}"
-    if options in ELEMENTWISE and bottom[0] == "b" and rng.random() < 0.7:
-        top = bottom
-    layer = f'layer {{ name: "n{number}" bottom: "{bottom}" top: "{top}" {options} }}\n'
-    layer = layer.replace('"B"', f'"{rng.choice(names)}"').replace('"Z"', f'"{top}z"')
-    while "<" in layer:
-        layer = re.sub("<([^<>]*)>", lambda found: rng.choice(found[1].split("|")), layer)
-    try:
-        blobs = netlib.Net(prototxt.parse(text + layer), netlib.TRAIN, engine="plain").blobs
-    except netlib.NetlibError:
-        return text, names
-    return text + layer, [name for name in blobs if blobs[name].shape and "split" not in name]
+def drawn(seed: int) -> Program:
+    rng = Random(seed)
+    net = random_net(rng)
+    phase = rng.choice([netlib.TRAIN, netlib.TRAIN, netlib.TEST])
+    has_solver = phase == netlib.TRAIN and "loss_weight" in net and rng.random() < 0.4
+    solver = alternatives(rng, SOLVER) + net + "}" if has_solver else ""
+    some = pick(rng, {name: weight for name, (weight, _) in OPERATIONS.items()}, rng.randint(3, 12))
+    operations = ["forward of new images", *some, "read data", "read diffs"]
+    threads = [rng.choice([2, 3, 4]) for _ in operations]
+    return Program(seed, net, phase, solver, operations, threads)
 
 
-def images(net: netlib.Net, rng: np.random.Generator, new: float = 0) -> dict[str, Any]:
-    """Draw an array for each input: noise; for a depth image, before zeros as background, whose
-    products are exact.
-    """
-    change = rng.integers(-2, 3, 2) * (rng.random() < new)
-    count = rng.integers(8) if rng.random() < new else None
-    batches = {}
-    for name in net.inputs:
-        N, C, *sizes = net.blobs[name].shape
-        step = int(name[1:])
-        H, W = (max(6, 2 * step, size + step * more) for size, more in zip(sizes, change))
-        batch = rng.normal(size=(N if count is None else count, C, H, W))
-        if step > 1:
-            np.negative(abs(batch), out=batch)
-            for image in batch:
-                image[:, rng.integers(H) :] = 0
-                image[..., rng.integers(W) :] = 0
-        batches[name] = batch
-    return batches
+# --------------------------------------------------------------------------------------- operations
 
 
-def forward(net: netlib.Net, rng: np.random.Generator) -> dict[str, Any]:
-    given = {name: image for name, image in images(net, rng, 0.3).items() if rng.random() < 0.8}
+def new_images(net: UsedNet, rng: Generator, new: float = 0) -> Values:
+    batches = images(net, rng, new)
+    return {name: net.noisy(x) if name[0] != "t" else x for name, x in batches.items()}
+
+
+def recover(net: UsedNet, rng: Generator, shapes: Mapping[str, tuple[int, ...]]) -> None:
+    """Run a complete pass after one that failed, with the shapes of the prototxt."""
+    for name, shape in shapes.items():
+        net.blobs[name].reshape(shape)
+    net.reshape()
+    net.clear_param_diffs()
+    net.forward(**new_images(net, rng))
+    net.backward()
+
+
+def new_params(net: UsedNet, rng: Generator) -> None:
+    """Write parameters; moving averages remain those of positive variances."""
+    for param in net.learnable:
+        values = rng.uniform(0.5, 1.5, param.blob.shape)
+        if not net.layer_dict[param.layer].moving:
+            values *= rng.choice([-1, 0.5, 1], param.blob.shape)
+        param.blob.data[...] = net.noisy(values)
+
+
+def forward(net: UsedNet, rng: Generator) -> Values:
+    given = {name: x for name, x in new_images(net, rng, 0.3).items() if rng.random() < 0.8}
     if rng.random() < 0.6:
         return net.forward(**given)
     for name, image in given.items():
         net.blobs[name].reshape(image.shape)
         net.blobs[name].data[...] = image
     # as a solver does
-    return net.forward() if rng.random() < 0.7 else {"loss": np.array(net.run_forward())}
+    return net.forward() if rng.random() < 0.7 else {"loss": net.run_forward()}
 
 
-def backward(net: netlib.Net, rng: np.random.Generator, fewer: bool = False) -> dict[str, Any]:
-    """With ``fewer`` items than before.
-
-    More would be constant images, and rounding would decide between maxima.
+def backward(net: UsedNet, rng: Generator, fewer: bool = False) -> Values:
+    """With ``fewer`` items than before, of new images: between the maxima of constant ones,
+    rounding would decide.
     """
     if fewer:
-        net.forward(**images(net, rng))
+        net.forward(**new_images(net, rng))
         count = int(rng.integers(min(net.blobs[name].shape[0] for name in net.inputs) + 1))
         for name in net.inputs[rng.integers(len(net.inputs)) :]:
             net.blobs[name].reshape(count, *net.blobs[name].shape[1:])
         net.reshape()
+        for name, image in new_images(net, rng).items():
+            net.blobs[name].data[...] = image
     diffs = {}
     for name in net.outputs:
         if rng.random() < 0.8:
-            diffs[name] = rng.normal(size=net.blobs[name].shape)
+            diffs[name] = net.noisy(rng.normal(size=net.blobs[name].shape))
     return net.backward(**diffs)
 
 
-def part(net: netlib.Net, rng: np.random.Generator) -> list[str | None]:
+def part(net: UsedNet, rng: Generator) -> list[str | None]:
     """Draw the first and the last layer of a part of the net."""
     ends = sorted(rng.choice(len(net.layers), 2))
     return [net.layers[i].name if rng.random() < 0.8 else None for i in ends]
 
 
-def read(blobs: dict[str, Blob], *halves: str) -> dict[str, Any]:
+def read(blobs: dict[str, netlib.Blob], *halves: str) -> Values:
     return {
         f"{half} of {name}": getattr(blob, half) for half in halves for name, blob in blobs.items()
     }
 
 
-def write(rng: np.random.Generator, arrays: dict[str, Any]) -> None:
-    for array in arrays.values():
-        array[...] = rng.normal(size=array.shape) if rng.random() < 0.5 else array
+def outputs_and_params(net: UsedNet) -> Values:
+    outputs = read({name: net.blobs[name] for name in net.outputs}, "data")
+    return outputs | read({param.label: param.blob for param in net.learnable}, "data", "diff")
 
 
-# The weight of the choice, the effect, and a function of a net and a generator, which has the same
-# seed for each net.
-OPERATIONS = {
-    "forward": (17, "pass", forward),
-    "forward of new images": (3, "pass", lambda net, rng: net.forward(**images(net, rng))),
+def write(net: UsedNet, rng: Generator, array: np.ndarray, is_label: bool = False) -> None:
+    """Change the values of an array, those of labels to other labels."""
+    kind = rng.integers(3)
+    if rng.random() < 0.03 and not is_label:
+        array.flat[:1] = rng.choice([np.nan, np.inf])
+    elif kind == 0 and not is_label:
+        array[...] = net.noisy(rng.normal(size=array.shape))
+    elif kind == 1 and not is_label:
+        array *= 0.5
+    elif array.ndim:
+        array[...] = array[::-1].copy()
+
+
+def write_all(net: UsedNet, rng: Generator, arrays: Values) -> None:
+    for name, array in arrays.items():
+        if rng.random() < 0.5:
+            write(net, rng, array, name.split(" of ")[-1].startswith("t1"))
+
+
+def any_blob(net: UsedNet, rng: Generator) -> tuple[str, netlib.Blob]:
+    name = list(net.blobs)[rng.integers(len(net.blobs))]
+    return name, net.blobs[name]
+
+
+def write_blob(net: UsedNet, rng: Generator) -> None:
+    name, blob = any_blob(net, rng)
+    array = blob.data if rng.random() < 0.7 else blob.diff
+    write(net, rng, array, name.startswith("t1"))
+
+
+def read_blob(net: UsedNet, rng: Generator) -> Values:
+    name, blob = any_blob(net, rng)
+    return read({name: blob}, "data" if rng.random() < 0.5 else "diff")
+
+
+def hold(net: UsedNet, rng: Generator) -> None:
+    """Keep an array of a parameter or an input, which are always stored."""
+    blobs = [param.blob for param in net.learnable]
+    blobs += [net.blobs[name] for name in net.inputs if name[0] != "t"]
+    net.held.append(blobs[rng.integers(len(blobs))].data)
+
+
+def write_held(net: UsedNet, rng: Generator) -> None:
+    for array in net.held:
+        array *= 0.5 + rng.random()
+    if rng.random() < 0.5:
+        net.held.clear()
+
+
+def other_net(net: UsedNet, rng: Generator) -> UsedNet:
+    other = UsedNet(net.param, net.phase, seed=2, engine=net.engine.name)
+    other.noise = net.noise
+    new_params(other, rng)
+    return other
+
+
+def share(net: UsedNet, rng: Generator) -> None:
+    """Share the parameters of a net that is used on."""
+    other = other_net(net, rng)
+    net.share_params(other)
+    net.held += [param.blob.data for param in other.learnable]
+
+
+def update(net: UsedNet, rng: Generator) -> Values:
+    """An iteration, or two, of a solver."""
+    if net.solver is not None:
+        net.solver.step(int(rng.integers(1, 3)))
+        return {"loss": net.solver.loss}
+    net.clear_param_diffs()
+    loss = net.run_forward_backward()
+    for param in net.learnable:
+        change = param.blob.diff / abs(param.blob.diff).max(initial=1)
+        param.blob.data[...] -= 0.01 * change
+    return {"loss": loss}
+
+
+def resume(net: UsedNet, rng: Generator) -> Values:
+    """Take a snapshot, train on, and return to it."""
+    if net.solver is None:
+        return {}
+    path = net.solver.snapshot()
+    update(net, rng)
+    net.solver.restore(path)
+    return update(net, rng) if rng.random() < 0.5 else {}
+
+
+def test(net: UsedNet, rng: Generator) -> Values:
+    """Run the test net."""
+    found = net.test.forward(**images(net.test, rng, 0.2))
+    return {f"{name} in the test": y for name, y in found.items()}
+
+
+Operation = Callable[[UsedNet, Generator], Any]
+# The weight of the choice, and a function of a net and a generator, which has the same seed for
+# each net.
+OPERATIONS: dict[str, tuple[int, Operation]] = {
+    "forward": (14, forward),
+    "forward of new images": (3, lambda net, rng: net.forward(**new_images(net, rng))),
     "forward of views": (
         1,
-        "pass",
         lambda net, rng: net.forward(**{x: net.blobs[x].data[::-1] for x in net.inputs}),
     ),
-    "forward part": (3, "pass", lambda net, rng: net.forward(None, *part(net, rng))),
+    "forward part": (4, lambda net, rng: net.forward(None, *part(net, rng))),
     "forward part, write": (
         2,
-        "pass",
-        lambda net, rng: write(rng, net.forward(net.blobs, start=net.layers[-1].name)),
+        lambda net, rng: write_all(net, rng, net.forward(net.blobs, start=net.layers[-1].name)),
     ),
-    "backward": (9, "backward", backward),
-    "backward of fewer items": (2, "pass", lambda net, rng: backward(net, rng, fewer=True)),
-    "backward to a layer": (2, "", lambda net, rng: net.backward(end=part(net, rng)[0])),
-    "backward part": (
-        3,
-        "needs diffs",
-        lambda net, rng: net.backward(None, *reversed(part(net, rng))),
-    ),
-    "clear": (3, "", lambda net, rng: net.clear_param_diffs()),
-    "read data": (4, "", lambda net, rng: read(net.blobs, "data")),
-    "read diffs": (3, "needs diffs", lambda net, rng: read(net.blobs, "diff")),
-    "write diffs": (2, "needs diffs", lambda net, rng: write(rng, read(net.blobs, "diff"))),
-    "write params": (
+    "backward": (8, backward),
+    "backward of fewer items": (2, lambda net, rng: backward(net, rng, fewer=True)),
+    "backward to a layer": (2, lambda net, rng: net.backward(end=part(net, rng)[0])),
+    "backward part": (3, lambda net, rng: net.backward(None, *reversed(part(net, rng)))),
+    "clear": (2, lambda net, rng: net.clear_param_diffs()),
+    "read data": (1, lambda net, rng: read(net.blobs, "data")),
+    "read diffs": (2, lambda net, rng: read(net.blobs, "diff")),
+    "read a blob": (3, read_blob),
+    "write diffs": (2, lambda net, rng: write_all(net, rng, read(net.blobs, "diff"))),
+    "write params": (2, new_params),
+    "write params, read data": (
         2,
-        "new params",
-        lambda net, rng: write(rng, {p.label: p.blob.data for p in net.learnable}),
+        lambda net, rng: (new_params(net, rng), read(net.blobs, "data"))[1],
     ),
-    "share": (
-        1,
-        "new params",
-        lambda net, rng: net.share_params(
-            netlib.Net(net.param, net.phase, dtype=np.float64, seed=2, engine=net.engine.name)
-        ),
+    "write a blob": (3, write_blob),
+    "write a blob, backward": (4, lambda net, rng: (write_blob(net, rng), backward(net, rng))[1]),
+    "write a blob, forward part": (
+        2,
+        lambda net, rng: (write_blob(net, rng), net.forward(None, *part(net, rng)))[1],
     ),
+    "hold an array": (2, hold),
+    "write held arrays": (3, write_held),
+    "share": (2, share),
+    "copy": (1, lambda net, rng: net.learnable and net.copy_from(other_net(net, rng)) and {}),
+    "store": (2, lambda net, rng: net.store_all(bool(rng.random() < 0.4))),
+    "update": (6, update),
+    "resume": (1, resume),
+    "test": (3, test),
 }
 
 
-def check(seed: int) -> None:
-    """Run the program of a seed; every second one in slices of two items, so that
-    there are several.
+# ---------------------------------------------------------------------------------------- agreement
+
+
+def check(seed: int, folder: Path) -> str:
+    """Run the program of a seed, every second one in slices of one or two items, so that there
+    are several; returns how it ended.
     """
-    slices.MAX_SLICE = 2 if seed % 2 else 64
-    rng = Random(seed)
-    model = prototxt.parse(random_net(rng))
-    phase = rng.choice([netlib.TRAIN, netlib.TRAIN, netlib.TEST])
-    nets = [
-        netlib.Net(model, phase, dtype=np.float64, seed=1, engine=engine)
-        for engine in ("plain", "fast", "fast")
+    slices.MAX_SLICE, slices.LANES = (2, 1, 64, 64)[seed % 4], (2, 16)[seed // 4 % 2]
+    program = drawn(seed)
+    runs = [
+        program.run("plain", folder),
+        program.run("fast", folder, 1),
+        program.run("fast", folder),
     ]
-    state = ""  # or "diffs", those of the last pass, or "new params", to which no diffs belong
-    weights = {name: weight for name, (weight, _, _) in OPERATIONS.items()}
-    some = pick(rng, weights, rng.randint(3, 12))
-    for number, name in enumerate(["forward of new images", *some, "read data", "read diffs"]):
-        _, effect, operation = OPERATIONS[name]
-        if effect == "needs diffs" and state != "diffs":
-            continue
-        results = []
-        for net, threads in zip(nets, (1, 1, 4)):
-            netlib.set_threads(threads)
-            try:
-                results.append(values_after(operation, net, np.random.default_rng([seed, number])))
-            except netlib.NetlibError as error:
-                results.append(error)
-        errors = [result for result in results if isinstance(result, netlib.NetlibError)]
-        if any("run forward first" in str(error) for error in errors):
-            return  # an engine may have to run other layers again
-        where = f"program {seed}, operation {number} ({name})"
-        assert len(errors) in (0, 3), f"{where}: returned or raised {results}"
+    for number, (plain, fast, threads) in enumerate(zip(*runs)):
+        where = f"program {seed}, operation {number} ({program.operations[number]})"
+        errors = [one for one in (plain, fast, threads) if isinstance(one, netlib.NetlibError)]
+        if any(ALLOWED.search(str(error)) for error in errors) and type(fast) is type(threads):
+            return f"error: {errors[0]}"
+        assert len(errors) in (0, 3), f"{where}: returned or raised {[plain, fast, threads]}"
         if errors:
-            return  # after a failed pass, half of the blobs have new shapes
-        compare(*results, where)
-        state = {"pass": "", "new params": effect, "backward": state or "diffs"}.get(effect, state)
+            continue
+        if not is_large(program.net):
+            compare(fast, threads, f"{where}, on 1 and on several threads", 0)
+        try:
+            compare(plain, fast, where, TOLERANCE)
+            compare(plain, threads, f"{where}, on several threads", TOLERANCE)
+        except AssertionError:
+            if amplifies_noise(program, folder, number):
+                return "noise"
+            raise
+    return "done"
 
 
-def values_after(operation: Any, net: netlib.Net, rng: np.random.Generator) -> dict[str, Any]:
-    """Return what an operation returns, the outputs, the parameters and their gradients."""
-    returned = operation(net, rng) or {}
-    outputs = read({name: net.blobs[name] for name in net.outputs}, "data")
-    return returned | outputs | read({p.label: p.blob for p in net.learnable}, "data", "diff")
+def compare(expected: Values, found: Values, where: str, tolerance: float) -> None:
+    """Infinite values and NaN agree."""
+    for what, values in expected.items():
+        size = abs(values[np.isfinite(values)]).max(initial=1)
+        one, other = (np.where(np.isfinite(x), x, np.nan) for x in (found[what], values))
+        np.testing.assert_allclose(one, other, 0, tolerance * size, err_msg=f"{where}: {what}")
 
 
-def compare(
-    plain: dict[str, Any], one_thread: dict[str, Any], threads: dict[str, Any], where: str
-) -> None:
-    for what, expected in plain.items():
-        size = abs(expected[np.isfinite(expected)]).max(initial=1)
-        found, message = one_thread[what], f"{where}: {what}"
-        np.testing.assert_allclose(found, expected, 0, TOLERANCE * size, err_msg=message)
-        np.testing.assert_array_equal(threads[what], found, f"{message} on 1 and on 4 threads")
+def amplifies_noise(program: Program, folder: Path, last: int) -> bool:
+    """Whether noise in the inputs and parameters changes a value until this operation."""
+    runs = program.run("plain", folder), program.run("plain", folder, noise=NOISE)
+    for number, (values, noisy) in zip(range(last + 1), zip(*runs)):
+        if isinstance(values, netlib.NetlibError) or isinstance(noisy, netlib.NetlibError):
+            continue
+        try:
+            compare(values, noisy, f"operation {number}", TOLERANCE / 10)
+        except AssertionError:
+            return True
+    return False
 
 
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("block", range(3))
-def test_the_engines_agree(block: int, keep_threads: None, monkeypatch: Any, caplog: Any) -> None:
+@pytest.mark.parametrize("block", range(4))
+def test_the_engines_agree(
+    block: int, keep_threads: None, monkeypatch: Any, caplog: Any, tmp_path: Path
+) -> None:
     caplog.set_level("ERROR", "netlib")
     monkeypatch.setattr(slices, "MAX_SLICE", 64)  # restored after the test
-    for seed in range(50 * block, 50 * block + 50):
-        check(seed)
+    for seed in range(40 * block, 40 * block + 40):
+        check(seed, tmp_path)

@@ -178,6 +178,43 @@ def test_backward_after_an_input_was_written_is_an_error(net_of: MakeNet, change
     net.backward()
 
 
+@pytest.mark.parametrize("written", ["x", "x_x_0_split_1"])
+def test_backward_after_an_input_with_other_readers_was_written_is_an_error(
+    net_of: MakeNet, written: str
+) -> None:
+    net = net_of(
+        """force_backward: true
+        layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 3 dim: 2 dim: 4 } } }
+        layer { name: "t" type: "Input" top: "t" input_param { shape { dim: 1 } } }
+        layer { name: "s" type: "Scale" bottom: "x" top: "s" }
+        layer { name: "r" type: "Reshape" bottom: "x" top: "r" reshape_param { shape { dim: -1 } } }
+        """
+    )
+    net.forward(x=np.ones((3, 2, 4)))
+    net.backward()
+    net.blobs[written].data[...] = 2
+    with pytest.raises(NetlibError, match="written between forward and backward"):
+        net.backward()
+
+
+def test_layers_of_another_shape_run_alone_before_backward(net_of: MakeNet) -> None:
+    """Layers of the same slices whose blobs have kept their shapes keep their values."""
+    net = net_of(
+        """force_backward: true
+        layer { name: "x" type: "Input" top: "x" top: "y"
+                input_param { shape { dim: 3 dim: 2 dim: 4 dim: 4 } } }
+        layer { name: "a" type: "Pooling" bottom: "x" top: "a" pooling_param { kernel_size: 2 } }
+        layer { name: "b" type: "Pooling" bottom: "y" top: "b" pooling_param { kernel_size: 2 } }
+        """
+    )
+    net.forward(x=np.ones((3, 2, 4, 4)), y=np.ones((3, 2, 4, 4)))
+    net.blobs["x"].data[...] = 2
+    net.blobs["y"].reshape(1, 2, 4, 4)
+    net.reshape()
+    net.backward()
+    assert (net.blobs["a"].data == 1).all()
+
+
 def test_backward_after_a_read_may_use_new_inputs(net_of: MakeNet) -> None:
     """The net stores all blobs then, so the gradient is that of Caffe: of old blobs and
     the new input.

@@ -116,6 +116,13 @@ def test_loss_weight(net_of: MakeNet, weight: float, layer: str) -> None:
     assert np.allclose(net.blobs["a"].diff, weight / 2)
 
 
+def test_the_weight_of_a_loss_of_another_shape_is_set_after_forward(net_of: MakeNet) -> None:
+    net = net_of(X + ip("a", "x", "a", "loss_weight: 0.5"))
+    net.blobs["x"].reshape(4, 3)
+    net.forward()
+    assert (net.blobs["a"].diff == 0.5).all()
+
+
 def test_loss_weight_on_an_ordinary_top(net_of: MakeNet) -> None:
     """The loss is the weighted sum of the top's values and its gradient is the weight; 0
     disables a loss layer.

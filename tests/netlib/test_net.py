@@ -101,6 +101,18 @@ def test_all_readers_of_a_blob_see_what_a_caller_writes(net_of: MakeNet, written
         assert (found["c"] == value).all()
 
 
+def test_a_part_after_a_reshape_of_a_blob_alone_is_an_error(net_of: MakeNet) -> None:
+    python = 'python_param { module: "tests.support.random_layers" layer: "Gain" }'
+    net = net_of(
+        X
+        + ip("a", "x", "a")
+        + f'layer {{ name: "b" type: "Python" bottom: "x" top: "b" {python} }}'
+    )
+    net.blobs["x"].reshape(4, 3)
+    with pytest.raises(netlib.NetlibError, match=r"reshaped to \(4, 3\): call net.reshape\(\)"):
+        net.forward(start="b")
+
+
 def test_backward_from_one_layer_to_another(net_of: MakeNet) -> None:
     net = net_of("force_backward: true " + TWO)
     net.forward(x=np.ones((2, 3)))
