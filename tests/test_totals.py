@@ -37,26 +37,26 @@ class Size(NamedTuple):
 ROOMS = {
     "docs": Size(12_970, 1_086, 17, 8_543),
     "exercises": Size(8_988, 819, 7, 32_352),
-    "experiments": Size(14_852, 1_294, 24, 9_250),
+    "experiments": Size(15_889, 1_384, 26, 9_667),
     "export": Size(8_324, 730, 6, 3_853),
-    "fast": Size(29_255, 2_570, 12, 2_383),
-    "handpose": Size(95_991, 8_650, 115, 33_247),
-    "handpose/synthetic": Size(15_911, 1_441, 24, 1_967),
+    "fast": Size(29_210, 2_569, 12, 2_379),
+    "handpose": Size(98_086, 8_829, 120, 33_955),
+    "handpose/synthetic": Size(16_897, 1_521, 27, 1_978),
     "layers": Size(36_920, 3_196, 30, 18_087),
-    "netlib": Size(43_464, 4_429, 54, 65_614),
+    "netlib": Size(44_005, 4_481, 54, 66_025),
     "setup.py": Size(180, 10, 1, 284),
-    "tests": Size(249_701, 18_392, 358, 305_785),
-    "tools": Size(30_765, 2_876, 52, 31_609),
+    "tests": Size(254_809, 18_806, 365, 312_781),
+    "tools": Size(30_837, 2_888, 52, 31_613),
 }
 LINES = {  # of files that are not Python, by their patterns
-    "prototxt/*.prototxt models/*.prototxt": 4_063,
+    "prototxt/*.prototxt models/*.prototxt": 4_084,
     "*.json": 400,
     "*.js *.css *.html": 2_832,
 }
 WORDS = {  # of documents, by their pattern
-    ":(glob)docs/*.md": 26_001,
-    "README.md": 898,
-    "*.md": 64_996,
+    ":(glob)docs/*.md": 25_938,
+    "README.md": 900,
+    "*.md": 64_997,
 }
 OTHERS = LINES | WORDS
 LIMITS = {  # that no recorded total may exceed: syntax nodes of rooms, lines, words

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from handpose.body.nyu import CUBE_MM
 from handpose.body.sides import MIRROR, SideView
 from handpose.estimate.hand import MIN_PRESENCE
 from handpose.fit.rounding import PLACE_STEP_MM, rounded
@@ -33,7 +34,6 @@ STRIDE = 32  # heights and widths of the net's input are multiples
 MAX_PIXELS = 1 << 19  # of the net's input; larger frames are seen smaller
 CHANCE_STEP = 2.0**-10  # to which probabilities are rounded, so that processors agree
 WEIGHT_STEP = 2.0**-5  # likewise, of weights: a rough one hardly ever rounds to another
-REACH_MM = 150.0  # from the middle to the farthest part of a hand
 MIN_VOTES = 1e-4  # sum of the weights around a maximum
 # channels, part of the resolution
 OUTPUTS = {"class": (3, 2), "presence": (1, 4), "votes": (3, 4)}
@@ -203,8 +203,8 @@ class Finder:
         quarter_column = np.rint(columns * scale[0] / 4).astype(int).clip(0, owner.shape[1] - 1)
         own = owner[quarter_row, quarter_column]
         points = camera.unproject(np.stack([columns, rows, image[rows, columns]], axis=-1))
-        within_reach = np.linalg.norm(points - middles[own], axis=1) < REACH_MM
-        own = np.where(within_reach, own, -1)
+        within_cube = np.linalg.norm(points - middles[own], axis=1) < CUBE_MM / 2
+        own = np.where(within_cube, own, -1)
         masks = np.zeros((len(middles), *image.shape), bool)
         for k in range(len(middles)):
             masks[k, rows[own == k], columns[own == k]] = True

