@@ -283,7 +283,8 @@ class Net(Graph):
 
     def store_all(self, wanted: bool = True) -> None:
         """Store every blob from now on, as after the first access to an unstored one; or, if not
-        ``wanted``, only the needed ones from the next full pass on.
+        ``wanted``, only the needed ones from the next full pass on, without what a caller has
+        written to the diffs of the others.
 
         The two differ in rounding. A solver state records which one was used, so that a resume is
         exact.

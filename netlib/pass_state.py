@@ -224,12 +224,22 @@ class PassState:
         """Make the steps for the current shapes, unless there is one for each layer already."""
         if not self._by_layer:
             old = self.steps
-            new = self._engine.steps(self._connections, self._outside, self.steps)
+            with self._sharing():
+                new = self._engine.steps(self._connections, self._outside, self.steps)
             for step in old:
                 if step not in new:  # values of the last pass that keep their shape are not lost
                     self._note(step.store())
             self._use(new)
         self.is_reshaped = True
+
+    @contextmanager
+    def _sharing(self) -> Iterator[None]:
+        """Context manager: copies of Split layers get other memory, with the same values, so that
+        what has run has still run.
+        """
+        ran = [at for at in self._connections if self._has_run(at)]
+        yield
+        self._ran |= {at: versions_of(at.blobs) for at in ran}
 
     def store_all(self, wanted: bool = True) -> None:
         """From now on run a step for each layer, which stores all blobs, with the values of
@@ -243,9 +253,8 @@ class PassState:
         with np.errstate(all="ignore"):
             for step in self.steps:
                 self._note(step.store())
-        ran = [at for at in self._connections if self._has_run(at)]
-        share_splits(self._connections)  # all copies are stored
-        self._ran |= {at: versions_of(at.blobs) for at in ran}
+        with self._sharing():
+            share_splits(self._connections)  # all copies are stored
         self._use(by_layer)
         self._by_layer = self.is_reshaped = True
 

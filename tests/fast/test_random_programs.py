@@ -280,6 +280,15 @@ def share(net: UsedNet, rng: Generator) -> None:
     net.held += [param.blob.data for param in other.learnable]
 
 
+def store(net: UsedNet, rng: Generator) -> None:
+    """Store all blobs, or only the needed ones, without what was written to diffs of copies."""
+    losses = [blob for blob, _, _ in net.losses]
+    for name, blob in net.blobs.items():
+        if "_split_" in name and blob not in losses:
+            blob.diff[...] = 0
+    net.store_all(bool(rng.random() < 0.4))
+
+
 def update(net: UsedNet, rng: Generator) -> Values:
     """An iteration, or two, of a solver."""
     if net.solver is not None:
@@ -348,7 +357,7 @@ OPERATIONS: dict[str, tuple[int, Operation]] = {
     "write held arrays": (3, write_held),
     "share": (2, share),
     "copy": (1, lambda net, rng: net.learnable and net.copy_from(other_net(net, rng)) and {}),
-    "store": (2, lambda net, rng: net.store_all(bool(rng.random() < 0.4))),
+    "store": (2, store),
     "update": (6, update),
     "resume": (1, resume),
     "test": (3, run_the_test_net),

@@ -215,6 +215,25 @@ def test_layers_of_another_shape_run_alone_before_backward(net_of: MakeNet) -> N
     assert (net.blobs["a"].data == 1).all()
 
 
+def test_layers_whose_inputs_move_to_other_memory_keep_their_values(net_of: MakeNet) -> None:
+    """In slices with ``p``, ``r`` reads a copy of x; alone, it reads x."""
+    net = net_of(
+        """force_backward: true
+        layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 3 dim: 2 dim: 4 dim: 4 } } }
+        layer { name: "z" type: "Input" top: "z" input_param { shape { dim: 3 dim: 2 dim: 4 dim: 4 } } }
+        layer { name: "p" type: "Pooling" bottom: "z" top: "p" pooling_param { kernel_size: 2 } }
+        layer { name: "r" type: "ReLU" bottom: "x" top: "r" }
+        layer { name: "s" type: "Reduction" bottom: "x" top: "s" }
+        """
+    )
+    net.forward(x=np.ones((3, 2, 4, 4)), z=np.ones((3, 2, 4, 4)))
+    net.blobs["x"].data[...] = 2
+    net.blobs["z"].reshape(1, 2, 4, 4)
+    net.reshape()
+    net.backward()
+    assert (net.blobs["r"].data == 1).all()
+
+
 def test_backward_after_a_read_may_use_new_inputs(net_of: MakeNet) -> None:
     """The net stores all blobs then, so the gradient is that of Caffe: of old blobs and
     the new input.
