@@ -43,9 +43,9 @@ ROOMS = {
     "handpose": Size(98_086, 8_829, 120, 33_955),
     "handpose/synthetic": Size(16_897, 1_521, 27, 1_978),
     "layers": Size(36_920, 3_196, 30, 18_087),
-    "netlib": Size(44_005, 4_481, 54, 66_025),
+    "netlib": Size(44_021, 4_484, 54, 66_025),
     "setup.py": Size(180, 10, 1, 284),
-    "tests": Size(254_809, 18_806, 365, 312_781),
+    "tests": Size(254_916, 18_818, 365, 313_257),
     "tools": Size(30_837, 2_888, 52, 31_613),
 }
 LINES = {  # of files that are not Python, by their patterns
