@@ -338,7 +338,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--scenes",
         type=count,
         metavar="N",
-        help="also to hands in N rendered scenes of two seeds each",
+        help="also hands in N rendered scenes for each of two seeds",
     )
     parser.add_argument("--apart", **pair, help="a recording to which nothing is fitted, likewise")
     parser.add_argument(

@@ -159,8 +159,8 @@ def auc(score: Array, failed: NDArray[np.bool_]) -> float:
 # ------------------------------------------------------------------------------------- command line
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options."""
+def add_network(parser: argparse.ArgumentParser) -> None:
+    """Add the option of another network than the packaged one."""
     parser.add_argument(
         "--network",
         nargs=2,
@@ -168,6 +168,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar=("WEIGHTS", "NET"),
         help="*.caffemodel.h5, and the deploy prototxt of their net",
     )
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
+    add_network(parser)
     parser.add_argument(
         "--recipes",
         choices=recipes.NAMES,

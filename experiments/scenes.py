@@ -21,13 +21,13 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from experiments.finder import WITHIN_MM
+from experiments.fit import add_network
 from experiments.labelled_frames import camera_of, first_scenes
 from handpose import load_predictor
 from handpose.body.sides import Side, SideView
@@ -204,13 +204,7 @@ def _mean(form: str, values: ArrayLike) -> str:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
-    parser.add_argument(
-        "--network",
-        nargs=2,
-        type=Path,
-        metavar=("WEIGHTS", "NET"),
-        help="*.caffemodel.h5, and the deploy prototxt of their net",
-    )
+    add_network(parser)
     parser.add_argument("--fit", choices=PLANS, default="accurate", help="default: %(default)s")
     parser.add_argument(
         "--scenes", type=count, default=160, metavar="N", help="of each kind (default: %(default)s)"

@@ -231,7 +231,7 @@ class _Clock:
         self._begin = self._last = -step
 
     def __call__(self, seconds: float, clock: object, frames: int) -> float:
-        """The time of a frame so many ``frames`` after the one before."""
+        """The time in s of a frame that is ``frames`` frames after the last one."""
         passed = seconds - self._begin - self._last
         is_same = clock == self._clock and self._last >= 0
         is_jump = is_same and passed > frames * WAITS * WAIT_S

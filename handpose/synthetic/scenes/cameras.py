@@ -33,8 +33,9 @@ class Cameras(NamedTuple):
     up: Array
 
     def rays(self, finer: int = 1) -> Rays:
-        """Slopes of the columns (N, WIDTH), and of the rows (N, HEIGHT), downwards; or of so many
-        times as many.
+        """Slopes (N, finer * WIDTH) of the columns and (N, finer * HEIGHT) of the rows, downwards.
+
+        finer  factor of the frames' resolution
         """
         column, row = (np.arange(finer * size) / finer for size in (WIDTH, HEIGHT))
         x = (column - self.u0[:, None]) / self.focal[:, None]
