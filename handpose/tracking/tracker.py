@@ -244,13 +244,15 @@ class Tracker:
         for place in self.present.there:
             place.is_sure |= self._was_followed(place, time)
         self._drop_less_present()
+        start = self.settings.start
         for place in self.present.due(time):
             if len(self.tracks) == self.limit:
                 break
+            if place.presence < start.both:  # no confidence is enough
+                continue
             place.wait(time, at_once=not self.tracks)
             seen = self._seen_at(place.hand, found.view, self.size)
             confidence = max((one.chance for one in seen), default=0.0)
-            start = self.settings.start
             is_sure = place.presence * confidence >= start.both
             if is_sure and (confidence >= start.beside or not self.tracks):
                 known = self.size, self._side_prior(), place.presence

@@ -228,6 +228,16 @@ def test_a_hand_that_only_the_finder_sees_is_present_without_joints(
     assert found == TrackedFrame(16, 16 / RATE) and not tracker.tracks
 
 
+@pytest.mark.parametrize(("presence", "is_tried"), [(0.26, False), (0.28, True)])
+def test_a_pose_is_tried_where_one_could_be_sure_enough(
+    predictor: Predictor, monkeypatch: pytest.MonkeyPatch, presence: float, is_tried: bool
+) -> None:
+    tracker, tried = Tracker(predictor), list[FoundHand]()
+    monkeypatch.setattr(tracker, "_seen_at", lambda hand, *_: tried.append(hand) or [])
+    seeing(tracker, (0.0, 60, 1400, presence)).step(plain(0))
+    assert bool(tried) == is_tried
+
+
 def test_a_place_out_of_sight(
     shown: Take, predictor: Predictor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
