@@ -92,6 +92,15 @@ class Compared(NamedTuple):
         return abs(self.log_ratio) / self.times
 
 
+class Looks(NamedTuple):
+    """What the finder said of a hand: its mean presence in the last looks, and the hand as it was
+    seen in the last one; None if it was not.
+    """
+
+    presence: float
+    hand: FoundHand | None = None
+
+
 class FrameHands:
     """The hands that a finder finds in a frame; it looks once, when it is first asked.
 
@@ -133,7 +142,7 @@ class HandTrack:
     reason    why it has no pose, or is lost
     sizes     the size of the hand, and how it is estimated
     decided   the side that was decided last, or None
-    presence  by the finder, mean of its last looks
+    looks     of the finder
     settings  tuned numbers
     """
 
@@ -152,7 +161,7 @@ class HandTrack:
         self.id, self.credit, self.reason = -1, settings.follow.first_credit, ""
         self.time = self.begun = self._looked = time
         self.sizes = SizeKeeper(estimator.the_fitter, settings.size, size)
-        self.presence = presence
+        self.looks = Looks(presence)
         best = _best(estimates)
         self._compared = Compared(0, side_prior)
         self.sides = {
@@ -186,13 +195,14 @@ class HandTrack:
     @property
     def hand_chance(self) -> float:
         """The probability that this is a hand, by the finder or by its pose."""
-        return max(self.presence, self.best.estimate.chance)
+        return max(self.looks.presence, self.best.estimate.chance)
 
     def look(self, frame: FrameHands) -> None:
         """Ask the finder whether the hand is there."""
-        present = self.settings.present
+        present, before = self.settings.present, self.looks.presence
         near = frame.near(self.place, present.same_mm)
-        self.presence += present.look * ((near.presence if near else 0.0) - self.presence)
+        seen = near.presence if near else 0.0
+        self.looks = Looks(before + present.look * (seen - before), near)
 
     def end(self, reason: str) -> None:
         """Stop tracking the hand."""

@@ -53,7 +53,7 @@ def _as_side(
     return replace(
         found,
         confidence=chance * found.confidence,
-        presence=np.fmax(track.presence, found.confidence),
+        presence=np.fmax(track.looks.presence, found.confidence),
         side_confidence=chance,
     )
 

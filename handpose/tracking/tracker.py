@@ -184,9 +184,17 @@ class Tracker:
             seen = estimates[track.id]
             more = self._other_estimates(track, found, seen, time)
             if not track.take(seen, more, time, before):
-                confidence = max((one.chance for one in [*seen, *(more or ())]), default=0.0)
-                own, pose = view.of(track.hand), track.best.expected(time)
-                track.reason = why_missing(self.estimator.expected, own, pose, confidence)
+                track.reason = self._reason(track, found, [*seen, *(more or ())], time)
+
+    def _reason(
+        self, track: HandTrack, found: FrameHands, seen: list[HandEstimate], time: float
+    ) -> str:
+        """The reason why no pose of a hand was found in a frame at a time, but those ``seen``."""
+        if found.near(track.place, self.settings.present.same_mm):
+            return NO_POSE
+        confidence = max((one.chance for one in seen), default=0.0)
+        own, pose = found.view.of(track.hand), track.best.expected(time)
+        return why_missing(self.estimator.expected, own, pose, confidence)
 
     def _estimates(
         self, view: SideView, regions: dict[int, list[SearchRegion]]
@@ -314,30 +322,29 @@ class Tracker:
     def _report(self, number: int, time: float) -> TrackedFrame:
         """The hands that were seen in this frame, however sure, and those that are lost."""
         every = []
-        for id, track in sorted(self.known.items()):
+        for _, track in sorted(self.known.items()):
             if not (track.is_tracked and track.time == time):
-                every.append(TrackedHand(id, track.decided, since=track.time, reason=track.reason))
+                every.append(self._without_pose(track))
                 continue
             if track.is_decided:
                 track.sizes.take(track.best.estimate, time)
             every.append(tracked_hand(track, self.model, smooth=self.smooth))
         for place in self.present.evident[: self.limit - len(self.tracks)]:
-            x, y, z = place.hand.middle.tolist()
             is_seen = place.time == self._searched
-            every.append(
-                TrackedHand(
-                    place.id,
-                    None,
-                    confidence=0.0,
-                    reason=NO_POSE,
-                    presence=place.presence,
-                    place=(x, y, z),
-                    mask=place.hand.mask if is_seen else None,
-                    is_sure=place.is_sure,
-                    is_seen=is_seen,
-                )
-            )
+            present = _present(place.id, place.hand, place.presence)
+            if not is_seen:
+                present = dataclasses.replace(present, is_seen=False, mask=None)
+            every.append(dataclasses.replace(present, is_sure=place.is_sure))
         return TrackedFrame(number, time, tuple(every))
+
+    def _without_pose(self, track: HandTrack) -> TrackedHand:
+        """A hand without a pose in this frame: while it is followed it is where the finder saw it
+        in its last look, if it did; otherwise it is lost.
+        """
+        presence, hand = track.looks
+        if track.is_tracked and hand is not None and presence >= self.min_presence:
+            return dataclasses.replace(_present(track.id, hand, presence), hand=track.decided)
+        return TrackedHand(track.id, track.decided, since=track.time, reason=track.reason)
 
     def _lost(self) -> list[int]:
         """The ids of known hands that are not followed any more."""
@@ -361,6 +368,20 @@ class Tracker:
         camera = estimate.view_camera
         place = camera.unproject(self.estimator.expected.center_of(estimate.body, camera))
         return np.asarray(place * mirror_of(estimate.hand))
+
+
+def _present(id: int, hand: FoundHand, presence: float) -> TrackedHand:
+    """A hand that the finder saw in its last look, without a pose."""
+    x, y, z = hand.middle.tolist()
+    return TrackedHand(
+        id,
+        None,
+        confidence=0.0,
+        reason=NO_POSE,
+        presence=presence,
+        place=(x, y, z),
+        mask=hand.mask,
+    )
 
 
 def _arm(hand: HandEstimate) -> Array:

@@ -18,6 +18,7 @@ from handpose.frames.cameras import ICVL
 from handpose.frames.recording import DepthFrame
 from handpose.sequences.acts import Act
 from handpose.sequences.recordings import Script, SyntheticRecording
+from handpose.tracking.reasons import NO_POSE
 from handpose.tracking.track import HIDDEN, HandPose, TrackedFrame
 from handpose.tracking.tracker import Tracker
 from tests.handpose.tracking.conftest import Take, copied, error_of, played
@@ -92,16 +93,17 @@ def after(
 def test_a_hand_covered_by_half_or_more_has_no_confident_pose(
     begun: Tracker, resting: Take, value: float, reasons: tuple[str, ...]
 ) -> None:
-    """It is lost with the reason, from half of the hand to the whole view; then it is tracked
-    again.
+    """It is present while the finder sees the rest; otherwise it is lost with the reason. Then it
+    is tracked again.
     """
     # all pixels of a hand that come nearer by a fifth are another hand
     most = 0.9 if value == 0.8 else 1.0
     for share in (0.5, 0.6, 0.9, most, WHOLE_VIEW):
         for reported in after(begun, resting, share, value):
             assert all(hand.confidence <= MAX_COVERED_CONFIDENCE for hand in reported.hands)
-            lost = [one.reason.startswith(reasons) for one in reported.lost if one.id == 0]
-            assert lost == [True] * (not reported.hands)
+            [own] = [one for one in reported.every if one.id == 0]
+            assert own.pose or own.reason.startswith(reasons if share >= 1 else NO_POSE)
+            assert own.is_lost == (not own.pose and share >= 1)
     again = copied(begun)
     again.step(covered(resting, BEGUN, most, value))
     assert again.step(resting.frames[BEGUN + 1]).hands[0].id == 0
@@ -122,18 +124,15 @@ def test_a_hand_covered_by_half_or_more_has_no_confident_pose(
 def test_the_pose_of_a_part(
     begun: Tracker, resting: Take, value: float, share: float, least: float, frames: int
 ) -> None:
-    """What is covered or not read is unknown, not empty: the rest keeps its pose, and half a hand
-    has no sure one.
+    """What is covered or not read is unknown, not empty: the rest keeps its pose, or is present
+    without one, and half a hand has no sure one.
     """
     (whole,) = next(after(begun, resting, 0.0, value)).hands
     most = whole.confidence if share < 0.5 else MAX_COVERED_CONFIDENCE
     reported = list(after(begun, resting, share, value, 5))
     assert sum(len(frame.hands) for frame in reported) >= frames
-    if value in NEAR:
-        reasons = REASON, "the object there does not look like a hand"
-        lost = [one.reason for frame in reported[:2] for one in frame.lost]
-        assert all(reason.startswith(reasons) for reason in lost)
     for frame in reported:
+        assert not frame.lost
         for hand in frame.hands:
             assert error_of(hand, resting.truth[frame.number]) < 20 and hand.id == 0
             assert least < hand.confidence < most + 0.01

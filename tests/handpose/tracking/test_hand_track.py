@@ -324,11 +324,11 @@ def test_smoothing_begins_with_the_first_pose() -> None:
 def test_the_evidence_is_that_of_the_finder_or_of_a_sure_pose() -> None:
     """The finder's last looks count."""
     one = track([estimate(confidence=0.5)], presence=0.6)
-    assert one.hand_chance == one.presence == 0.6
+    assert one.hand_chance == one.looks.presence == 0.6
     one.look(SEEN)
-    assert one.presence == pytest.approx(0.7)
+    assert one.looks.presence == pytest.approx(0.7)
     one.look(UNSEEN)
-    assert one.presence == pytest.approx(0.35) and one.hand_chance == 0.5
+    assert one.looks.presence == pytest.approx(0.35) and one.hand_chance == 0.5
     assert followed(one, [[estimate(confidence=0.9)]]).hand_chance == 0.9
 
 

@@ -18,6 +18,7 @@ from handpose.fit.pose_confidence import Judge
 from handpose.fit.settings import FitSettings
 from handpose.frames.cameras import NYU
 from handpose.sequences.recordings import render_image
+from handpose.tracking.hand_track import Looks
 from handpose.tracking.output import predicted_hand, tracked_hand
 from handpose.tracking.reasons import uncertain
 from handpose.tracking.track import TrackedHand, joints_of
@@ -87,7 +88,7 @@ def output(
         sides=sides,
         side_confidence=0.7 if len(states) > 1 else 1.0,
         time=0.0,
-        presence=0.5,
+        looks=Looks(0.5),
         judge=JUDGE,
     )
     return tracked_hand(track, model, smooth=smooth)

@@ -137,8 +137,8 @@ def test_unsure_hands_are_followed_without_their_joints(predictor: Predictor, sh
 
 
 def test_a_hand_that_leaves_and_returns(leaving: Take) -> None:
-    """It is either reported or lost, with the reason and when it was seen last, and keeps
-    its id and side.
+    """It is reported, present while the finder sees a part of it, or lost, with the reason and
+    when it was seen last, and keeps its id and side.
     """
     away = [true.number for true in leaving.truth if [lost.reason for lost in true.lost] == [LEFT]]
     while_away = [leaving.reported[number].lost for number in away]
@@ -152,7 +152,7 @@ def test_a_hand_that_leaves_and_returns(leaving: Take) -> None:
     assert hand.id_switches == 0 and hand.wrong_side <= 3
     since = None
     for frame in leaving.reported:
-        assert [one.id for one in (*frame.hands, *frame.lost)] == [0]
+        assert [one.id for one in frame.every] == [0]
         since = frame.time if frame.hands else since
         for one in frame.lost:
             assert (one.hand, one.since) == ("left", since) and one.reason
