@@ -210,7 +210,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--scenes", type=count, default=160, metavar="N", help="of each kind (default: %(default)s)"
     )
     parser.add_argument(
-        "--seed", type=seed, default=8000, metavar="N", help="of the scenes (default: %(default)s)"
+        "--seed", type=seed, default=8100, metavar="N", help="of the scenes (default: %(default)s)"
     )
     add_engine(parser)
 
