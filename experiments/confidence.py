@@ -10,9 +10,10 @@ only, and every pose counts, however sure. The logarithms of the errors are then
 signs that handpose/fit/pose_confidence.py describes, first of hands, then of fingers. All
 recordings have the same total weight, no weight of a sign is below 0, and weights are drawn towards
 those in use (--keep). What is tracked in addition to the labelled hand, and a pose at another of
-the two most certain places of the finder, is as wrong as a lost hand and counts a quarter. The
-packaged network and its fit must be those for which the confidence is computed. --scenes adds hands
-in rendered scenes, as `experiments scenes` finds and fits them.
+the two most certain places of the finder, is as wrong as a lost hand and counts a quarter. Of some
+labelled frames of each recording, a part of the hand is cut off, covered, or not read ("hidden").
+The packaged network and its fit must be those for which the confidence is computed. --scenes adds
+hands in rendered scenes, as `experiments scenes` finds and fits them.
 
 A row has the labelled hands, those with a confidence of 90% or more, the share of these that is
 more than 30 mm off, the correlation of expected and true error, both in mm; then the other poses,
@@ -34,6 +35,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from experiments.constants import OFF_MM, SURE, TrackedLabels, labels_of, tracked_labels
+from experiments.hidden_parts import Shown, hidden_parts
 from experiments.scenes import FINER, hands_in, predictors
 from handpose import CAMERAS, open_recording
 from handpose.body.model import FINGERS, Fingers, Surface
@@ -71,6 +73,7 @@ from tools.common.progress import ProgressBar
 OTHER_WEIGHT = 0.25
 MAX_PLACES = 2  # of the finder in a frame: the hand, and another one
 SCENE_SEEDS = (9000, 9001)  # of rendered scenes
+HIDDEN_FRAMES = 48  # of a recording, of whose hand a part is hidden, each in three ways
 KEEP = 0.3  # of 0, 0.3, 1, 3 and 10; up to 1 they are alike when a recording is left out
 COMMENT = """Weights of the confidence of poses: handpose/fit/pose_confidence.py has the formulas.
 Fitted by `python -m experiments confidence` to {count} poses of {names},
@@ -159,6 +162,34 @@ def evidence_of_others(frame: TrackedLabels) -> list[Evidence]:
                 assert hand.evidence is not None
                 evidence.append(hand.evidence)
     return evidence
+
+
+def poses_of_parts(source: Labelled, number: int) -> Poses:
+    """The poses at the true place of a right hand of which a part is hidden, in some frames."""
+    rng = np.random.default_rng(number)
+    labelled = np.flatnonzero(np.isfinite(source.labels).all(axis=(1, 2, 3)))
+    chosen = {*labelled[:: max(len(labelled) // HIDDEN_FRAMES, 1)].tolist()}
+    predictor_of = predictors("accurate", hand="right")
+    evidence, errors = [], []
+    with source.open() as recording:
+        for n, frame in enumerate(recording):
+            if n not in chosen:
+                continue
+            label = source.labels[n]
+            joints = label.reshape(-1, 3)
+            for shown in hidden_parts(rng, Shown(frame.depth, recording.camera), joints):
+                predictor = predictor_of(shown.camera)
+                fingers = Fingers(Surface(predictor.skeleton))
+                with contextlib.suppress(DataError):  # the pose leads out of the image
+                    place = shown.camera.project(joints.mean(axis=0))
+                    found = predictor.in_frame(shown.depth, place)
+                    assert found.evidence is not None
+                    own = fingers.joints(found.xyz[None])[0]
+                    evidence.append(found.evidence)
+                    errors.append(np.linalg.norm(own - label, axis=-1).mean(axis=1))
+    fingers_mm = np.minimum(errors, LOST_MM)
+    error_mm = fingers_mm.mean(axis=1)
+    return Poses(f"{source.name} hidden", Evidence.concatenate(evidence), error_mm, fingers_mm)
 
 
 def poses_in_scenes(scenes: int, number: int) -> Poses:
@@ -414,4 +445,5 @@ def _tracked(sources: Sequence[Labelled], seed: int, progress: ProgressBar) -> l
                 frames = tracked_labels(recording, source.labels, seed, mirrored, min_confidence=0)
                 takes.append(poses_of(source.name, frames))
             progress(1)
+        takes.append(poses_of_parts(source, seed))
     return takes

@@ -30,7 +30,7 @@ from experiments.finder import WITHIN_MM
 from experiments.fit import add_network
 from experiments.labelled_frames import camera_of, first_scenes
 from handpose import load_predictor
-from handpose.body.sides import Side, SideView
+from handpose.body.sides import Side, SideView, SoughtSide
 from handpose.estimate.finder import FoundHand
 from handpose.estimate.hand import MIN_CONFIDENCE, HandEstimate
 from handpose.estimate.predictor import Predictor
@@ -131,15 +131,17 @@ def hands_in(
         yield SceneHands(hands, [one for one in estimates if one])
 
 
-def predictors(fit: Fit, net: Net | None = None) -> Callable[[Camera], Predictor]:
-    """Predictors of hands of either side, however sure, by the packaged network or another one."""
+def predictors(
+    fit: Fit, net: Net | None = None, hand: SoughtSide = "either"
+) -> Callable[[Camera], Predictor]:
+    """Predictors of hands, however sure, by the packaged network or another one."""
     packaged = load_predictor(fit=fit)
 
     def predictor_of(camera: Camera) -> Predictor:
         return Predictor(
             net or packaged.net,
             camera,
-            hand="either",
+            hand=hand,
             fit=fit,
             fitter=packaged.fitter,
             finder=packaged.finder,

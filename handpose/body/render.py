@@ -171,11 +171,32 @@ def render(capsules: Capsules, x: ArrayLike, y: ArrayLike, background: ArrayLike
     bounds = [_extent(a, b, ra, rb, axis) for axis in (0, 1)]
     _paint(image, x, y, np.repeat(np.arange(N), M), bounds, _coefficients(a, b, ra, rb), _depths)
     if len(capsules.facets):
-        frame, corners = _triangles(capsules)
+        frame, _, corners = _triangles(capsules)
         slopes = corners[:, :, :2] / corners[:, :, 2:]
         bounds = [(slope.min(axis=1), slope.max(axis=1)) for slope in np.moveaxis(slopes, 2, 0)]
         _paint(image, x, y, frame, bounds, _plane_coefficients(corners), _plane_depths)
     return image
+
+
+def depths_of(capsules: Capsules, x: Floats, y: Floats) -> Floats:
+    """Depths (N, M + T, H, W) in mm of the M capsules and then of the T flat parts along the rays
+    of slopes ``x`` (N, W) and ``y`` (N, H), y DOWN; infinite where a ray misses one.
+
+    Raises DataError for a capsule that is not in front of the camera.
+    """
+    N, M = capsules.radius_a.shape
+    depths = np.full((N, M + len(capsules.facets), y.shape[1], x.shape[1]), np.inf, np.float32)
+    frame = np.repeat(np.arange(N), M)
+    coefficients = _coefficients(*_visible_ends(capsules))
+    round_parts = _depths(coefficients, x[frame, None, :], y[frame, :, None])
+    np.fmin(depths[:, :M], round_parts.reshape(N, M, *depths.shape[2:]), out=depths[:, :M])
+    if len(capsules.facets):
+        frame, facet, corners = _triangles(capsules)
+        planes = _plane_coefficients(corners)
+        flat_parts = _plane_depths(planes, x[frame, None, :], y[frame, :, None])
+        for n, t, depth in zip(frame, M + facet, flat_parts):
+            np.fmin(depths[n, t], depth, out=depths[n, t])
+    return depths
 
 
 def _paint(
@@ -345,8 +366,8 @@ def _depths(coefficients: Floats, x: Floats, y: Floats) -> Floats:
     return np.asarray(cd)
 
 
-def _triangles(capsules: Capsules) -> tuple[NDArray[np.int64], Array]:
-    """The visible triangles of all facets: the frame of each (L,), and its corners
+def _triangles(capsules: Capsules) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
+    """The visible triangles of all facets: the frame and the facet of each (L,), and its corners
     (L, 3, 3), y down.
     """
     N, M = capsules.radius_a.shape
@@ -354,7 +375,7 @@ def _triangles(capsules: Capsules) -> tuple[NDArray[np.int64], Array]:
     radii = np.stack([capsules.radius_a, capsules.radius_b], axis=2).reshape(N, 2 * M)
     center = (ends * (1, -1, 1))[:, capsules.facets].reshape(-1, 3, 3)
     r = radii[:, capsules.facets].reshape(-1, 3)
-    frame = np.repeat(np.arange(N), len(capsules.facets))
+    frame, facet = np.divmod(np.arange(len(center)), len(capsules.facets))
     sides = center[:, 1:] - center[:, :1]
     across = np.cross(sides[:, 0], sides[:, 1])
     area = np.linalg.norm(across, axis=1)
@@ -374,8 +395,9 @@ def _triangles(capsules: Capsules) -> tuple[NDArray[np.int64], Array]:
         faces_camera = (normal * corners[:, 0]).sum(axis=1) < 0
         before_camera = (corners[:, :, 2] > 0).all(axis=1)
         seen = flat & faces_camera & before_camera
-        found.append((frame[seen], corners[seen]))
-    return np.concatenate([one for one, _ in found]), np.concatenate([one for _, one in found])
+        found.append((frame[seen], facet[seen], corners[seen]))
+    frames, facets, every_corner = map(np.concatenate, zip(*found))
+    return frames, facets, every_corner
 
 
 def _plane_coefficients(corners: Array) -> Floats:

@@ -10,8 +10,8 @@ judged by several signs, all 0 or more:
                  hides them itself
     before       mm, by which they are in front of it, in empty space
     penetration  mm, mean over the capsules of how deep another part penetrates them
-    guessed      share of the fingers' own surface towards the camera that was not seen, mean
-                 over the fingers
+    guessed      share of the fingers' own surface towards the camera that was not seen at its
+                 place, mean over the fingers; of a body without fingers, of its whole surface
 
 The logarithm of the error in mm is taken to be normally distributed, with the deviation
 ``spread``. Its mean is
@@ -24,8 +24,7 @@ reported pose can be better than that. So
     whole = exp(mean + spread² / 2)
     confidence = P(error < 30 mm) = Φ((log 30 - mean) / spread)
 
-Where less of the hand's own surface was seen at its place, the rest is a guess, whatever the signs
-(``JudgeSettings``). The expected error of a hand is the geometric mean of ``whole`` and of the mean
+The expected error of a hand is the geometric mean of ``whole`` and of the mean
 of its fingers' expected errors, because what is wrong with a hand that is found is mostly a finger;
 without fingers it is ``whole``. It is at least 30 mm times the probability of a larger one
 (Markov's inequality).
@@ -67,7 +66,7 @@ from handpose.body.model import FINGERS
 from handpose.fit.body import CapsuleModel
 from handpose.fit.depth_fit import DepthFit
 from handpose.fit.settings import FitSettings
-from handpose.fit.support import ImageSupport, JointDepths, Support
+from handpose.fit.support import ImageSupport, JointDepths
 from handpose.frames.cameras import Camera
 from netlib.blob import Array
 from netlib.errors import PrototxtError
@@ -211,15 +210,12 @@ class Evidence(NamedTuple):
 
     signs    (N, 9), those of ``SIGNS``
     lag_mm   (N,) distance of the joints from those of the fit
-    unseen   (N,) share of the hand's surface that was not seen at its place; what is covered or
-             unread counts more
     behind, before, finger_lag_mm, seen  (N, 5) of the fingers (``finger_signs``); (N, 0) of bodies
                                          without fingers
     """
 
     signs: Array
     lag_mm: Array
-    unseen: Array
     behind: Array
     before: Array
     finger_lag_mm: Array
@@ -269,8 +265,6 @@ class Judge:
     def __init__(self, settings: FitSettings) -> None:
         self.settings = settings.judge
         self.support = ImageSupport(settings.support)
-        steps = np.arange(1, len(self.settings.unseen_confidence) + 2)
-        self._unseen = self.settings.unseen * steps / 100  # shares, of per cent
 
     def as_wholes(self, evidence: Evidence, hand: Regression) -> tuple[Array, Array]:
         """Expected errors (N,) in mm and confidence (N,) of N poses of which this is seen, whatever
@@ -281,9 +275,7 @@ class Judge:
 
         mean = mean_log_error(evidence.signs, evidence.lag_mm, hand)
         confidence = normal((np.log(GOOD_MM) - mean) / hand.spread)
-        confidence *= self._by_unseen(evidence.unseen, self.settings.unseen_confidence)
         error = np.exp(mean + hand.spread**2 / 2)
-        error *= self._by_unseen(evidence.unseen, self.settings.unseen_error)
         return np.clip(error, least_error(confidence), LOST_MM), confidence
 
     def judged(self, evidence: Evidence, weights: Regressions | None = None) -> Judged:
@@ -297,13 +289,6 @@ class Judge:
         of_fingers = finger_errors(finger_signs(whole, evidence), finger)
         error = np.sqrt(whole * of_fingers.mean(axis=1))
         return Judged(np.maximum(error, least_error(confidence)), confidence, of_fingers)
-
-    def unseen_share(self, support: Support) -> Array:
-        """The share (N,) of hands' surfaces that was not seen at its place; what is covered or
-        unread counts more.
-        """
-        covered = np.maximum(support.covered - self.settings.min_covered, 0)
-        return 1 - support.seen + self.settings.covered * covered
 
     def evidence_of(
         self,
@@ -324,7 +309,7 @@ class Judge:
         support = self.support
         whole, *of_parts = support.support_of_parts(capsules, limbs, parts, readings, camera)
         seen = np.array([part.seen for part in of_parts]).reshape(len(parts), len(fits)).T
-        guessed = 1 - seen.mean(axis=1) if parts else none
+        guessed = 1 - (seen.mean(axis=1) if parts else whole.seen)
         in_camera = fits.joints + center_mm[:, None]
         depths = support.joint_depths(in_camera, readings, camera)
         signs = pose_signs(fits.signs, depths, model.surface.mean_penetration(capsules), guessed)
@@ -333,8 +318,7 @@ class Judge:
             joints = fingers.joints(in_camera).reshape(-1, 3, 3)
             of_joints = support.joint_depths(joints, readings, camera)
             behind, before = (depth.reshape(seen.shape) for depth in of_joints)
-        unseen = self.unseen_share(whole)
-        return Evidence(signs, none, unseen, behind, before, np.zeros(seen.shape), seen)
+        return Evidence(signs, none, behind, before, np.zeros(seen.shape), seen)
 
     def side_log_ratio(self, cost: float, other_cost: float) -> float:
         """The logarithm of ``other_cost``, of the fit to one image as the other side, over
@@ -347,7 +331,3 @@ class Judge:
     def side_chance(self, log_ratio: float) -> float:
         """The probability of a side with this mean ``side_log_ratio``."""
         return float(1 / (1 + np.exp(-self.settings.side_slope * log_ratio)))
-
-    def _by_unseen(self, unseen: Array, factors: Sequence[float]) -> Array:
-        """The factors for unseen shares (N,)."""
-        return np.interp(unseen, self._unseen, (1.0, *factors))

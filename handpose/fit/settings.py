@@ -145,19 +145,8 @@ class SupportSettings:
 
 @dataclass(frozen=True)
 class JudgeSettings:
-    """The confidence of poses that were not seen, chosen on recordings of which a part of the hand
-    was covered, and of sides, chosen on P3, P7 and hpx.
-    """
+    """How sides are judged, chosen on P3, P7 and hpx."""
 
-    # A share, in per cent, of the surface that faces the camera and was not seen at its place. From
-    # it on the confidence is lower and the error larger, by these factors at its double, triple and
-    # fourfold.
-    unseen: float = 15.0
-    unseen_confidence: tuple[float, float, float] = (0.7, 0.3, 0.1)
-    unseen_error: tuple[float, float, float] = (1.3, 2.0, 3.0)
-    # weight of covered or unread shares above the minimum: other poses explain the rest
-    covered: float = 2.0
-    min_covered: float = 0.1
     # The side of a hand is judged by the log-ratio of the costs of the fits as either side: the
     # maximum contribution of one frame, and the slope of the log-odds of a side by the mean ratio.
     max_ratio: float = 0.5

@@ -1,14 +1,17 @@
 """Support of poses by a depth image: which parts of a hand's own surface were seen, and which the
 image contradicts.
 
-Spheres along the capsules, and on the flat parts between them, sample the surface that faces the
-camera. Of those that no other part of the body covers, each counts in proportion to its area as
+Rays through a grid over the hand meet the surface that faces the camera. Those that meet the hand's
+own parts first count equally, so that a part counts by the area that it shows, as
 
-    seen     the reading is within a tolerance of the sphere's front
+    seen     the reading is within a tolerance of the surface
     hidden   the reading is nearer: another object covers the hand there
     empty    the reading is farther: the pose is in empty space
     missing  there is no reading
     outside  it is outside the image
+
+Of the reading at a ray and of the four next to it, the one that is nearest to the surface counts,
+because at an outline a pixel may show what is behind it, or nothing.
 
 A fit to the visible part of a covered hand has small residuals, so its cost does not show that the
 rest is a guess. Joints are compared with the readings, too: those far behind the surface are hidden
@@ -23,13 +26,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.body.render import Capsules
+from handpose.body.render import Capsules, depths_of, in_front
 from handpose.fit.settings import SupportSettings
-from handpose.frames.cameras import Camera
+from handpose.frames.cameras import Camera, Floats
 from netlib.blob import Array
 
-ALONG = np.array([1, 3]) / 4  # positions of the spheres on a capsule's axis
-ACROSS = np.array([[1, 1, 1]]) / 3  # of those on a flat part, between its corners
+RAYS = 24  # on each side of the grid over a hand
+AROUND = ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0))  # rows and columns from a ray's pixel
+BEYOND_MM = 1e5  # depth from which a surface stands for one behind the camera
 
 
 class Support(NamedTuple):
@@ -62,63 +66,44 @@ class JointDepths(NamedTuple):
     before: Array
 
 
-class Samples(NamedTuple):
-    """P spheres of N bodies, in mm, camera axes, and the area that each stands for."""
+class _Rays(NamedTuple):
+    """A grid of rays over each of N hands: slopes x (N, W) and y (N, H), y DOWN."""
 
-    center: Array  # (N, P, 3)
-    radius: Array  # (N, P)
-    area: Array  # (N, P) mm2
+    x: Floats
+    y: Floats
 
     @classmethod
-    def of(cls, capsules: Capsules) -> Samples:
-        """The spheres of all capsules and facets."""
-        along, across = ALONG[:, None], ACROSS[..., None]
-        a, b, ra, rb, facets = capsules
-        n = len(a)
-        centers = a[:, :, None] + along * (b - a)[:, :, None]  # (N, M, A, 3)
-        radii = ra[:, :, None] + ALONG * (rb - ra)[:, :, None]
-        length = np.linalg.norm(b - a, axis=2, keepdims=True) / len(ALONG)
-        areas = 2 * radii * length
-        center, radius = [centers.reshape(n, -1, 3)], [radii.reshape(n, -1)]
-        area = [areas.reshape(n, -1)]
-        if len(facets):
-            ends = np.stack([a, b], axis=2).reshape(n, -1, 3)
-            end_radii = np.stack([ra, rb], axis=2).reshape(n, -1)
-            corner = ends[:, facets]
-            r = end_radii[:, facets]  # (N, T, 3, 3), (N, T, 3)
-            center.append((across * corner[:, :, None]).sum(axis=3).reshape(n, -1, 3))
-            radius.append((ACROSS * r[:, :, None]).sum(axis=3).reshape(n, -1))
-            edges = corner[:, :, 1:] - corner[:, :, :1]
-            normal = np.cross(edges[:, :, 0], edges[:, :, 1])
-            flat = np.linalg.norm(normal, axis=2) / 2 / len(ACROSS)
-            area.append(np.repeat(flat, len(ACROSS), axis=1))
-        return cls(*(np.concatenate(parts, axis=1) for parts in (center, radius, area)))
+    def over(cls, capsules: Capsules) -> _Rays:
+        """The rays over all of some capsules."""
+        bounds = []
+        for end, radius in ((capsules.a, capsules.radius_a), (capsules.b, capsules.radius_b)):
+            middle = end[..., :2] * (1, -1)
+            bounds += [(middle + sign * radius[..., None]) / end[..., 2:] for sign in (-1, 1)]
+        slopes = np.concatenate(bounds, axis=1)  # (N, 4 M, 2)
+        least, most = slopes.min(axis=1), slopes.max(axis=1)
+        share = (np.arange(RAYS) + 0.5) / RAYS
+        grid = least[..., None] + (most - least)[..., None] * share  # (N, 2, RAYS)
+        return cls(*np.moveaxis(grid.astype(np.float32), 1, 0))
 
-    def chosen(self, which: NDArray[np.bool_]) -> Samples:
-        """Some of the spheres (P,)."""
-        return Samples(self.center[:, which], self.radius[:, which], self.area[:, which])
-
-    @property
-    def front(self) -> Array:
-        """The depths (N, P) of the spheres' nearest points."""
-        return self.center[..., 2] - self.radius
-
-    @property
-    def nearest(self) -> Array:
-        """The spheres' nearest points (N, P, 3)."""
-        return np.concatenate([self.center[..., :2], self.front[..., None]], axis=2)
-
-    def covers(self, points: Array, front: Array) -> NDArray[np.bool_]:
-        """True (N, Q) where a sphere is in front of points (N, Q, 3) whose surface is at the
-        depths (N, Q).
+    def readings(
+        self, surface: Floats, depth: NDArray[np.floating], camera: Camera
+    ) -> tuple[Floats, NDArray[np.bool_]]:
+        """The readings (N, H, W) that are nearest to a surface (N, H, W), 0 where there is none,
+        and True where the surface is in the image.
         """
-        x, y, z = (self.center[:, None, :, axis] for axis in range(3))
-        ray = points[..., :2] / points[..., 2:]
-        off_x = ray[:, :, None, 0] * z - x
-        off_y = ray[:, :, None, 1] * z - y
-        inner = self.radius[:, None] ** 2 - off_x**2 - off_y**2
-        before = z - np.sqrt(np.maximum(inner, 0)) < front[:, :, None]
-        return np.asarray(((inner > 0) & before).any(axis=2))
+        columns = np.rint(self.x * camera.fx + camera.u0).astype(np.int64)[:, None, :]
+        rows = np.rint(self.y * camera.fy + camera.v0).astype(np.int64)[:, :, None]
+        in_width = (columns >= 0) & (columns < camera.width)
+        in_height = (rows >= 0) & (rows < camera.height)
+        found = np.zeros(surface.shape, np.float32)
+        least = np.full(surface.shape, np.inf, np.float32)
+        for down, right in AROUND:
+            row = np.clip(rows + down, 0, camera.height - 1)
+            reading = depth[row, np.clip(columns + right, 0, camera.width - 1)]
+            apart = np.where(reading > 0, np.abs(reading - surface), np.float32(np.inf))
+            is_nearer = apart < least
+            found[is_nearer], least[is_nearer] = reading[is_nearer], apart[is_nearer]
+        return found, in_width & in_height & (surface < BEYOND_MM)
 
 
 class ImageSupport:
@@ -153,24 +138,21 @@ class ImageSupport:
 
         All shares of a part that others cover entirely are 0.
         """
-        every = Samples.of(capsules)
-        own = _samples_of(~limbs, capsules.facets)
-        spheres = every.chosen(own)
-        reading, inside = _readings(spheres.nearest, depth, camera)
-        # NaN, which some drivers write, is missing
-        behind = reading - spheres.front
-        missing = inside & ~(reading > 0)
-        front = spheres.front - self.settings.self_mm
-        tolerance = self.settings.tolerance_mm
-        weight = spheres.area * ~every.covers(spheres.center, front)
-        read = inside & ~missing
+        body = in_front(capsules)
+        rays = _Rays.over(body.chosen(~limbs))
+        shapes = depths_of(body, *rays)
+        surface = shapes.min(axis=1)
+        reading, inside = rays.readings(surface, depth, camera)
+        behind, tolerance = reading - surface, self.settings.tolerance_mm
+        read = inside & (reading > 0)
         hidden, empty = read & (behind < -tolerance), read & (behind > tolerance)
-        areas = weight * np.stack([read & ~(hidden | empty), hidden, empty, missing, ~inside])
+        kinds = np.stack([read & ~(hidden | empty), hidden, empty, inside & ~read, ~inside])
         found = []
         for part in (~limbs, *parts):
-            within = _samples_of(part, capsules.facets)[own]
-            whole = np.maximum(weight[:, within].sum(axis=1), 1e-9)
-            found.append(Support(*(areas[:, :, within].sum(axis=2) / whole)))
+            own = shapes[:, _shapes_of(part, capsules.facets)].min(axis=1, initial=np.inf)
+            shown = np.isfinite(own) & (own <= surface + self.settings.self_mm)
+            count = np.maximum(shown.sum(axis=(1, 2)), 1)
+            found.append(Support(*((kinds & shown).sum(axis=(2, 3)) / count)))
         return found
 
     def joint_depths(
@@ -188,12 +170,9 @@ class ImageSupport:
         return JointDepths(*(distance.sum(axis=1) / count for distance in clipped))
 
 
-def _samples_of(some: NDArray[np.bool_], facets: NDArray[np.int_]) -> NDArray[np.bool_]:
-    """True (P,) for the samples of some capsules (M,), and of the flat parts that are
-    between these alone.
-    """
-    flat = some[facets // 2].all(axis=1)
-    return np.concatenate([np.repeat(some, len(ALONG)), np.repeat(flat, len(ACROSS))])
+def _shapes_of(some: NDArray[np.bool_], facets: NDArray[np.int_]) -> NDArray[np.bool_]:
+    """True (M + T,) for some capsules (M,), and for the flat parts that are between these alone."""
+    return np.concatenate([some, some[facets // 2].all(axis=1)])
 
 
 def _readings(

@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 from handpose.body.render import Capsules
 from handpose.fit.body import CapsuleModel
 from handpose.fit.settings import SupportSettings
-from handpose.fit.support import ImageSupport, Samples, Support
+from handpose.fit.support import ImageSupport, Support
 from handpose.frames.cameras import KINECT2
 from handpose.sequences.recordings import render_image
 from tests.handpose.fit.test_body import body
@@ -82,38 +82,46 @@ flesh { wedge { joint: "a" joint: "b" joint: "c" radius: 0.1 } }
 """
 
 
-def test_flat_parts_are_sampled_at_their_middles(model: CapsuleModel) -> None:
-    """The last spheres are those of the wedges of the skeleton file, each with the area
-    of its triangle.
-    """
-    x = np.zeros((1, model.variables))
-    flesh, names = model.skeleton.param.flesh, model.whole.joint_names
-    assert flesh is not None and flesh.wedge
-    pose = model.surface.kinematics.forward(model.whole_inputs_of(x))
-    ends = model.surface.ends(pose)[0] * model.unit_mm + CENTER
-    corners = ends[[[names.index(joint) for joint in wedge.joint] for wedge in flesh.wedge]]
-    a, b, c = corners.swapaxes(0, 1)
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
-    samples, flat = Samples.of(at_rest(model)), len(corners)
-    assert_allclose(samples.center[0, -flat:], corners.mean(axis=1), atol=1e-3)
-    assert_allclose(samples.area[0, -flat:], area, rtol=1e-4)
-
-
 def test_a_flat_part_between_thin_edges() -> None:
-    """Covered in its middle, a web of 5,000 mm2 is hidden but for its edges; a part without an
-    edge has no web.
+    """Covered by a square in its middle, a web is hidden there; a part without an edge has no
+    web.
     """
-    web = body(WEB)
-    edges = 2 * (100 + 100 + np.hypot(100, 100))  # mm2: 2 mm wide
+    web = body(WEB)  # a triangle of 5,000 mm2
     readings = np.full((CAMERA.height, CAMERA.width), 500.0)
-    middle = CENTER[0] + (100 / 3, 100 / 3, 0)
-    u, v, _ = np.rint(CAMERA.project(middle)).astype(int)
-    readings[v, u] = 300
+    corners = CENTER + [(10, 50, 0), (50, 10, 0)]
+    (left, right), (top, bottom), _ = np.rint(CAMERA.project(corners)).astype(int).T
+    readings[top : bottom + 1, left : right + 1] = 300
     none, two = np.zeros(3, bool), np.array([False, True, True])
     whole, part = IMAGES.support_of_parts(at_rest(web), none, [two], readings, CAMERA)
-    hidden = 5000 / (5000 + edges)
-    assert (whole.hidden[0], whole.seen[0]) == pytest.approx((hidden, 1 - hidden))
+    assert whole.hidden[0] == pytest.approx(1600 / 5000, abs=0.05)
+    assert whole.hidden[0] + whole.seen[0] == pytest.approx(1)
     assert (part.hidden[0], part.seen[0]) == (0, 1)
+
+
+def test_shares_are_those_of_the_pixels(model: CapsuleModel, image: np.ndarray) -> None:
+    """A bent hand is compared pixel by pixel with a rendering of itself, and with the image of
+    another one.
+    """
+    limbs = model.surface.limbs
+    for seed in range(4):
+        x = np.random.default_rng(seed).normal(0, 0.4, (1, model.variables))
+        capsules = model.capsules(x, CENTER)
+        whole, own = (
+            render_image(one, CAMERA, background=9e4)[0]
+            for one in (capsules, capsules.chosen(~limbs))
+        )
+        shown = (own < 9e4) & (own <= whole + IMAGES.settings.self_mm)
+        of_itself = IMAGES.support(capsules, limbs, whole, CAMERA)
+        assert of_itself.seen[0] > 0.97
+        found = IMAGES.support(capsules, limbs, image, CAMERA)
+        apart = (image - own)[shown]
+        tolerance = IMAGES.settings.tolerance_mm
+        shares = [
+            (np.abs(apart) <= tolerance).mean(),
+            (apart < -tolerance).mean(),
+            (apart > tolerance).mean(),
+        ]
+        assert_allclose([found.seen[0], found.hidden[0], found.empty[0]], shares, atol=0.1)
 
 
 def test_a_pose_elsewhere_is_in_empty_space_or_outside_the_image(
@@ -122,7 +130,7 @@ def test_a_pose_elsewhere_is_in_empty_space_or_outside_the_image(
     """A pose next to the hand is in empty space; a part of it may be outside the image, or
     behind the camera.
     """
-    assert of(model, image, (250, 0, 0)).empty[0] > 0.9
+    assert of(model, image, (250, 0, 0)).empty[0] > 0.8
     half = (-(CAMERA.u0 / CAMERA.fx) * CENTER[0, 2], 0, 0)
     assert 0.2 < of(model, image, half).outside[0] < 0.8
     for away in ((2000, 0, 0), (0, 0, -2000)):
