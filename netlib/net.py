@@ -352,14 +352,18 @@ class Net(Graph):
         snapshot.write_weights(weights_of.image(self, path), path)
 
     def layer_states(self) -> dict[str, Any]:
-        """Return the state of every layer by name, for an exact resume."""
-        return {layer.name: layer.state() for layer in self.layers}
+        """Return the state of every layer by name, for an exact resume.
+
+        A Python layer of pycaffe may have an attribute ``state`` of its own.
+        """
+        return {layer.name: type(layer).state(layer) for layer in self.layers}
 
     def restore_layer_states(self, states: Mapping[str, Any]) -> None:
         """Restore states that ``layer_states`` returned."""
         for name, state in states.items():
             if name in self.layer_dict:
-                self.layer_dict[name].restore(state)
+                layer = self.layer_dict[name]
+                type(layer).restore(layer, state)
 
 
 def _as_numbers(array: Any, what: str) -> NDArray[Any]:
