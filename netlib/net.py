@@ -97,6 +97,11 @@ class Net(Graph):
             raise NetlibError(
                 f"phase {phase} is unknown; expected {TRAIN} (TRAIN) or {TEST} (TEST)"
             )
+        if not isinstance(level or 0, int) or isinstance(stages, str):
+            raise NetlibError(
+                f"level {level!r}, stages {stages!r}: expected a number and a list of names; "
+                "a file of weights is the option weights"
+            )
         phase_name: schema.Phase = param.state.phase if phase is None else ("TRAIN", "TEST")[phase]
         self.state = state or NetState(
             phase_name, level or param.state.level, param.state.stage + tuple(stages or ())
