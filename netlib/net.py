@@ -143,13 +143,14 @@ class Net(Graph):
         shape reshapes the net. ``blobs`` names more blobs to return.
         """
         layers = self._layer_range(start, end)
+        more = _names_of(blobs)
         with self.one_thread:  # inputs are shared: a second thread would overwrite them
             self._set_inputs(
                 {name: _as_numbers(array, f"input {name!r}") for name, array in inputs.items()}
             )
             self._forward_steps(*layers)
         names = self.outputs if end is None else self.layer_dict[end].spec.top
-        return {name: self._blob(name).data for name in [*names, *(blobs or [])]}
+        return {name: self._blob(name).data for name in [*names, *more]}
 
     def run_forward(self, first: int = 0, last: int | None = None) -> float:
         """Run the layers numbered ``first`` up to but not including ``last``, by default all, and
@@ -190,12 +191,13 @@ class Net(Graph):
         ``diffs`` names more blobs whose diffs to return.
         """
         layers = self._layer_range(end, start)
+        more = _names_of(diffs)
         with self.one_thread:
             self._pass.seed_losses(is_backward=True)
             self._set_diffs(tops)
             self._backward_steps(*layers)
         names = self.inputs if end is None else self.layer_dict[end].spec.bottom
-        return {name: self._blob(name).diff for name in [*names, *(diffs or [])]}
+        return {name: self._blob(name).diff for name in [*names, *more]}
 
     def run_backward(self, first: int = 0, last: int | None = None) -> None:
         """Run the layers numbered ``first`` up to but not including ``last`` backwards, adding to
@@ -369,6 +371,16 @@ class Net(Graph):
             if name in self.layer_dict:
                 layer = self.layer_dict[name]
                 type(layer).restore(layer, state)
+
+
+def _names_of(blobs: Iterable[str] | None) -> list[str]:
+    """The blobs to return. Raises NetlibError for arrays, which have to be given by name."""
+    if isinstance(blobs, (Mapping, np.ndarray)):
+        raise NetlibError(
+            f"expected the names of blobs to return, found a {type(blobs).__name__}; arrays are given by name, "
+            "as in forward(data=images)"
+        )
+    return list(blobs or [])
 
 
 def _as_numbers(array: Any, what: str) -> NDArray[Any]:

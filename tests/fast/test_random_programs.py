@@ -331,7 +331,9 @@ OPERATIONS: dict[str, tuple[int, Operation]] = {
     "forward part": (4, lambda net, rng: net.forward(None, *part(net, rng))),
     "forward part, write": (
         2,
-        lambda net, rng: write_all(net, rng, net.forward(net.blobs, start=net.layers[-1].name)),
+        lambda net, rng: write_all(
+            net, rng, net.forward(list(net.blobs), start=net.layers[-1].name)
+        ),
     ),
     "backward": (8, backward),
     "backward of fewer items": (2, lambda net, rng: backward(net, rng, fewer=True)),
