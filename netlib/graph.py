@@ -169,7 +169,7 @@ class Graph:
         if given and len(given) != len(top):
             raise layer.fail(f"has {len(top)} tops, but {len(given)} loss_weight")
         names = [*layer.spec.top, *[AUTOMATIC] * len(top)]
-        for blob, weight, name in zip(top, given or [layer.loss_weight], names):
+        for blob, weight, name in zip(top, given or [layer.default_loss_weight], names):
             if weight:
                 self.losses.append((blob, weight, name))
 
@@ -235,7 +235,7 @@ def _warn_of_overwritten(below: Layer, layer: Layer, name: str) -> None:
 
 def _automatic_tops(layer: Layer) -> int:
     """Number of unnamed tops that a loss layer has."""
-    return max(0, layer.tops[0] - len(layer.spec.top)) if layer.loss_weight else 0
+    return max(0, layer.tops[0] - len(layer.spec.top)) if layer.default_loss_weight else 0
 
 
 def _propagate_down(layer: Layer, wanted: list[bool]) -> list[bool]:

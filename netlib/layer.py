@@ -80,7 +80,7 @@ class Layer:
     reads_signs: bool = False  # backward reads which values of the tops are positive
     # where a gradient flows, a value is positive after the layer iff it was before
     keeps_signs: ClassVar[bool] = False
-    loss_weight: ClassVar[float] = 0.0  # default loss weight of the first top
+    default_loss_weight: ClassVar[float] = 0.0  # that of the first top
     is_input: ClassVar[bool] = False  # the caller writes the tops
     # False: backward is an error, and force_backward does not ask for it
     has_gradient: ClassVar[bool] = True
@@ -147,6 +147,8 @@ class Layer:
         """State that an exact resume needs in addition to the parameters, as plain
         numbers and strings.
         """
+        if not isinstance(self.rng, np.random.Generator):  # a generator of the user's own
+            return {}
         return {"rng": self.rng.bit_generator.state}
 
     def restore(self, state: dict[str, Any]) -> None:

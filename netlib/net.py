@@ -97,6 +97,11 @@ class Net(Graph):
             raise NetlibError(
                 f"phase {phase} is unknown; expected {TRAIN} (TRAIN) or {TEST} (TEST)"
             )
+        if not isinstance(level or 0, int) or isinstance(stages, str):
+            raise NetlibError(
+                f"level {level!r}, stages {stages!r}: expected a number and a list of names; "
+                "a file of weights is the option weights"
+            )
         phase_name: schema.Phase = param.state.phase if phase is None else ("TRAIN", "TEST")[phase]
         self.state = state or NetState(
             phase_name, level or param.state.level, param.state.stage + tuple(stages or ())
@@ -138,13 +143,14 @@ class Net(Graph):
         shape reshapes the net. ``blobs`` names more blobs to return.
         """
         layers = self._layer_range(start, end)
+        more = _names_of(blobs)
         with self.one_thread:  # inputs are shared: a second thread would overwrite them
             self._set_inputs(
                 {name: _as_numbers(array, f"input {name!r}") for name, array in inputs.items()}
             )
             self._forward_steps(*layers)
         names = self.outputs if end is None else self.layer_dict[end].spec.top
-        return {name: self._blob(name).data for name in [*names, *(blobs or [])]}
+        return {name: self._blob(name).data for name in [*names, *more]}
 
     def run_forward(self, first: int = 0, last: int | None = None) -> float:
         """Run the layers numbered ``first`` up to but not including ``last``, by default all, and
@@ -185,12 +191,13 @@ class Net(Graph):
         ``diffs`` names more blobs whose diffs to return.
         """
         layers = self._layer_range(end, start)
+        more = _names_of(diffs)
         with self.one_thread:
             self._pass.seed_losses(is_backward=True)
             self._set_diffs(tops)
             self._backward_steps(*layers)
         names = self.inputs if end is None else self.layer_dict[end].spec.bottom
-        return {name: self._blob(name).diff for name in [*names, *(diffs or [])]}
+        return {name: self._blob(name).diff for name in [*names, *more]}
 
     def run_backward(self, first: int = 0, last: int | None = None) -> None:
         """Run the layers numbered ``first`` up to but not including ``last`` backwards, adding to
@@ -352,14 +359,28 @@ class Net(Graph):
         snapshot.write_weights(weights_of.image(self, path), path)
 
     def layer_states(self) -> dict[str, Any]:
-        """Return the state of every layer by name, for an exact resume."""
-        return {layer.name: layer.state() for layer in self.layers}
+        """Return the state of every layer by name, for an exact resume.
+
+        A Python layer of pycaffe may have an attribute ``state`` of its own.
+        """
+        return {layer.name: type(layer).state(layer) for layer in self.layers}
 
     def restore_layer_states(self, states: Mapping[str, Any]) -> None:
         """Restore states that ``layer_states`` returned."""
         for name, state in states.items():
             if name in self.layer_dict:
-                self.layer_dict[name].restore(state)
+                layer = self.layer_dict[name]
+                type(layer).restore(layer, state)
+
+
+def _names_of(blobs: Iterable[str] | None) -> list[str]:
+    """The blobs to return. Raises NetlibError for arrays, which have to be given by name."""
+    if isinstance(blobs, (Mapping, np.ndarray)):
+        raise NetlibError(
+            f"expected the names of blobs to return, found a {type(blobs).__name__}; arrays are given by name, "
+            "as in forward(data=images)"
+        )
+    return list(blobs or [])
 
 
 def _as_numbers(array: Any, what: str) -> NDArray[Any]:

@@ -183,13 +183,13 @@ class PassState:
                 raise layer.fail(
                     "backward was called before forward, which reads data: run forward first"
                 )
-            before = snapshot.as_plain(layer.state())
+            before = snapshot.as_plain(type(layer).state(layer))
             kept = [(blob, blob.data.copy()) for blob in at.top if blob.root in read]
             self.forward(step)
             for blob, data in kept:  # before a later layer reads them
                 blob.data[...] = data
-            if snapshot.as_plain(layer.state()) != before:
-                layer.restore(before)
+            if snapshot.as_plain(type(layer).state(layer)) != before:
+                type(layer).restore(layer, before)
                 raise layer.fail(
                     "backward was called before forward, which draws random numbers: run forward first"
                 )

@@ -185,7 +185,7 @@ def _outputs(net: Net, also: Sequence[str]) -> list[str]:
         if name in net.inputs:
             raise NetlibError(
                 f"{net.source}: blob {name!r} is both input and output, which ONNX does not "
-                "support; expected a layer that reads it, with another top"
+                "support; expected a layer that reads it, with another top, or no such input"
             )
     return outputs
 

@@ -46,7 +46,7 @@ class PhysLimit(Layer):
     param_name = "phys_limit_param"
     bottoms = tops = (1, 1)
     in_place = False
-    loss_weight = 1.0
+    default_loss_weight = 1.0
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         skeleton = load_for(self.param.skeleton, self.source)

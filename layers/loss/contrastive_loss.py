@@ -49,7 +49,7 @@ class ContrastiveLoss(Layer):
     bottoms = (3, 3)
     tops = (1, 1)
     in_place = False
-    loss_weight = 1.0
+    default_loss_weight = 1.0
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         self.shape = items_and_values(self, Blobs(bottom[:2]))

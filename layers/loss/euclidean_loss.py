@@ -24,7 +24,7 @@ class EuclideanLoss(Layer):
     bottoms = (2, 2)
     tops = (1, 1)
     in_place = False
-    loss_weight = 1.0
+    default_loss_weight = 1.0
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         self.items, self.values = items_and_values(self, bottom)

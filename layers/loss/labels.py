@@ -31,7 +31,7 @@ class LabelLoss(Layer):
     bottoms: ClassVar[tuple[int, int | None]] = (2, 2)
     tops: ClassVar[tuple[int, int | None]] = (1, 1)
     in_place = False
-    loss_weight = 1.0
+    default_loss_weight = 1.0
 
     def allow_force_backward(self, bottom_index: int) -> bool:
         return bottom_index == 0

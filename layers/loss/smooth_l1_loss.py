@@ -46,7 +46,7 @@ class SmoothL1Loss(Layer):
     bottoms = (2, 4)
     tops = (1, 1)
     in_place = False
-    loss_weight = 1.0
+    default_loss_weight = 1.0
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         self.slope = np.empty(0, self.dtype)

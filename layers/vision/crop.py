@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from netlib.blob import Blobs
-from netlib.layer import ZeroGradient
+from netlib.layer import ZeroGradient, warn
 from netlib.proto.schema import UInt, numbered
 
 
@@ -32,6 +32,16 @@ class Crop(ZeroGradient):
     bottoms = (2, 2)
     tops = (1, 1)
     in_place = False
+
+    def setup(self, bottom: Blobs, top: Blobs) -> None:
+        x, size = bottom[0].shape, bottom[1].shape
+        middle = [(n - m) // 2 for n, m in zip(x, size)][self.param.axis :]
+        if any(middle) and not self.param.offset:  # 0: the size is odd
+            warn(
+                self,
+                f"without an offset, the first {size} of {x} remain, as in Caffe 1.0; Caffe's forks of FCN, HED and "
+                f"U-Net align both, near the offsets {middle} (caffe.coord_map gives the exact ones)",
+            )
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         x, size = bottom[0].shape, bottom[1].shape

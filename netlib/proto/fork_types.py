@@ -179,6 +179,7 @@ UNSUPPORTED = {
     "GroupNorm": "normalization of groups of channels: Reshape, MVN { across_channels: true }, Reshape and Scale",
     "ResizeBilinear BilinearInterpolation UpsamplingBilinear2d": "Interp, if the corners are aligned (align_corners)",
     "Resize UpsamplingNearest2d": "Upsample for nearest neighbours, Interp for bilinear with aligned corners",
+    "AutoCrop": "a Crop that computes its offset; write it as Crop { offset: N }, with N by caffe.coord_map",
     "Padding Pad ZeroPad2d": "zeros around x are the option pad of the next Convolution or Pooling",
     "MatMul": "the product of two bottoms as matrices, which no layers here compute",
     "MKLBatchNorm": "Intel's BatchNorm; write BatchNorm",

@@ -55,7 +55,8 @@ def image(net: Graph, path: str | Path, diffs: bool = False) -> bytes:
 def _complete_spec(layer: Layer) -> LayerParameter:
     """The layer's options with the phase and the default loss weight filled in, as Caffe does."""
     phase: Phase = "TRAIN" if layer.phase == TRAIN else "TEST"
-    weight = layer.spec.loss_weight or ((layer.loss_weight,) if layer.loss_weight else ())
+    default = layer.default_loss_weight
+    weight = layer.spec.loss_weight or ((default,) if default else ())
     return schema.changed(layer.spec, phase=phase, loss_weight=weight)
 
 

@@ -55,6 +55,14 @@ MASKED = np.ma.masked_equal(np.ones((2, 3)), 0)
             "net '' has no layer 'aa' (did you mean 'a'?)",
         ),
         "blob": (lambda net: net.forward(["aaa"]), "net '' has no blob 'aaa'"),
+        # as in other libraries; it would run on the old input
+        "array without a name": (
+            lambda net: net.forward(np.ones((2, 3))),
+            "expected the names of blobs to return, found a ndarray; arrays are given by name, "
+            "as in forward(data=images)",
+        ),
+        "dictionary": (lambda net: net.forward({"x": np.ones((2, 3))}), "...found a dict; ..."),
+        "diff": (lambda net: net.backward({"a": np.ones((2, 3))}), "...found a dict; ..."),
         "masked": (lambda net: net.forward(x=MASKED), LayerError, f"input 'x' {VALUE}"),
         "texts": (
             lambda net: net.forward(x=np.full((2, 3), "a")),
@@ -102,6 +110,13 @@ def test_invalid_calls_are_rejected(
             )
             for phase in (-1, 2)
         },
+        # as by Net(file, TEST, "net.caffemodel") in pycaffe
+        "weights as level": (
+            {"level": "net.caffemodel"},
+            "level 'net.caffemodel', stages None: expected a number and a list of names; a file of "
+            "weights is the option weights",
+        ),
+        "a text as stages": ({"stages": "deploy"}, "level 0, stages 'deploy': expected ..."),
         "int32": ({"dtype": np.int32}, "a net computes in float32 or float64, not in int32"),
     },
 )

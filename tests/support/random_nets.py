@@ -194,6 +194,11 @@ def is_large(net: str) -> bool:
     return bool(re.search("num_output: (24|48)", net))
 
 
+def has_depth(net: str) -> bool:
+    """Whether an input is a depth image."""
+    return bool(re.search('"x[24]"', net))
+
+
 def extended(rng: Random, text: str, names: list[str], layers: list[str], straight: bool) -> str:
     """Append the layers that fit the blobs that they read; in a ``straight`` net these are mostly
     the last ones.

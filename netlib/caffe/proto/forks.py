@@ -5,7 +5,7 @@ They are in caffe_pb2 and NetSpec only, so that a fork's scripts can write and p
 with them is an error where it is built, unless the option is one without effect
 (netlib/proto/forks.py). From the files caffe.proto of SSD, MobileNet-YOLO, NVIDIA, Intel, SegNet,
 ENet, DeepLab and PSPNet, LRCN, TSN, caffe-heatmap, caffe-face, R-FCN, CRF-RNN, crnn, FlowNet 2,
-CPM, OpenPose and caffe-windows.
+CPM, OpenPose, RefineDet and caffe-windows.
 """
 
 from __future__ import annotations
@@ -78,7 +78,9 @@ MultiBoxLossParameter: loc_loss_type LocLossType 1, conf_loss_type ConfLossType 
   background_label_id uint32 9, use_difficult_gt bool 10, do_neg_mining bool 11, neg_pos_ratio float 12, neg_overlap
   float 13, code_type PriorBoxParameter.CodeType 14, encode_variance_in_target bool 16, map_object_to_agnostic bool
   17, ignore_cross_boundary_bbox bool 18, bp_inside bool 19, mining_type MiningType 20, nms_param
-  NonMaximumSuppressionParameter 21, sample_size int32 22, use_prior_for_nms bool 23, ignore_difficult_gt bool 24
+  NonMaximumSuppressionParameter 21, sample_size int32 22, use_prior_for_nms bool 23, ignore_difficult_gt bool 24,
+  objectness_score float 24
+DetectionOutputParameter: objectness_score float 24
 VideoDataParameter: video_type VideoType 1, device_id int32 2, video_file string 3, skip_frames uint32 4, source
   string 1, batch_size uint32 4, rand_skip uint32 7, shuffle bool 8, new_height uint32 9, new_width uint32 10,
   new_length uint32 11, num_segments uint32 12, scale float 2, mean_file string 3, crop_size uint32 5, mirror bool 6,

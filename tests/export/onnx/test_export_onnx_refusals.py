@@ -61,7 +61,7 @@ def test_a_type_without_a_form(kind, files):
             'layer { name: "a" type: "ReLU" bottom: "x0" top: "x0" }',
             [(1, 4)],
             "net.prototxt: blob 'x0' is both input and output, which ONNX does not support; expected a layer "
-            "that reads it, with another top",
+            "that reads it, with another top, or no such input",
         ),
         (
             'layer { name: "a" type: "Silence" bottom: "x0" }',

@@ -16,6 +16,24 @@ def test_upsample_repeats_pixels_of_any_number_of_axes(by_hand, shape):
 
 
 @pytest.mark.parametrize(
+    ("options", "size", "warnings"),
+    [
+        ("", (3, 4), ["the first (1, 1, 3, 4) of (1, 1, 9, 8) remain"]),
+        ("offset: 0", (3, 4), []),
+        ("", (8, 7), []),  # the map has an odd size
+    ],
+)
+def test_a_crop_without_an_offset_is_not_that_of_older_forks(run, caplog, options, size, warnings):
+    x = np.arange(72.0).reshape(1, 1, 9, 8)
+    bottoms = x, np.zeros((1, 1, *size))
+    y = run(f'type: "Crop" crop_param {{ {options} }}', *bottoms).y
+    assert np.array_equal(y, x[..., : size[0], : size[1]])
+    assert len(caplog.messages) == len(warnings)
+    for message, part in zip(caplog.messages, warnings):
+        assert part in message and "near the offsets [3, 2]" in message
+
+
+@pytest.mark.parametrize(
     ("options", "size"),
     [
         ("zoom_factor: 4", (25, 21)),

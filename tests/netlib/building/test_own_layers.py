@@ -311,6 +311,34 @@ def test_a_name_that_hdf5_cannot_hold(name: str, here: Path) -> None:
     net_with(layer % "ReLU").save("w.caffemodel.h5")
 
 
+def test_attributes_of_a_layer_may_have_names_of_ours(module: MakeModule, here: Path) -> None:
+    """In Caffe, a layer has the attributes param_str and phase only."""
+    module(
+        "named",
+        SQUARE
+        + """
+class Named(Square):
+    def setup(self, bottom, top):
+        super().setup(bottom, top)
+        self.rng = np.random.RandomState(0)
+        self.state, self.restore, self.loss_weight = "even", True, 2
+""",
+    )
+    layer = python("Named", "named").replace('bottom: "x"', 'bottom: "p"')
+    parameter = (
+        'layer { name: "p" type: "Parameter" top: "p" parameter_param { shape { dim: 2 } } }'
+    )
+    loss = 'layer { name: "l" type: "Reduction" bottom: "y" top: "l" loss_weight: 1 }'
+    text = f"base_lr: 0.1 lr_policy: 'fixed' net_param {{ {parameter} {layer} {loss} }}"
+    (here / "solver.prototxt").write_text(text)
+    solver = netlib.get_solver("solver.prototxt")
+    solver.net.params["p"][0].data[...] = 1
+    solver.step(1)
+    assert [name for _, _, name in solver.net.losses] == ["l"]
+    solver.restore(solver.snapshot())
+    assert np.allclose(solver.net.params["p"][0].data, 1 - 0.1 * 2)
+
+
 def test_a_layer_with_its_own_init(squares: None) -> None:
     """``__init__`` gets one argument, as in pycaffe, and the base class is complete before.
 

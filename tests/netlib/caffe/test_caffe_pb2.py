@@ -142,6 +142,14 @@ def test_fields_of_forks_do_not_collide_with_declared_ones() -> None:
         assert len(numbers) == len(set(numbers))
 
 
+def test_options_of_refinedet() -> None:
+    """As its scripts write them by NetSpec."""
+    made = caffe_pb2.LayerParameter()
+    made.multibox_loss_param.objectness_score = 0.5
+    made.detection_output_param.objectness_score = 0.5
+    assert text_format.Parse(str(made), caffe_pb2.LayerParameter()) == made
+
+
 def test_a_solver_of_ssd() -> None:
     text = 'net: "n" eval_type: "detection" ap_version: "11point" show_per_class_result: true'
     assert text_format.Parse(text, caffe_pb2.SolverParameter()).ap_version == "11point"
