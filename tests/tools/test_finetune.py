@@ -227,12 +227,11 @@ def test_features_that_do_not_fit_into_memory(monkeypatch: pytest.MonkeyPatch) -
     assert "the features of 24 pictures would take 384 bytes" in tuned("--iterations 1").err
 
 
-def test_one_line_of_progress_and_the_log_in_its_file() -> None:
-    """Elsewhere than on a terminal the last state of the line is shown."""
+def test_a_line_for_each_test_and_the_log_in_its_file() -> None:
     done = tuned("--iterations 30")
     assert "Creating Layer" not in done.err
     assert "Creating Layer" in Path("finetuned/train.log").read_text()
-    assert re.fullmatch(r"step 30/30, accuracy [01]\.\d\d, 0 s left", done.err.splitlines()[-1])
+    assert re.fullmatch(r"step 30 of 30: accuracy [01]\.\d\d", done.err.splitlines()[-1])
 
 
 def test_a_training_that_was_stopped_is_continued(

@@ -96,7 +96,7 @@ class Results:
             for confidence, name, _, box in self.boxes(values, shown, preprocessing, shape):
                 yield f"  {confidence:.4f}  {name}  {' '.join(f'{side:.0f}' for side in box)}"
         elif self.are_classes(values):
-            self._check_labels(values.size)
+            self.check_labels(values.size)
             yield self.blob
             for number in _best(values.ravel(), shown):
                 yield f"  {values.flat[number]:.4f}  {self._name(number)}"
@@ -119,7 +119,7 @@ class Results:
 
         Raises NetlibError.
         """
-        self._check_labels(self.classes)
+        self.check_labels(self.classes)
         rows = values[values[:, 1] >= 0]
         for row in rows[_best(rows[:, 2], shown)]:
             yield (
@@ -167,7 +167,8 @@ class Results:
             )
         return picture
 
-    def _check_labels(self, classes: int) -> None:
+    def check_labels(self, classes: int) -> None:
+        """Raise NetlibError if there are labels, and not one for each class."""
         if self.labels is not None and len(self.labels) != classes:
             background = ", the background included" if self.classes else ""
             raise NetlibError(

@@ -98,20 +98,20 @@ class NewClasses:
             self._net.param, layer=(*reader, *body, *schema.read(loss, NetParameter).layer)
         )
 
-    def frozen(self, last: str | None) -> list[str]:
-        """The layers with parameters before the new one, up to the ``last`` if given.
+    def frozen(self, last: str) -> list[str]:
+        """The layers with parameters before the new one: ``all``, ``none``, or those up to a layer.
 
         Raises NetlibError.
         """
         layers = self._net.layers[: self._at]
-        names = [layer.name for layer in layers]
-        if last is not None and last not in names:
+        ends = {layer.name: number for number, layer in enumerate(layers, 1)}
+        meant = did_you_mean(last, ends)
+        ends |= {"none": 0, "all": len(layers)}
+        if last not in ends:
             raise NetlibError(
-                f"{self._net.source}: there is no layer {last!r} before {self.head!r}"
-                f"{did_you_mean(last, names)}"
+                f"{self._net.source}: there is no layer {last!r} before {self.head!r}{meant}"
             )
-        end = len(names) if last is None else names.index(last) + 1
-        return [layer.name for layer in layers[:end] if layer.blobs]
+        return [layer.name for layer in layers[: ends[last]] if layer.blobs]
 
     def _renewed(self, spec: LayerParameter) -> LayerParameter:
         """The layer; in the place of the head the new one."""
