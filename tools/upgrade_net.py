@@ -89,7 +89,7 @@ def current_net(tree: Message) -> Message:
         raise PrototxtError(new.position, "this file has no layers; expected a net")
     if not net.input:
         return new
-    fields = [field for field in new.fields if field.name not in INPUTS]
+    fields = new.without(*INPUTS).fields
     # weights files name inputs without shapes; Caffe drops those
     if net.input_shape or net.input_dim:
         first = next((i for i, field in enumerate(fields) if field.name == "layer"), len(fields))

@@ -129,7 +129,7 @@ def _layers(data: bytes, path: str) -> list[LayerParameter]:
         if item.name in ("layer", "layers"):
             layer = schema.message_of(item)
             refuse_v0(layer)
-            kept = [field for field in layer.fields if field.name in ("name", "blobs")]
+            kept = layer.named("name", "blobs")
             layers.append(schema.read(Message(kept, layer.position), LayerParameter))
     return layers
 

@@ -10,7 +10,7 @@ from netlib.errors import NetlibError, did_you_mean
 from netlib.net import Net
 from netlib.proto import prototxt, schema
 from netlib.proto.messages import LayerParameter, NetParameter, ParamSpec
-from netlib.proto.prototxt import Field, Message
+from netlib.proto.prototxt import Message
 
 # types of the last layer
 HEADS = {"InnerProduct": "inner_product_param", "Convolution": "convolution_param"}
@@ -154,5 +154,4 @@ def _with_statistics(spec: LayerParameter) -> LayerParameter:
 
 def _with(options: Message, name: str, new: Message) -> Message:
     """Options with another value of a field."""
-    kept: list[Field] = [item for item in options.fields if item.name != name]
-    return Message([*new.fields, *kept], options.position)
+    return Message([*new.fields, *options.without(name).fields], options.position)
