@@ -30,7 +30,7 @@ from netlib.proto import prototxt, wire
 from netlib.proto.messages import NetParameter
 from netlib.proto.upgrade import upgraded
 from tools.common.arguments import parser_of
-from tools.common.console import DONE, guarded, say
+from tools.common.console import DONE, guarded, notify, say
 from tools.common.deploy_nets import advice, is_training_net
 
 PHASES = {"TRAIN": TRAIN, "TEST": TEST, "ALL": None}
@@ -80,9 +80,8 @@ def run(args: argparse.Namespace) -> int:
     draw.draw_net_to_file(net, out, args.rankdir, PHASES[args.phase], args.display_lrm, shapes)
     say(f"wrote {out}")
     if shapes and is_training_net(args.input_net_proto_file):
-        say(
-            f"this is a training net; {advice(args.input_net_proto_file)} writes it without data and losses",
-            file=sys.stderr,
+        notify(
+            f"this is a training net; {advice(args.input_net_proto_file)} writes it without data and losses"
         )
     return DONE
 
@@ -99,7 +98,7 @@ def _shapes(model: str) -> dict[str, tuple[int, ...]]:
             if is_training_net(model)
             else ""
         )
-        say(f"without shapes: {error}{about}", file=sys.stderr)
+        notify(f"without shapes: {error}{about}")
         return {}
 
 

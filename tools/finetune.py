@@ -46,7 +46,7 @@ from netlib.proto.binaryproto import write_blob
 from tools.common import training
 from tools.common.arguments import add_engine, count, natural, parser_of, positive_number, real
 from tools.common.commands import command
-from tools.common.console import DONE, duration, guarded, say
+from tools.common.console import DONE, duration, guarded, notify, say
 from tools.common.deploy_nets import refuse_training_net
 from tools.common.frozen_features import HeadSolver, NotFrozenError, use_features
 from tools.common.net_images import (
@@ -181,10 +181,9 @@ def run(args: argparse.Namespace) -> int:
         "solver.prototxt": _solver(args, len(train), len(test)),
     }.items():
         atomic.replace_text(args.out / file, text.rstrip("\n") + "\n")
-    say(
+    notify(
         f"{len(classes)} classes, {len(train)} pictures to train on, {len(test)} held out; layer {nets.head!r} becomes "
-        f"{nets.name!r}; layers that keep their weights: {len(frozen)}",
-        file=sys.stderr,
+        f"{nets.name!r}; layers that keep their weights: {len(frozen)}"
     )
     status = _train(args, old, preprocessing)
     if status != DONE:
@@ -210,12 +209,11 @@ def _train(args: argparse.Namespace, old: Net, how: Preprocessing) -> int:
             solver.on_step.append(lambda: file.begin([]))
         try:
             seconds = use_features(solver, old, how)
-            say(
-                f"the layers before {solver.first_layer!r} are computed once for each picture: {duration(seconds)}",
-                file=sys.stderr,
+            notify(
+                f"the layers before {solver.first_layer!r} are computed once for each picture: {duration(seconds)}"
             )
         except NotFrozenError as why:
-            say(f"all layers are computed in each step: {why}", file=sys.stderr)
+            notify(f"all layers are computed in each step: {why}")
         _print_accuracy(solver, console)
         status = training.solve(solver, console)
     if status != DONE:

@@ -59,7 +59,7 @@ from handpose.frames.inspection import checked
 from netlib.errors import DataError
 from netlib.files.paths import ROOT
 from tools.common import arguments, outputs, prediction_outputs, sources
-from tools.common.console import DONE, FAILED, guarded, say
+from tools.common.console import DONE, FAILED, guarded, notify, say
 
 MODEL = ROOT / "prototxt" / "nyu_deploy.prototxt"
 FIT: Literal["accurate"] = "accurate"  # default for hands
@@ -193,7 +193,7 @@ def run(args: argparse.Namespace) -> int:
                 else predictor.in_crop(depth)
             )
         except DataError as error:  # the outputs are of the other images
-            say(error, file=sys.stderr)
+            notify(error)
             continue
         hands.append((image, hand))
         drawn.append(picture)

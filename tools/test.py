@@ -50,7 +50,7 @@ from netlib.files.paths import ROOT
 from netlib.net import Net
 from tools.common import outputs
 from tools.common.arguments import add_engine, name_in, parser_of, reject_given
-from tools.common.console import DONE, aligned, guarded, say
+from tools.common.console import DONE, aligned, guarded, notify, say
 from tools.common.costs import warn_of_another_net
 from tools.common.progress import ProgressBar
 
@@ -149,10 +149,9 @@ def _predict(net: Net, snapshot: str) -> held_out.Predictions:
         predictions = held_out.predict_all(net, progress=progress.reach)
     count = len(predictions.joints)
     if count > 1 and np.ptp(predictions.joints, axis=0).max() < SAME:
-        say(
+        notify(
             f"warning: {snapshot}: all {count} predictions are equal, whatever the frame shows: "
-            "are units of a layer dead? A lower base_lr may help",
-            file=sys.stderr,
+            "are units of a layer dead? A lower base_lr may help"
         )
     return predictions
 
@@ -205,7 +204,7 @@ def _draw(path: Path, net: Net, found: held_out.Predictions) -> None:
     )
     path.parent.mkdir(parents=True, exist_ok=True)
     outputs.write_image(path, sheet)
-    say(f"wrote {path}", file=sys.stderr)
+    notify(f"wrote {path}")
 
 
 def _table(rows: list[dict[str, object]]) -> str:

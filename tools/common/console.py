@@ -32,31 +32,27 @@ def guarded(run: Callable[[argparse.Namespace], int], args: argparse.Namespace) 
     except NetlibError as error:
         print(_with_advice(error), file=sys.stderr)
     except UnicodeEncodeError as error:
-        print(
+        notify(
             f"cannot print or write {error.object[error.start : error.end]!r} in the encoding {error.encoding}; "
-            "set PYTHONUTF8=1",
-            file=sys.stderr,
+            "set PYTHONUTF8=1"
         )
     except ImportError as error:  # also of a library for which memory or descriptors do not suffice
-        say(f"cannot load {error.name or 'a package'}: {reason_of(error)}", file=sys.stderr)
+        notify(f"cannot load {error.name or 'a package'}: {reason_of(error)}")
     except BrokenPipeError:  # the reader of the output has ended, like ``head``
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except OSError as error:
         if error.errno == errno.ENOENT and not error.filename:  # os.getcwd names no file
-            say("the working directory was deleted; change to another one", file=sys.stderr)
+            notify("the working directory was deleted; change to another one")
         else:
-            say(f"{error.filename or 'standard output'}: {reason_of(error)}", file=sys.stderr)
+            notify(f"{error.filename or 'standard output'}: {reason_of(error)}")
     except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
+        notify("interrupted")
         return 130
     except Exception as error:
         if memory.is_lacking(error):
-            print("not enough memory; use a smaller batch_size", file=sys.stderr)
+            notify("not enough memory; use a smaller batch_size")
         elif isinstance(error, RuntimeError) and "start new thread" in str(error):
-            print(
-                "cannot start a thread: too many, or not enough memory; use fewer --threads",
-                file=sys.stderr,
-            )
+            notify("cannot start a thread: too many, or not enough memory; use fewer --threads")
         else:
             raise
     return FAILED
@@ -77,6 +73,11 @@ def say(*words: object, sep: str = " ", file: TextIO | None = None) -> None:
     start another line.
     """
     print(*map(printable, words), sep=sep, file=file)
+
+
+def notify(*words: object) -> None:
+    """Print a line that is no result, such as a warning, on standard error."""
+    say(*words, file=sys.stderr)
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> str:

@@ -12,7 +12,7 @@ from typing import Any, TextIO
 
 from netlib import files
 from netlib.errors import NetlibError, printable, reason_of
-from tools.common.console import DONE, say
+from tools.common.console import DONE, notify
 
 
 class ProgressBar:
@@ -131,7 +131,7 @@ def fill_folder(folder: Path, total: int, fill: Callable[[Callable[[int], None]]
 
                 fill(advance)
     except StoppedError:
-        say("stopped; whole files are kept, and the next run continues after them", file=sys.stderr)
+        notify("stopped; whole files are kept, and the next run continues after them")
         return 128 + stopper.signum
     except OSError as error:
         raise NetlibError(f"{folder}: {reason_of(error)}") from None

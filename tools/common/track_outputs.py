@@ -35,7 +35,7 @@ from netlib.files import atomic, reading
 from netlib.files.paths import real
 from tools.common import arguments, outputs
 from tools.common.arguments import name_in
-from tools.common.console import say
+from tools.common.console import notify, say
 from tools.common.sources import add_joints_option
 
 FILES = ("json", "csv")
@@ -272,7 +272,7 @@ class LiveOutput:
         say(f"page: {self._server.page_url}", file=file)
         say(f"for programs: {self._server.lines_url}", file=file)
         if self._server.is_public:
-            say("warning: other machines can watch, if they have these addresses", file=sys.stderr)
+            notify("warning: other machines can watch, if they have these addresses")
         if not recording.live:
             say("waiting for the first connection; Ctrl-C stops", file=file)
         # not file.flush(): it is None if a shell closed standard output

@@ -29,7 +29,7 @@ from netlib.training import solver_parameter
 from netlib.training.report import CaffeFormatter
 from tools.common import outputs
 from tools.common.commands import command
-from tools.common.console import DONE, say
+from tools.common.console import DONE, notify
 from tools.common.progress import ProgressBar
 from tools.common.ranks import ended_together, threads_of
 
@@ -126,7 +126,7 @@ class LogFile(logging.FileHandler):
                 os.ftruncate(descriptor, self._size)
                 os.close(descriptor)
             self._size = None
-        say(f"{self.baseFilename}: cannot continue the log: {reason_of(error)}", file=sys.stderr)
+        notify(f"{self.baseFilename}: cannot continue the log: {reason_of(error)}")
 
     def close(self) -> None:
         """Close the file; buffered data that cannot be written is lost."""
@@ -187,7 +187,7 @@ def say_how_to_continue(solver: Solver, options: Mapping[str, object]) -> None:
         if value is not None:
             words += [option, value]
     how = f"continue with {solver.ranks.count} ranks" if solver.ranks.count > 1 else "continue"
-    say(f"{how}: {command('train')} {shlex.join(map(str, words))}", file=sys.stderr)
+    notify(f"{how}: {command('train')} {shlex.join(map(str, words))}")
 
 
 @contextlib.contextmanager
