@@ -13,7 +13,7 @@ from handpose.datasets.published_frames import Flaw, PreparedSplit, PublishedFra
 from handpose.frames.images import BadFrameError
 from netlib import engine
 from tools.common.arguments import parser_of, workers
-from tools.common.console import DONE, FAILED, duration, notify, say
+from tools.common.console import DONE, FAILED, duration, guarded, notify, say
 from tools.common.progress import fill_folder
 
 MAX_SHOWN = 10  # bad frames of a split that are printed; all are in the file bad_SPLIT.txt
@@ -31,6 +31,11 @@ class Importer:
     check: Callable[[Path, str], tuple[list[str], list[Flaw]]]
     # reads a split, optionally with a file of centres
     read: Callable[[Path, str, Path | None], PublishedFrames]
+
+
+def main(argv: list[str] | None, doc: str | None, importer: Importer) -> int:
+    """Run the command of an importer; returns the exit status."""
+    return guarded(lambda args: run(args, importer), arguments(argv, doc, importer))
 
 
 def arguments(argv: list[str] | None, doc: str | None, importer: Importer) -> argparse.Namespace:
