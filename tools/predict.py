@@ -129,7 +129,11 @@ def _add_predictor_options(parser: argparse.ArgumentParser) -> None:
 def _add_output_options(parser: argparse.ArgumentParser) -> None:
     """Add the options for pictures, tables and the page."""
     parser.add_argument(
-        "--out", metavar="DIR", default=".", help="output folder (default: the working folder)"
+        "--out",
+        metavar="DIR",
+        type=Path,
+        default=Path(),
+        help="output folder (default: the working folder)",
     )
     parser.add_argument(
         "--html", metavar="FILE", help="write a page on which the hands can be rotated"
@@ -173,15 +177,15 @@ def run(args: argparse.Namespace) -> int:
     is_frame = args.camera is not None
     info, camera = sources.frames_camera(args) if is_frame else (CameraInfo(), NYU)
     predictor = _predictor(args, camera)
-    out = Path(args.out)
-    outputs.make_folder(out)
+    outputs.make_folder(args.out)
     camera_file = args.camera if isinstance(args.camera, Path) else None
     for file in {args.html, args.csv, args.json} - {None, "-"}:
-        outputs.check_place(Path(file), [*args.images, camera_file, args.weights, args.model])
+        outputs.check_place(file, [*args.images, camera_file, args.weights, args.model])
     centers = args.center or [None]
     if len(centers) == 1:
         centers = centers * len(args.images)
-    pictures = outputs.places(args.images, out, "_hand.png" if predictor.is_hand else "_body.png")
+    ending = "_hand.png" if predictor.is_hand else "_body.png"
+    pictures = outputs.places(args.images, args.out, ending)
     hands: list[tuple[str, HandEstimate]] = []
     drawn: list[Path] = []
     for image, center, picture in zip(args.images, centers, pictures):

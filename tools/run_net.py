@@ -152,9 +152,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the net on all images. Raises NetlibError."""
     paths, truth = _paths(args.images, args.root_folder)
     if args.out:
-        outputs.check_place(
-            Path(args.out), [args.net, args.weights, args.mean_file, args.labels, *paths]
-        )
+        outputs.check_place(args.out, [args.net, args.weights, args.mean_file, args.labels, *paths])
     labels = read_labels(args.labels) if args.labels else None
     refuse_training_net(args.net)
     net = Net(args.net, args.weights, netlib.TEST, engine=args.engine)

@@ -74,13 +74,8 @@ def refuse_training_net(model: str) -> None:
         where = schema.position_of(spec, "type")
         raise NetlibError(
             f"{where}: this is a training net: layer {spec.name!r} of type {spec.type} reads the data; "
-            f"expected a deploy net; {advice(model)} writes it"
+            f"expected a deploy net; {deploy_command(model)} writes it"
         )
-
-
-def is_training_net(model: str) -> bool:
-    """Whether the net reads its data in phase TEST."""
-    return bool(_readers(model))
 
 
 def _readers(model: str) -> list[LayerParameter]:
@@ -96,8 +91,12 @@ def _readers(model: str) -> list[LayerParameter]:
     return found or [spec for spec in param.layer if _reads_data(spec)]
 
 
-def advice(model: str) -> str:
-    """The command that writes the deploy net of a training net."""
+def deploy_command(model: str) -> str:
+    """The command that writes the deploy net of a training net; empty for a net that does not read
+    its data in phase TEST.
+    """
+    if not _readers(model):
+        return ""
     return f"{command('deploy')} {shlex.quote(str(model))} deploy.prototxt"
 
 

@@ -180,7 +180,7 @@ class Outputs:
     def __enter__(self) -> Outputs:
         # created later, but checked now
         for name in filter(None, (self._args.video, self._args.sheet)):
-            outputs.check_place(Path(name))
+            outputs.check_place(name)
         possible = (*self._writers, self._video, self._live)
         named = [output for output in possible if output is not None]
         with contextlib.ExitStack() as stack:
