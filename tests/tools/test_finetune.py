@@ -20,7 +20,7 @@ from tests.support.bad_input import whole_line
 from tests.support.nets import inputs, ip
 from tests.support.running import Done, run_tool
 from tools import finetune
-from tools.common import frozen_features, training
+from tools.common import frozen_features
 from tools.common.frozen_features import NotFrozenError
 
 BODY = """layer { name: "conv" type: "Convolution" bottom: "data" top: "conv"
@@ -234,15 +234,11 @@ def test_a_line_for_each_test_and_the_log_in_its_file() -> None:
     assert re.fullmatch(r"step 30 of 30: accuracy [01]\.\d\d", done.err.splitlines()[-1])
 
 
-def test_a_training_that_was_stopped_is_continued(
-    signal_at_start: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_training_that_was_stopped_is_continued(signal_at_start: Any) -> None:
     """The printed command gives the weights of a training that was not stopped."""
     tuned("--iterations 9 --out whole")
-    original = training.requests_by_signal
     signal_at_start(signal.SIGINT)
     line = tuned("--iterations 9", status=130).err.splitlines()[-1]
-    monkeypatch.setattr(training, "requests_by_signal", original)
     start, _, command = line.partition("train.py ")
     assert start.startswith("continue: ")
     run_tool("train", *shlex.split(command))

@@ -123,7 +123,7 @@ def test_seed_and_threads(work):
     ("number", "status", "last"),
     [(signal.SIGINT, 130, 1), (signal.SIGTERM, 143, 1), (signal.SIGHUP, 0, 2)],
 )
-def test_signals(work, signal_at_start, monkeypatch, number, status, last):
+def test_signals(work, signal_at_start, number, status, last):
     """Ctrl-C and SIGTERM finish the iteration, write a snapshot, and determine the exit status;
     SIGHUP goes on.
 
@@ -132,10 +132,8 @@ def test_signals(work, signal_at_start, monkeypatch, number, status, last):
     handlers = [signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
     with open("solver.prototxt", "a") as file:
         file.write("test_initialization: false")
-    original = training.requests_by_signal
     signal_at_start(number)
     lines = train("--max-iter 2", status=status).err.splitlines()
-    monkeypatch.setattr(training, "requests_by_signal", original)
     assert handlers == [
         signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     ]

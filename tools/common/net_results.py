@@ -137,9 +137,8 @@ class Results:
         Raises NetlibError.
         """
         height, width = image.shape[:2]
-        picture = np.repeat(
-            image.reshape(height, width, -1), 3 * height * width // image.size, axis=2
-        )
+        channels = image.size // (height * width)
+        picture = np.repeat(image.reshape(height, width, channels), 3 // channels, axis=2)
         unit = max(height, width) / 600
         line = max(1, round(2 * unit))
         scale = max(0.4, 0.6 * unit)
