@@ -80,7 +80,9 @@ def test_blobs_are_stored_if_there_is_a_backward_pass() -> None:
     assert not unstored(net)
 
 
-def write_held(name: str, index: int | None = None) -> Callable[[Net], Callable[[], None]]:
+def write_held(
+    name: str, index: int | None = None, then: Callable[[Net], object] = lambda net: None
+) -> Callable[[Net], Callable[[], None]]:
     """A caller that has an array from before the pass, and writes it after the pass."""
 
     def begin(net: Net) -> Callable[[], None]:
@@ -89,6 +91,7 @@ def write_held(name: str, index: int | None = None) -> Callable[[Net], Callable[
 
         def end() -> None:
             array[...] = 5
+            then(net)
 
         return end
 
@@ -114,6 +117,7 @@ WRITES = {
     "an array of weights": write_held("conv1", 0),
     "an array of a bias": write_held("conv2", 1),
     "an array between": write_held("relu1"),
+    "an array of the input, backward": write_held("x", then=Net.backward),
     "an array of statistics": write_held("bn1", 0),
     "the input": fill("x"),
     "weights": fill("conv1", 0),
@@ -123,6 +127,7 @@ WRITES = {
     "shared weights": after(lambda net: net.params["conv1"][0].share(netlib.Blob((8, 3, 3, 3)))),
     "the shape of the input": after(lambda net: net.blobs["x"].reshape(2, 3, 6, 7)),
     "a second pass": after(lambda net: run(net, 11)),
+    "the input twice": after(lambda net: [net.blobs["x"].data.fill(value) for value in (5, 6)]),
     "a part": after(lambda net: net.forward(start="bn2")),
 }
 
