@@ -92,7 +92,8 @@ def test_new_classes() -> None:
     assert lines[4] == "accuracy 1.0000 (6 of 6)"
     assert Path("finetuned/labels.txt").read_text().splitlines() == SORTED
     start, _, command = lines[-1].partition("run_net.py ")
-    assert start.startswith("the same again: ") and not lines[5:-1]
+    assert start.startswith("the same again: ")
+    assert not lines[5:-1]
     assert run_tool("run_net", *shlex.split(command)).out.splitlines() == lines[:5]
     assert changed() == {"fc_new"}  # bit for bit, the statistics of BatchNorm included
 
@@ -103,7 +104,9 @@ def test_held_out_pictures_are_not_trained_on() -> None:
     for out, seed in (("a", 1), ("b", 1), ("c", 2)):
         tuned(f"--iterations 1 --out {out} --seed {seed} --held-out 0.3")
         train, test = (read_list(Path(out, f"{name}.txt"))[0] for name in ("train", "test"))
-        assert len(train) == 21 and len(test) == 9 and not {*train} & {*test}
+        assert len(train) == 21
+        assert len(test) == 9
+        assert not {*train} & {*test}
         assert sorted(label for _, label in test) == [0, 0, 0, 1, 1, 1, 2, 2, 2]
         lists.append(test)
     assert lists[0] == lists[1] != lists[2]
@@ -199,7 +202,8 @@ def test_features_of_frozen_layers_are_computed_once(
         re.findall(r"accuracy = ([\d.]+)", Path(out, "train.log").read_text())
         for out in ("fast", "slow")
     ]
-    assert logs[0] == logs[1] and len(logs[0]) > 10
+    assert logs[0] == logs[1]
+    assert len(logs[0]) > 10
 
 
 @pytest.mark.parametrize(
