@@ -306,25 +306,23 @@ def _data(args: argparse.Namespace, name: str, how: Preprocessing, train: int, t
         "transform": transform,
         "scale": args.scale,
     }
-    return (
-        DATA.format(
-            phase="TRAIN",
-            source=args.out / "train.txt",
-            batch=min(args.batch, train),
-            shuffle="true",
-            mirror=str(args.mirror).lower(),
-            **same,
-        )
-        + DATA.format(
-            phase="TEST",
-            source=args.out / "test.txt",
-            batch=_divisor(test, args.batch),
-            shuffle="false",
-            mirror="false",
-            **same,
-        )
-        + (TO_RGB.format(name) if args.rgb else "")
+    to_train = DATA.format(
+        phase="TRAIN",
+        source=args.out / "train.txt",
+        batch=min(args.batch, train),
+        shuffle="true",
+        mirror=str(args.mirror).lower(),
+        **same,
     )
+    to_test = DATA.format(
+        phase="TEST",
+        source=args.out / "test.txt",
+        batch=_divisor(test, args.batch),
+        shuffle="false",
+        mirror="false",
+        **same,
+    )
+    return to_train + to_test + (TO_RGB.format(name) if args.rgb else "")
 
 
 def _divisor(number: int, most: int) -> int:

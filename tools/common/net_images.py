@@ -78,7 +78,9 @@ class Preprocessing:
         """Convert xmin, ymin, xmax, ymax in units of the input's width and height to px of an
         image of (H, W, C).
         """
-        image, resized, size = np.array(shape[1::-1]), np.array(self.resize), np.array(self.size)
+        image = np.array(shape[1::-1])
+        resized = np.array(self.resize)
+        size = np.array(self.size)
         scale = resized / image
         if self.crop:
             scale = np.full(2, scale.max())

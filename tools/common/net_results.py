@@ -153,7 +153,8 @@ class Results:
             cv2.rectangle(picture, (left, top), (right, bottom), colour, line)
             text = f"{name} {confidence:.0%}"
             (w, h), below = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, scale, line)
-            x, y = min(max(left, 0), max(width - w, 0)), max(top, h + 2 * below)
+            x = min(max(left, 0), max(width - w, 0))
+            y = max(top, h + 2 * below)
             cv2.rectangle(picture, (x, y - h - 2 * below), (x + w, y), colour, cv2.FILLED)
             cv2.putText(
                 picture,
