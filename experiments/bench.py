@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 import tempfile
 import time
 from pathlib import Path
@@ -27,7 +26,7 @@ import netlib
 from experiments.example_nets import NETS, Workload
 from experiments.peers import Job, peers_of
 from tools.common.arguments import positive, workers
-from tools.common.console import DONE, say
+from tools.common.console import DONE, notify
 
 MAX_LOAD = 0.5  # of a machine on which times are reproducible
 MIN_JOB_S = 0.1  # for which a job is repeated
@@ -66,10 +65,7 @@ def run(args: argparse.Namespace) -> int:
     cv2.setNumThreads(args.threads)
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
     if load > MAX_LOAD and not args.cpu:
-        say(
-            f"warning: the machine is busy (load {load:.1f}); use --cpu and --threads 1",
-            file=sys.stderr,
-        )
+        notify(f"warning: the machine is busy (load {load:.1f}); use --cpu and --threads 1")
     unit = "processor time" if args.cpu else "time"
     print(f"{netlib.BLAS_NOTE}; {args.threads} threads; medians of the {unit} in ms")
     print(f"{'':20}{'ours':>9}  {'peer':<24}{'':>9}{'ratio':>7}")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import sys
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -16,7 +15,7 @@ from experiments.example_nets import Workload
 from export.onnx.net import onnx_image
 from netlib.blob import Array
 from netlib.net import Net
-from tools.common.console import say
+from tools.common.console import notify
 
 Job = Callable[[], object]
 TOLERANCE = 1e-3  # of the largest value
@@ -44,7 +43,7 @@ def peers_of(name: str, work: Workload, threads: int) -> Iterator[tuple[str, Job
 @functools.cache
 def _note(package: str) -> None:
     """Print once that a package is missing."""
-    say(f"without {package}: pip install -e '.[bench]'", file=sys.stderr)
+    notify(f"without {package}: pip install -e '.[bench]'")
 
 
 def agrees(what: str, found: Array, expected: Array, tolerance: float = TOLERANCE) -> bool:
@@ -55,9 +54,8 @@ def agrees(what: str, found: Array, expected: Array, tolerance: float = TOLERANC
     error = float(np.abs(np.ravel(found) - np.ravel(expected)).max() / largest)
     if error < tolerance:
         return True
-    say(
-        f"{what} is not timed: its values differ by {error:.2g} of the largest, expected below {tolerance:g}",
-        file=sys.stderr,
+    notify(
+        f"{what} is not timed: its values differ by {error:.2g} of the largest, expected below {tolerance:g}"
     )
     return False
 
@@ -74,7 +72,7 @@ def _checked(
     try:
         found = np.asarray(job())
     except cv2.error as error:  # OpenCV 4 does not run every net that it reads
-        say(f"{peer}, {name}, is not timed: {str(error).strip().splitlines()[-1]}", file=sys.stderr)
+        notify(f"{peer}, {name}, is not timed: {str(error).strip().splitlines()[-1]}")
         return
     if agrees(f"{peer}, {name}", found, expected):
         yield peer, job

@@ -26,7 +26,8 @@ class FewPoses:
     """
 
     def __init__(self, skeleton: Skeleton, steps: Sequence[Sequence[JointStep]]) -> None:
-        K, M = len(steps), sum(step.kind != "constant" for own in steps for step in own)
+        K = len(steps)
+        M = sum(step.kind != "constant" for own in steps for step in own)
         most = max(1, *(sum(step.kind != "translate" for step in own) for own in steps))
         # rotations of every joint, padded with the identity
         self.P, self.C, self.S = np.zeros((3, most, K, 3, 3))
@@ -35,25 +36,27 @@ class FewPoses:
         self.slides: list[tuple[int, int, float, int]] = []  # joint, axis, sign, motion
         motions = []  # per motion: joint, number of the joint's rotations before it, axis, sign
         for j, own in enumerate(steps):
-            turned = 0
+            turned = 0  # rotations of the joint so far; translations come before them
             for step in own:
+                if step.matrix is None:
+                    motions.append((j, turned, step.axis, step.sign))
                 if step.kind == "translate":
                     self.slides.append((j, step.axis, step.sign, step.number))
-                elif step.matrix is not None:
+                    continue
+                if step.matrix is not None:
                     self.P[turned, j] = step.matrix
                 else:
                     self.P[turned, j], self.C[turned, j], self.S[turned, j] = _rodrigues(step)
                     self.angle[turned, j] = step.number
-                if step.matrix is None:
-                    motions.append((j, turned, step.axis, step.sign))  # translations come first
-                turned += step.kind != "translate"
+                turned += 1
         self.motions = np.array(motions, dtype=int).reshape(-1, 4).T
         self.bone_axes = np.zeros((K, 3, 1))
         has_bone = np.flatnonzero(skeleton.bone_axes >= 0)
         self.bone_axes[has_bone, skeleton.bone_axes[has_bone], 0] = 1
         self.bones = self.bone_axes * skeleton.bones[:, None, None]
         before = np.append(np.where(skeleton.parents < 0, K, skeleton.parents), K)  # K is the world
-        self.parents, self.before = before, []
+        self.parents = before
+        self.before = []  # the parents, the grandparents, the fourth ancestors, ...
         while (before < K).any():
             self.before.append(before)
             before = before[before]

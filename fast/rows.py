@@ -120,13 +120,15 @@ def stacked(g: Geometry, x: Array, rows: slice, outputs: tuple[int, ...]) -> Arr
     """X of x (n, C, H, ...) for these rows of outputs, as the view (rows, kernel C, n L) with L
     ``outputs`` each.
     """
-    (n, C, H), across, R = x.shape[:3], g.kernel[1:], rows.stop - rows.start
-    down, elements = g.stride[0], math.prod(across)
+    n, C, H = x.shape[:3]
+    R = rows.stop - rows.start
+    down = g.stride[0]
+    elements = math.prod(g.kernel[1:])
     height = (R - 1) * down + g.kernel[0]
     X = scratch("columns", (height, elements, C, n, *outputs), x.dtype)
-    start = rows.start * down - g.pad[0]
-    low, high = max(start, 0), max(min(start + len(X), H), 0)
-    above, below = min(low - start, len(X)), max(high - start, 0)
+    start = rows.start * down - g.pad[0]  # the row of x at the first of X, negative in the padding
+    low, high = max(start, 0), max(min(start + height, H), 0)  # the rows of x that X has
+    above, below = min(low - start, height), max(high - start, 0)  # where they are in X
     copies = _copies(g, x.shape[3:], outputs)
 
     def job(c: slice) -> None:
@@ -138,9 +140,11 @@ def stacked(g: Geometry, x: Array, rows: slice, outputs: tuple[int, ...]) -> Arr
             target[own] = source[taken]
 
     run_parts(job, C, 1, X.size * COPY)
-    item, length, K = X.itemsize, n * math.prod(outputs), elements * C
-    shape, row = (R, g.kernel[0] * K, length), K * length
-    return np.ndarray(shape, X.dtype, X, 0, (down * row * item, length * item, item))
+    length = n * math.prod(outputs)
+    row_bytes = elements * C * length * X.itemsize
+    shape = (R, g.kernel[0] * elements * C, length)
+    strides = (down * row_bytes, length * X.itemsize, X.itemsize)
+    return np.ndarray(shape, X.dtype, X, 0, strides)
 
 
 @lru_cache(maxsize=256)

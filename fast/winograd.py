@@ -193,6 +193,7 @@ def _combine(rows: Sequence[Array], out: Array) -> None:
     first, *pairs, last = input_matrix(KERNEL).tolist()
     _add(first[0::2], rows[0::2], out[0])
     _add(last[1::2], rows[1::2], out[-1])
+    # The rows between are in pairs, for the points p and -p: even + p odd and even - p odd.
     for i, factors in enumerate(pairs[0::2]):
         point = factors[3]
         _add(factors[2::2], rows[2::2], even)

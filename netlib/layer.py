@@ -243,10 +243,9 @@ def warn_of_ignored(layer: Layer, *names: str, block: str = "", advice: str = ""
     """
     block = block or block_name(type(layer), layer.spec.type)
     tree = layer.spec.blocks.get(block)
-    for item in tree.fields if tree else []:
-        if item.name in names:
-            warn(
-                layer,
-                f"{layer.type} ignores {item.name} in {block}, as Caffe does{advice}",
-                item.position,
-            )
+    for item in tree.named(*names) if tree else []:
+        warn(
+            layer,
+            f"{layer.type} ignores {item.name} in {block}, as Caffe does{advice}",
+            item.position,
+        )

@@ -30,8 +30,8 @@ from netlib.proto import prototxt, wire
 from netlib.proto.messages import NetParameter
 from netlib.proto.upgrade import upgraded
 from tools.common.arguments import parser_of
-from tools.common.console import DONE, guarded, say
-from tools.common.deploy_nets import advice, is_training_net
+from tools.common.console import DONE, guarded, notify, say
+from tools.common.deploy_nets import deploy_command
 
 PHASES = {"TRAIN": TRAIN, "TEST": TEST, "ALL": None}
 
@@ -79,11 +79,8 @@ def run(args: argparse.Namespace) -> int:
     shapes = _shapes(args.input_net_proto_file)
     draw.draw_net_to_file(net, out, args.rankdir, PHASES[args.phase], args.display_lrm, shapes)
     say(f"wrote {out}")
-    if shapes and is_training_net(args.input_net_proto_file):
-        say(
-            f"this is a training net; {advice(args.input_net_proto_file)} writes it without data and losses",
-            file=sys.stderr,
-        )
+    if shapes and (deploy := deploy_command(args.input_net_proto_file)):
+        notify(f"this is a training net; {deploy} writes it without data and losses")
     return DONE
 
 
@@ -94,12 +91,9 @@ def _shapes(model: str) -> dict[str, tuple[int, ...]]:
     try:
         return {name: blob.shape for name, blob in Net(model, TEST).blobs.items()}
     except NetlibError as error:
-        about = (
-            f"; the deploy net has some: {advice(model)} writes it"
-            if is_training_net(model)
-            else ""
-        )
-        say(f"without shapes: {error}{about}", file=sys.stderr)
+        deploy = deploy_command(model)
+        about = f"; the deploy net has some: {deploy} writes it" if deploy else ""
+        notify(f"without shapes: {error}{about}")
         return {}
 
 

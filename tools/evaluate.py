@@ -52,7 +52,7 @@ from layers.hand import skeleton as skeletons
 from netlib.errors import DataError
 from tools.common import outputs
 from tools.common.arguments import expected, name_in, parser_of
-from tools.common.console import DONE, aligned, guarded, say
+from tools.common.console import DONE, aligned, guarded, notify
 from tools.common.progress import ProgressBar
 
 PICTURES = (".png", ".svg", ".pdf")
@@ -123,18 +123,17 @@ def run(args: argparse.Namespace) -> int:
         predictions[name] = predicted
         scores[name] = published.score_on(benchmark, joint_errors(predicted, truth))
         if scores[name].mean_mm > IMPLAUSIBLE_MM:
-            say(
+            notify(
                 f"warning: {path}: the mean error is {scores[name].mean_mm:.0f} mm; check that the format is "
-                f"{fmt}, y {'down' if is_y_down else 'up'} if xyz, and that the frames are those of {benchmark.name}",
-                file=sys.stderr,
+                f"{fmt}, y {'down' if is_y_down else 'up'} if xyz, and that the frames are those of {benchmark.name}"
             )
     if args.plot:
         plot(scores, benchmark, len(truth), args.plot)
-        say(f"wrote {args.plot}", file=sys.stderr)
+        notify(f"wrote {args.plot}")
     print(_tables(scores, benchmark, len(truth)))
     if args.angles:
         if warning := nyu.one_size_for_all(len(truth)):
-            say(warning, file=sys.stderr)
+            notify(warning)
         fitted = published.compare_angles(skeletons.load(), truth, predictions, ProgressBar)
         print(f"\nangles of the fitted hand\n\n{_angle_table(fitted)}")
     return DONE

@@ -49,7 +49,9 @@ def main(argv: list[str] | None = None) -> int:
         metavar="N",
         help="write NAME_bugN.py, the project's file with the Nth mistake to find",
     )
-    does.add_argument("--file", metavar="FILE", help="file to check (default: NAME.py here)")
+    does.add_argument(
+        "--file", metavar="FILE", type=Path, help="file to check (default: NAME.py here)"
+    )
     parser.add_argument(
         "--iterations",
         type=whole(0, MAX_COUNT),
@@ -85,8 +87,7 @@ def run(args: argparse.Namespace) -> int:
     elif args.bug:
         solutions.plant(exercise, args.bug, typed)
     else:
-        path = None if args.file is None else Path(args.file)
-        passed = solutions.check(exercise, path, args.iterations, args.limit, typed)
+        passed = solutions.check(exercise, args.file, args.iterations, args.limit, typed)
         return DONE if passed else FAILED
     return DONE
 

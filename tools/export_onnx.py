@@ -40,7 +40,7 @@ from netlib.files import atomic, reading
 from netlib.net import Net
 from tools.common import outputs
 from tools.common.arguments import parser_of, pixels, whole
-from tools.common.console import DONE, FAILED, guarded, say
+from tools.common.console import DONE, FAILED, guarded, notify, say
 from tools.common.deploy_nets import refuse_training_net
 from tools.common.sources import cube
 
@@ -106,10 +106,9 @@ def run(args: argparse.Namespace) -> int:
     for name, difference in [*of_layers.items(), *of_outputs.items()]:
         if difference.found > difference.limit:
             place = f"{args.out}: blob {name!r}"
-            say(
+            notify(
                 f"{place}: onnxruntime's values differ by {difference.found:.1e} of the largest "
-                f"value; expected at most {difference.limit:.1e}, which float32 rounding explains",
-                file=sys.stderr,
+                f"value; expected at most {difference.limit:.1e}, which float32 rounding explains"
             )
             return FAILED
     return DONE

@@ -22,7 +22,6 @@ import logging
 import math
 import shlex
 import sys
-import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -47,21 +46,19 @@ from netlib.proto.binaryproto import write_blob
 from tools.common import training
 from tools.common.arguments import add_engine, count, natural, parser_of, positive_number, real
 from tools.common.commands import command
-from tools.common.console import DONE, duration, guarded, say
+from tools.common.console import DONE, duration, guarded, notify, say
 from tools.common.deploy_nets import refuse_training_net
 from tools.common.frozen_features import HeadSolver, NotFrozenError, use_features
 from tools.common.net_images import (
     PICTURES,
     Preprocessing,
     add_value_options,
-    image_input,
-    mean_of,
     passes,
     pictures_in,
+    preprocessing_of,
 )
 from tools.common.net_results import Confusion
 from tools.common.new_classes import NewClasses
-from tools.common.progress import StatusLine
 
 log = logging.getLogger("netlib")
 EPOCHS, MIN_ITERATIONS = 20, 300
@@ -101,6 +98,19 @@ def main(argv: list[str] | None = None) -> int:
     add_value_options(
         parser.add_argument_group("preprocessing with which the net was trained"), None
     )
+    _add_training_options(parser)
+    add_engine(parser)
+    args = parser.parse_args(argv)
+    if not (args.mean or args.mean_file) or args.scale is None:
+        parser.error(
+            "give --mean or --mean-file, and --scale, with which the net was trained: --mean 104,117,123 "
+            "--scale 1 is usual, MobileNet has --scale 0.017 (docs/caffe_nets.md); --mean 0 if there is none"
+        )
+    return guarded(run, args)
+
+
+def _add_training_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options for what is trained, on which pictures, and how long."""
     parser.add_argument(
         "--freeze",
         metavar="all|none|LAYER",
@@ -144,36 +154,24 @@ def main(argv: list[str] | None = None) -> int:
         metavar="N",
         help="of the held-out part, the new weights and the order (default: %(default)s)",
     )
-    add_engine(parser)
-    args = parser.parse_args(argv)
-    if not (args.mean or args.mean_file) or args.scale is None:
-        parser.error(
-            "give --mean or --mean-file, and --scale, with which the net was trained: --mean 104,117,123 "
-            "--scale 1 is usual, MobileNet has --scale 0.017 (docs/caffe_nets.md); --mean 0 if there is none"
-        )
-    return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
     """Write the files, train and test. Raises NetlibError."""
     refuse_training_net(args.net)
     old = Net(args.net, args.weights, netlib.TEST, engine=args.engine)
-    name, (_, channels, height, width) = image_input(old)
-    mean = mean_of(args.mean, args.mean_file, channels)
-    resize = (width, height) if mean.shape[1:] == (1, 1) else (mean.shape[2], mean.shape[1])
-    preprocessing = Preprocessing((width, height), resize, False, args.rgb, mean, args.scale)
-    classes = pictures_of(args.pictures, color=channels == 3)
+    preprocessing = preprocessing_of(old, args)
+    classes = pictures_of(args.pictures, color=len(preprocessing.mean) == 3)
     nets = NewClasses(old, len(classes))
-    frozen = (
-        [] if args.freeze == "none" else nets.frozen(None if args.freeze == "all" else args.freeze)
-    )
+    frozen = nets.frozen(args.freeze)
     train, test = split(classes, args.held_out, args.seed)
     if (args.out / "solver.prototxt").exists():
         raise NetlibError(
             f"{args.out}: has the files of an earlier run; delete it, or give another --out"
         )
     args.out.mkdir(parents=True, exist_ok=True)
-    training_net = nets.training(_data(args, name, preprocessing, len(train), len(test)), frozen)
+    data = _data(args, old.inputs[0], preprocessing, len(train), len(test))
+    training_net = nets.training(data, frozen)
     for file, text in {
         "labels.txt": "\n".join(classes),
         "train.txt": _listed(train),
@@ -183,10 +181,9 @@ def run(args: argparse.Namespace) -> int:
         "solver.prototxt": _solver(args, len(train), len(test)),
     }.items():
         atomic.replace_text(args.out / file, text.rstrip("\n") + "\n")
-    say(
+    notify(
         f"{len(classes)} classes, {len(train)} pictures to train on, {len(test)} held out; layer {nets.head!r} becomes "
-        f"{nets.name!r}; layers that keep their weights: {len(frozen)}",
-        file=sys.stderr,
+        f"{nets.name!r}; layers that keep their weights: {len(frozen)}"
     )
     status = _train(args, old, preprocessing)
     if status != DONE:
@@ -196,7 +193,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _train(args: argparse.Namespace, old: Net, how: Preprocessing) -> int:
-    """Train with one line of progress, and the log in its file; returns the exit status.
+    """Train with a line for each test, and the log in its file; returns the exit status.
 
     Raises NetlibError.
     """
@@ -212,15 +209,13 @@ def _train(args: argparse.Namespace, old: Net, how: Preprocessing) -> int:
             solver.on_step.append(lambda: file.begin([]))
         try:
             seconds = use_features(solver, old, how)
-            say(
-                f"the layers before {solver.first_layer!r} are computed once for each picture: {duration(seconds)}",
-                file=sys.stderr,
+            notify(
+                f"the layers before {solver.first_layer!r} are computed once for each picture: {duration(seconds)}"
             )
         except NotFrozenError as why:
-            say(f"all layers are computed in each step: {why}", file=sys.stderr)
-        with StatusLine() as line:
-            _report(solver, line)
-            status = training.solve(solver, console, shows_bar=False)
+            notify(f"all layers are computed in each step: {why}")
+        _print_accuracy(solver, console)
+        status = training.solve(solver, console)
     if status != DONE:
         training.say_how_to_continue(
             solver, {"--engine": args.engine, "--log": args.out / "train.log"}
@@ -228,25 +223,15 @@ def _train(args: argparse.Namespace, old: Net, how: Preprocessing) -> int:
     return status
 
 
-def _report(solver: HeadSolver, line: StatusLine) -> None:
-    """Show the step, the accuracy on the held-out pictures and the time left while a
-    solver trains.
-    """
-    begun = time.monotonic()
-    accuracy = [""]
+def _print_accuracy(solver: HeadSolver, console: training.BarHandler) -> None:
+    """Print the accuracy on the held-out pictures after each test of a solver."""
 
-    def update() -> None:
-        done = solver.iter
-        total = solver.param.max_iter
-        left = (time.monotonic() - begun) / done * (total - done)
-        line(f"step {done}/{total}{accuracy[0]}, {duration(left)} left")
-
-    def note(means: Mapping[str, Any]) -> None:
+    def print_accuracy(means: Mapping[str, Any]) -> None:
         if "accuracy" in means:
-            accuracy[0] = f", accuracy {means['accuracy'].item():.2f}"
+            step = f"step {solver.iter} of {solver.param.max_iter}"
+            console.print(f"{step}: accuracy {means['accuracy'].item():.2f}")
 
-    solver.on_update.append(update)
-    solver.on_test.append(note)
+    solver.on_test.append(print_accuracy)
 
 
 def pictures_of(folder: Path, color: bool) -> dict[str, list[str]]:
@@ -321,25 +306,23 @@ def _data(args: argparse.Namespace, name: str, how: Preprocessing, train: int, t
         "transform": transform,
         "scale": args.scale,
     }
-    return (
-        DATA.format(
-            phase="TRAIN",
-            source=args.out / "train.txt",
-            batch=min(args.batch, train),
-            shuffle="true",
-            mirror=str(args.mirror).lower(),
-            **same,
-        )
-        + DATA.format(
-            phase="TEST",
-            source=args.out / "test.txt",
-            batch=_divisor(test, args.batch),
-            shuffle="false",
-            mirror="false",
-            **same,
-        )
-        + (TO_RGB.format(name) if args.rgb else "")
+    to_train = DATA.format(
+        phase="TRAIN",
+        source=args.out / "train.txt",
+        batch=min(args.batch, train),
+        shuffle="true",
+        mirror=str(args.mirror).lower(),
+        **same,
     )
+    to_test = DATA.format(
+        phase="TEST",
+        source=args.out / "test.txt",
+        batch=_divisor(test, args.batch),
+        shuffle="false",
+        mirror="false",
+        **same,
+    )
+    return to_train + to_test + (TO_RGB.format(name) if args.rgb else "")
 
 
 def _divisor(number: int, most: int) -> int:
@@ -377,8 +360,7 @@ def _test(
     confusion = Confusion(labels)
     (output,) = net.outputs
     truth = dict(test)
-    batch = net.blobs[net.inputs[0]].shape[0]
-    for paths, _, arrays in passes(net, list(truth), how, [output], batch):
+    for paths, _, arrays in passes(net, list(truth), how, [output]):
         for path, values in zip(paths, arrays[output]):
             confusion.add(path, truth[path], values)
     say(*confusion.lines(), sep="\n")

@@ -44,7 +44,7 @@ from netlib.errors import DataError, NetlibError, reason_of
 from netlib.files.hdf5 import File, read_list
 from tools.common import outputs
 from tools.common.arguments import count, parser_of, real, reject_given
-from tools.common.console import DONE, duration, guarded, say
+from tools.common.console import DONE, duration, guarded, notify, say
 from tools.common.progress import ProgressBar
 
 
@@ -143,7 +143,7 @@ def _fit_text(args: argparse.Namespace, skeleton: Skeleton) -> tuple[Any, Any]:
         except OSError as error:
             raise NetlibError(f"{args.out}: {reason_of(error)}") from None
     if warning := nyu.one_size_for_all(len(xyz)):
-        say(warning, file=sys.stderr)
+        notify(warning)
     return found.inputs, found.residuals
 
 

@@ -41,7 +41,7 @@ from netlib.errors import NetlibError
 from netlib.files import make_folder
 from netlib.files.paths import exists
 from tools.common.arguments import parser_of, seconds, seed
-from tools.common.console import DONE, guarded, say
+from tools.common.console import DONE, guarded, notify, say
 from tools.common.progress import ProgressBar, StoppedError, Stopper
 from tools.common.sources import camera, rate
 
@@ -115,7 +115,7 @@ def run(args: argparse.Namespace) -> int:
                 track.write(recording.truth(frame.number))
                 progress(1)
     except StoppedError:
-        say(f"stopped; {args.out} and {truth} have {writer.count} frames", file=sys.stderr)
+        notify(f"stopped; {args.out} and {truth} have {writer.count} frames")
         return 128 + stopper.signum
     except BaseException:
         if exists(truth) and not exists(args.out):  # no ground truth without its recording

@@ -25,7 +25,7 @@ from netlib import files
 from netlib.errors import DataError
 from tools.common import outputs
 from tools.common.arguments import parser_of
-from tools.common.console import DONE, guarded, say
+from tools.common.console import DONE, guarded, notify, say
 
 _NUMBER = r"([-+]?(?:\d+(?:\.\d*)?(?:[eE][-+]?\d+)?|nan|inf))"
 _ITERATION = re.compile(r"Iteration (\d{1,18})(?!\d)")
@@ -93,7 +93,7 @@ def plot(logs: dict[str, dict[str, Curve]], out: str | Path) -> None:
     """
     names = sorted({name for log in logs.values() for name in log} - {LOSS})
     if len(names) > MAX_PANELS:
-        say(f"drew the first {MAX_PANELS} of {len(names)} test outputs", file=sys.stderr)
+        notify(f"drew the first {MAX_PANELS} of {len(names)} test outputs")
     names = [LOSS, *names[:MAX_PANELS]]
     figure = outputs.new_figure(5.2 * len(names), 4)
     panels = dict(zip(names, figure.subplots(1, len(names), squeeze=False)[0]))

@@ -59,7 +59,7 @@ from handpose.frames.inspection import checked
 from netlib.errors import DataError
 from netlib.files.paths import ROOT
 from tools.common import arguments, outputs, prediction_outputs, sources
-from tools.common.console import DONE, FAILED, guarded, say
+from tools.common.console import DONE, FAILED, guarded, notify, say
 
 MODEL = ROOT / "prototxt" / "nyu_deploy.prototxt"
 FIT: Literal["accurate"] = "accurate"  # default for hands
@@ -72,6 +72,24 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument(
         "images", metavar="IMAGE", nargs="+", help="crops, or with --camera full depth frames"
     )
+    _add_predictor_options(parser)
+    sources.add_camera_options(parser, "the images are full depth frames of this camera")
+    parser.add_argument(
+        "--center",
+        type=sources.center,
+        metavar="U,V[,D]",
+        action="append",
+        help="px, px, mm: centre of the hand, once for all frames or once per frame",
+    )
+    arguments.add_engine(parser)
+    _add_output_options(parser)
+    args = parser.parse_args(argv)
+    _check(parser, args)
+    return guarded(run, args)
+
+
+def _add_predictor_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options for how a hand is predicted."""
     parser.add_argument(
         "--weights",
         metavar="FILE",
@@ -93,24 +111,10 @@ def main(argv: list[str] | None = None) -> int:
         "--hand", choices=SOUGHT_SIDES, help=f"default: {EITHER}, with --fit no {UNFITTED}"
     )
     parser.add_argument(
-        "--out", metavar="DIR", default=".", help="output folder (default: the working folder)"
-    )
-    parser.add_argument(
-        "--html", metavar="FILE", help="write a page on which the hands can be rotated"
-    )
-    parser.add_argument(
         "--cube",
         type=sources.cube,
         metavar="MM",
         help=f"edge of the cube (default for hands: {CUBE_MM:g})",
-    )
-    sources.add_camera_options(parser, "the images are full depth frames of this camera")
-    parser.add_argument(
-        "--center",
-        type=sources.center,
-        metavar="U,V[,D]",
-        action="append",
-        help="px, px, mm: centre of the hand, once for all frames or once per frame",
     )
     parser.add_argument(
         "--refine",
@@ -120,7 +124,20 @@ def main(argv: list[str] | None = None) -> int:
         help="move the crop to the predicted palm N times (default: %(default)s)",
     )
     sources.add_min_confidence(parser)
-    arguments.add_engine(parser)
+
+
+def _add_output_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options for pictures, tables and the page."""
+    parser.add_argument(
+        "--out",
+        metavar="DIR",
+        type=Path,
+        default=Path(),
+        help="output folder (default: the working folder)",
+    )
+    parser.add_argument(
+        "--html", metavar="FILE", help="write a page on which the hands can be rotated"
+    )
     sources.add_joints_option(
         parser, "in the table and in --csv instead of NYU's, in --json in addition"
     )
@@ -133,7 +150,10 @@ def main(argv: list[str] | None = None) -> int:
         type=arguments.name_in(".json", "-"),
         help="write JSON; with - print it instead of a table",
     )
-    args = parser.parse_args(argv)
+
+
+def _check(parser: argparse.ArgumentParser, args: argparse.Namespace) -> None:
+    """Raise a usage error for options that contradict each other."""
     if args.model and not args.weights:
         parser.error("--model needs --weights")
     if args.fit == "no" and args.hand == "either":
@@ -150,7 +170,6 @@ def main(argv: list[str] | None = None) -> int:
             f"--center is given {len(args.center)} times for {len(args.images)} images; "
             "expected once, or once per image"
         )
-    return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -158,15 +177,15 @@ def run(args: argparse.Namespace) -> int:
     is_frame = args.camera is not None
     info, camera = sources.frames_camera(args) if is_frame else (CameraInfo(), NYU)
     predictor = _predictor(args, camera)
-    out = Path(args.out)
-    outputs.make_folder(out)
+    outputs.make_folder(args.out)
     camera_file = args.camera if isinstance(args.camera, Path) else None
     for file in {args.html, args.csv, args.json} - {None, "-"}:
-        outputs.check_place(Path(file), [*args.images, camera_file, args.weights, args.model])
+        outputs.check_place(file, [*args.images, camera_file, args.weights, args.model])
     centers = args.center or [None]
     if len(centers) == 1:
         centers = centers * len(args.images)
-    pictures = outputs.places(args.images, out, "_hand.png" if predictor.is_hand else "_body.png")
+    ending = "_hand.png" if predictor.is_hand else "_body.png"
+    pictures = outputs.places(args.images, args.out, ending)
     hands: list[tuple[str, HandEstimate]] = []
     drawn: list[Path] = []
     for image, center, picture in zip(args.images, centers, pictures):
@@ -178,13 +197,10 @@ def run(args: argparse.Namespace) -> int:
                 else predictor.in_crop(depth)
             )
         except DataError as error:  # the outputs are of the other images
-            say(error, file=sys.stderr)
+            notify(error)
             continue
         hands.append((image, hand))
         drawn.append(picture)
-        if hand.in_frame and predictor.is_hand:
-            confidence = 0.0 if hand.fit is None else hand.confidence
-            sources.print_warnings(image, depth, hand.camera, info.unit_mm, confidence)
         prediction_outputs.draw(picture, hand, predictor)
         if args.json != "-":
             words, lines = prediction_outputs.table(hand, predictor, args.joints)
@@ -218,9 +234,12 @@ def _predictor(args: argparse.Namespace, camera: Camera) -> Predictor:
 def _in_frame(
     predictor: Predictor, depth: NDArray[Any], center: Any, image: str, info: CameraInfo
 ) -> HandEstimate:
-    """Predict the hand in a frame. Raises DataError with the image's name and advice."""
+    """Predict the hand in a frame, and print warnings about its depths.
+
+    Raises DataError with the image's name and advice.
+    """
     try:
-        return predictor.in_frame(depth, center)
+        hand = predictor.in_frame(depth, center)
     except DataError as error:
         has_position = center is not None and len(center) == 3
         if isinstance(error, UnitError) or has_position:
@@ -230,6 +249,10 @@ def _in_frame(
         body = "hand" if predictor.is_hand else "body"
         advice = f"give the position of the {body} with --center U,V,D"
         raise DataError("; ".join([f"{image}: {error}", *doubts, advice])) from None
+    if predictor.is_hand:
+        confidence = 0.0 if hand.fit is None else hand.confidence
+        sources.print_warnings(image, depth, hand.camera, info.unit_mm, confidence)
+    return hand
 
 
 if __name__ == "__main__":

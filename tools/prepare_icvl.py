@@ -30,7 +30,6 @@ tools.begin(__name__)
 
 from handpose.datasets import icvl_files
 from tools.common import preparing
-from tools.common.console import guarded
 from tools.common.preparing import Importer
 
 ICVL = Importer(
@@ -44,8 +43,7 @@ ICVL = Importer(
 
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
-    args = preparing.arguments(argv, __doc__, ICVL)
-    return guarded(lambda args: preparing.run(args, ICVL), args)
+    return preparing.main(argv, __doc__, ICVL)
 
 
 if __name__ == "__main__":

@@ -33,7 +33,6 @@ tools.begin(__name__)
 from handpose.body.nyu import CENTER_JOINT
 from handpose.datasets import nyu_files
 from tools.common import preparing
-from tools.common.console import guarded
 from tools.common.preparing import Importer
 
 NYU = Importer(
@@ -47,8 +46,7 @@ NYU = Importer(
 
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
-    args = preparing.arguments(argv, __doc__, NYU)
-    return guarded(lambda args: preparing.run(args, NYU), args)
+    return preparing.main(argv, __doc__, NYU)
 
 
 if __name__ == "__main__":

@@ -28,7 +28,7 @@ from handpose import RecordingWriter
 from handpose.frames.inspection import Inspection, inspect
 from netlib.errors import NetlibError
 from tools.common import arguments, outputs
-from tools.common.console import DONE, guarded, say
+from tools.common.console import DONE, guarded, notify, say
 from tools.common.progress import ProgressBar, StoppedError, Stopper
 from tools.common.sources import add_source_options, opened, print_inspection, print_new_remarks
 
@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
             with Stopper() as stopper:
                 seconds = _write(inspection, writer, stopper, args.seconds)
         except StoppedError:
-            say(f"stopped; {args.out} has {writer.count} frames", file=sys.stderr)
+            notify(f"stopped; {args.out} has {writer.count} frames")
             return 128 + stopper.signum
         except NetlibError as error:
             kept = f"; {args.out} has the {writer.count} frames before it" if writer.count else ""

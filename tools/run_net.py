@@ -51,12 +51,10 @@ from tools.common.console import DONE, guarded, say
 from tools.common.deploy_nets import refuse_training_net
 from tools.common.net_images import (
     PICTURES,
-    Preprocessing,
     add_value_options,
-    image_input,
-    mean_of,
     passes,
     pictures_in,
+    preprocessing_of,
     read_labels,
 )
 from tools.common.net_results import Confusion, Results, Shown
@@ -76,6 +74,17 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument(
         "--root-folder", metavar="FOLDER/", default="", help="prepended to every path in a list"
     )
+    _add_preprocessing_options(parser)
+    _add_output_options(parser)
+    parser.add_argument(
+        "--batch", type=count, metavar="N", help="images per pass (default: that of the prototxt)"
+    )
+    add_engine(parser)
+    return guarded(run, parser.parse_args(argv))
+
+
+def _add_preprocessing_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options for how images become the net's input."""
     given = parser.add_argument_group("preprocessing (the net's author knows the values)")
     add_value_options(given, 1.0)
     given.add_argument(
@@ -96,6 +105,10 @@ def main(argv: list[str] | None = None) -> int:
         action="store_true",
         help="keep the aspect ratio: cut off what does not fit (default: stretch)",
     )
+
+
+def _add_output_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options for what is printed, drawn and written."""
     parser.add_argument(
         "--labels", metavar="FILE", help="names of the classes, one per line, or a LabelMap of SSD"
     )
@@ -133,55 +146,31 @@ def main(argv: list[str] | None = None) -> int:
         help="write the blobs of all images: "
         ".npz, or .npy for a single one; the first axis is the image",
     )
-    parser.add_argument(
-        "--batch", type=count, metavar="N", help="images per pass (default: that of the prototxt)"
-    )
-    add_engine(parser)
-    return guarded(run, parser.parse_args(argv))
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the net on all images. Raises NetlibError."""
     paths, truth = _paths(args.images, args.root_folder)
     if args.out:
-        outputs.check_place(
-            Path(args.out), [args.net, args.weights, args.mean_file, args.labels, *paths]
-        )
+        outputs.check_place(args.out, [args.net, args.weights, args.mean_file, args.labels, *paths])
     labels = read_labels(args.labels) if args.labels else None
     refuse_training_net(args.net)
     net = Net(args.net, args.weights, netlib.TEST, engine=args.engine)
-    _, (batch, channels, height, width) = image_input(net)
-    size = args.size or (width, height)
-    mean = mean_of(args.mean, args.mean_file, channels)
-    resize = args.resize or (size if mean.shape[1:] == (1, 1) else (mean.shape[2], mean.shape[1]))
-    preprocessing = Preprocessing(size, resize, args.crop, args.rgb, mean, args.scale)
-    blobs = args.blob or net.outputs
-    if not blobs:
-        raise NetlibError(
-            f"{args.net}: no layer leaves a blob unread, so the net has no output; name one with --blob"
-        )
-    if wrong := [blob for blob in blobs if blob not in net.blobs]:
-        raise NetlibError(
-            f"{args.net}: the net has no blob {wrong[0]!r}{did_you_mean(wrong[0], net.blobs)}"
-        )
-    if args.out and args.out.endswith(".npy") and len(blobs) > 1:
-        raise NetlibError(
-            f"{args.out}: a .npy file holds one array, found {', '.join(blobs)}; expected .npz or --blob"
-        )
+    preprocessing = preprocessing_of(net, args, args.size, args.resize, args.crop)
+    blobs = _blobs(net, args)
     results = [Results(net, blob, labels, args.labels) for blob in blobs]
     places = _pictures(args.draw, paths, results) if args.draw else []
-    shown = (
-        Shown(args.top, args.threshold) if args.threshold is not None else Shown(args.top or TOP)
-    )
-    printed = not args.confusion and (labels or not args.out)
-    confusion = _confusion(net, blobs, labels, truth) if args.confusion else None
-    with ProgressBar(0 if printed else len(paths), "images") as progress:
+    confusion = _confusion(blobs, labels, truth) if args.confusion else None
+    top = args.top or (TOP if args.threshold is None else None)
+    shown = Shown(top, -np.inf if args.threshold is None else args.threshold)
+    is_printed = not args.confusion and (labels or not args.out)
+    with ProgressBar(0 if is_printed else len(paths), "images") as progress:
         done = 0
-        for some, images, arrays in passes(net, paths, preprocessing, blobs, args.batch or batch):
+        for some, images, arrays in passes(net, paths, preprocessing, blobs, args.batch):
             found = [result.add(arrays[result.blob], len(some)) for result in results]
             progress(len(some))
             for number, (path, image) in enumerate(zip(some, images)):
-                for result, items in zip(results, found) if printed else ():
+                for result, items in zip(results, found) if is_printed else ():
                     first, *others = result.lines(items[number], shown, preprocessing, image.shape)
                     say(f"{path}: {first}", *others, sep="\n")
                 if places:
@@ -190,6 +179,7 @@ def run(args: argparse.Namespace) -> int:
                         results[0].drawn(found[0][number], shown, preprocessing, image),
                     )
                 if confusion:
+                    results[0].check_labels(found[0][number].size)
                     confusion.add(path, truth[done], found[0][number])
                 done += 1
     for line in confusion.lines() if confusion else ():
@@ -222,6 +212,24 @@ def _paths(images: Sequence[str], root: str) -> tuple[list[str], list[int]]:
     return paths, truth if len(truth) == len(paths) else []
 
 
+def _blobs(net: Net, args: argparse.Namespace) -> Sequence[str]:
+    """The names of the blobs to print or write. Raises NetlibError."""
+    blobs = args.blob or net.outputs
+    if not blobs:
+        raise NetlibError(
+            f"{args.net}: no layer leaves a blob unread, so the net has no output; name one with --blob"
+        )
+    if wrong := [blob for blob in blobs if blob not in net.blobs]:
+        raise NetlibError(
+            f"{args.net}: the net has no blob {wrong[0]!r}{did_you_mean(wrong[0], net.blobs)}"
+        )
+    if args.out and args.out.endswith(".npy") and len(blobs) > 1:
+        raise NetlibError(
+            f"{args.out}: a .npy file holds one array, found {', '.join(blobs)}; expected .npz or --blob"
+        )
+    return blobs
+
+
 def _pictures(draw: Path, paths: Sequence[str], results: Sequence[Results]) -> list[Path]:
     """The paths of the pictures of detections. Raises NetlibError."""
     if len(results) > 1 or not results[0].classes:
@@ -239,17 +247,13 @@ def _pictures(draw: Path, paths: Sequence[str], results: Sequence[Results]) -> l
 
 
 def _confusion(
-    net: Net, blobs: Sequence[str], labels: Sequence[str] | None, truth: Sequence[int]
+    blobs: Sequence[str], labels: Sequence[str] | None, truth: Sequence[int]
 ) -> Confusion:
     """An empty table of confusions. Raises NetlibError."""
     if not truth:
         raise NetlibError("--confusion needs lists of images with their labels (.txt)")
     if len(blobs) > 1 or not labels:
         raise NetlibError("--confusion needs one blob of classes, and --labels with their names")
-    if (size := net.blobs[blobs[0]].count // net.blobs[blobs[0]].shape[0]) != len(labels):
-        raise NetlibError(
-            f"{len(labels)} labels, but blob {blobs[0]!r} has {size} values for an image"
-        )
     return Confusion(labels)
 
 

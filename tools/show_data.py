@@ -34,7 +34,7 @@ from netlib import files
 from netlib.errors import DataError
 from tools.common import outputs
 from tools.common.arguments import count, name_in, parser_of
-from tools.common.console import DONE, guarded, say
+from tools.common.console import DONE, guarded, notify
 
 COLUMNS = 8
 
@@ -94,7 +94,7 @@ def run(args: argparse.Namespace) -> int:
             images.append(np.full_like(images[-1], 255))
             titles.append("")
     outputs.write_image(args.out, strokes.sheet(images, columns, titles, gap=4))
-    say(f"wrote {args.out}", file=sys.stderr)
+    notify(f"wrote {args.out}")
     return DONE
 
 

@@ -26,6 +26,7 @@ import re
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
@@ -43,12 +44,13 @@ from handpose.output.drawing import hands
 from handpose.scoring import held_out
 from handpose.scoring.held_out import data_layer, errors_by_joint, figures_of
 from layers.hand import skeleton as skeletons
+from netlib.blob import Array
 from netlib.errors import WeightsError
 from netlib.files.paths import ROOT
 from netlib.net import Net
 from tools.common import outputs
 from tools.common.arguments import add_engine, name_in, parser_of, reject_given
-from tools.common.console import DONE, aligned, guarded, say
+from tools.common.console import DONE, aligned, guarded, notify, say
 from tools.common.costs import warn_of_another_net
 from tools.common.progress import ProgressBar
 
@@ -106,61 +108,80 @@ def run(args: argparse.Namespace) -> int:
     hand = hand_layer(net)
     skeleton = hand.skeleton if hand else skeletons.load()
     for snapshot in args.snapshots:
-        warn_of_another_net(snapshot, net)
-        try:
-            net.copy_from(snapshot, strict=True)
-        except WeightsError as error:
-            raise WeightsError(
-                f"{error}; the net is {args.model}: give that of these weights with --model"
-            ) from error
-        with ProgressBar(data_layer(net).rows, what=Path(snapshot).name) as progress:
-            predictions = held_out.predict_all(net, progress=progress.reach)
-        if len(predictions.joints) > 1 and np.ptp(predictions.joints, axis=0).max() < SAME:
-            say(
-                f"warning: {snapshot}: all {len(predictions.joints)} predictions are equal, whatever the frame shows: "
-                "are units of a layer dead? A lower base_lr may help",
-                file=sys.stderr,
-            )
-        rows.append(
-            {"snapshot": snapshot, **predictions.outputs, **figures_of(predictions, skeleton)}
-        )
+        predictions = _predict(net, snapshot)
+        row = {"snapshot": snapshot, **predictions.outputs, **figures_of(predictions, skeleton)}
         if args.fit:
-            deploy = held_out.deploy_of(net, args.deploy, snapshot, args.engine)
-            with ProgressBar(
-                data_layer(net).rows, what=f"{Path(snapshot).name} {args.fit}"
-            ) as progress:
-                plan = FitSettings().search.plans[args.fit]
-                joints = held_out.fit_all(net, deploy, snapshot, plan, progress.reach)
+            joints = _fit(net, snapshot, args)
             predictions = replace(predictions, joints=joints, skeleton=joints, dof=None)
-            rows[-1] |= {
-                f"fit_{name}": value for name, value in figures_of(predictions, skeleton).items()
-            }
+            figures = figures_of(predictions, skeleton)
+            row |= {f"fit_{name}": value for name, value in figures.items()}
+        rows.append(row)
     if args.picture:
         _draw(Path(args.picture), net, predictions)
+    by_joint = errors_by_joint(predictions, skeleton) if args.joints else {}
     if args.json:
-        facts = {
-            "model": args.model,
-            "frames": len(predictions.joints),
-            "data": predictions.made_from,
-        }
-        each = {"joints_mm": errors_by_joint(predictions, skeleton)} if args.joints else {}
-        print(
-            json.dumps(
-                {**facts, "centre": "of the crop", "snapshots": rows, **each},
-                indent=2,
-                allow_nan=False,
-            )
-        )
-    else:
-        cubes = sorted(set((2 * predictions.half_cube).round(1).tolist()))
-        say(
-            f"{len(predictions.joints)} frames ({predictions.made_from}), errors about the crop's centre, "
-            f"cube {', '.join(f'{c:g}' for c in cubes[:3])} mm"
-        )
-        print(_table(rows))
-        for name, mm in errors_by_joint(predictions, skeleton).items() if args.joints else ():
-            print(f"  {name:<16}{mm:7.1f} mm")
+        print(_json(args.model, predictions, rows, by_joint))
+        return DONE
+    cubes = sorted(set((2 * predictions.half_cube).round(1).tolist()))
+    say(
+        f"{len(predictions.joints)} frames ({predictions.made_from}), errors about the crop's centre, "
+        f"cube {', '.join(f'{c:g}' for c in cubes[:3])} mm"
+    )
+    print(_table(rows))
+    for name, mm in by_joint.items():
+        print(f"  {name:<16}{mm:7.1f} mm")
     return DONE
+
+
+def _predict(net: Net, snapshot: str) -> held_out.Predictions:
+    """Predict the test set with the weights of a snapshot.
+
+    Raises NetlibError, and prints a warning if all predictions are equal.
+    """
+    warn_of_another_net(snapshot, net)
+    try:
+        net.copy_from(snapshot, strict=True)
+    except WeightsError as error:
+        raise WeightsError(
+            f"{error}; the net is {net.source}: give that of these weights with --model"
+        ) from error
+    with ProgressBar(data_layer(net).rows, what=Path(snapshot).name) as progress:
+        predictions = held_out.predict_all(net, progress=progress.reach)
+    count = len(predictions.joints)
+    if count > 1 and np.ptp(predictions.joints, axis=0).max() < SAME:
+        notify(
+            f"warning: {snapshot}: all {count} predictions are equal, whatever the frame shows: "
+            "are units of a layer dead? A lower base_lr may help"
+        )
+    return predictions
+
+
+def _fit(net: Net, snapshot: str, args: argparse.Namespace) -> Array:
+    """Joints (N, K, 3) in half-cubes of the test set, predicted and fitted to the depth.
+
+    Raises NetlibError.
+    """
+    deploy = held_out.deploy_of(net, args.deploy, snapshot, args.engine)
+    plan = FitSettings().search.plans[args.fit]
+    name = f"{Path(snapshot).name} {args.fit}"
+    with ProgressBar(data_layer(net).rows, what=name) as progress:
+        return held_out.fit_all(net, deploy, snapshot, plan, progress.reach)
+
+
+def _json(
+    model: str, found: held_out.Predictions, rows: list[dict[str, Any]], by_joint: dict[str, float]
+) -> str:
+    """The figures of the snapshots, and the errors of the joints of the last one if any."""
+    facts = {
+        "model": model,
+        "frames": len(found.joints),
+        "data": found.made_from,
+        "centre": "of the crop",
+        "snapshots": rows,
+    }
+    if by_joint:
+        facts["joints_mm"] = by_joint
+    return json.dumps(facts, indent=2, allow_nan=False)
 
 
 def _draw(path: Path, net: Net, found: held_out.Predictions) -> None:
@@ -183,7 +204,7 @@ def _draw(path: Path, net: Net, found: held_out.Predictions) -> None:
     )
     path.parent.mkdir(parents=True, exist_ok=True)
     outputs.write_image(path, sheet)
-    say(f"wrote {path}", file=sys.stderr)
+    notify(f"wrote {path}")
 
 
 def _table(rows: list[dict[str, object]]) -> str:

@@ -25,7 +25,7 @@ import netlib
 from netlib.errors import NetlibError
 from netlib.net import Net
 from tools.common.arguments import add_engine, count, parser_of
-from tools.common.console import DONE, guarded, say
+from tools.common.console import DONE, guarded, notify, say
 from tools.common.costs import mean_scores, warn_of_another_net
 
 
@@ -61,10 +61,7 @@ def run(args: argparse.Namespace) -> int:
         _, missing = net.copy_from(weights)
         warn_of_another_net(weights, net)
         if missing:
-            say(
-                f"{weights} has no weights for {', '.join(missing)}; they keep their values",
-                file=sys.stderr,
-            )
+            notify(f"{weights} has no weights for {', '.join(missing)}; they keep their values")
         loss, scores = mean_scores(net, args.iterations)
         say(f"{weights}: {args.iterations} batches, loss {loss:.6g}")
         for score in scores:

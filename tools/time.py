@@ -32,7 +32,7 @@ from netlib.net import Net
 from tools.common.arguments import add_engine, count, parser_of
 from tools.common.console import DONE, guarded, say
 from tools.common.costs import memory_of, report_time
-from tools.common.deploy_nets import advice, is_training_net
+from tools.common.deploy_nets import deploy_command
 
 PHASE, DEPLOY_PHASE = "TRAIN", "TEST"
 
@@ -73,10 +73,11 @@ def _new_net(args: argparse.Namespace) -> Net:
     try:
         net = Net(args.model, PHASES[args.phase or PHASE], engine=args.engine)
     except NetlibError as error:
-        if not is_training_net(args.model):
+        deploy = deploy_command(args.model)
+        if not deploy:
             raise
         raise NetlibError(
-            f"{error}; without its data, time the deploy net: {advice(args.model)} writes it"
+            f"{error}; without its data, time the deploy net: {deploy} writes it"
         ) from None
     if args.phase is None and net.inputs and not net.losses:
         net = Net(args.model, PHASES[DEPLOY_PHASE], engine=args.engine)

@@ -57,7 +57,7 @@ from handpose.tracking.tracker import MAX_HANDS
 from netlib.errors import DataError
 from tools.common import prediction_outputs, sources
 from tools.common.arguments import add_engine, count, parser_of, real, seed, whole
-from tools.common.console import DONE, aligned, guarded, say
+from tools.common.console import DONE, aligned, guarded, notify, say
 from tools.common.progress import ProgressBar, StoppedError, Stopper
 from tools.common.track_outputs import Outputs, add_output_options, refuse_inputs, settle_outputs
 
@@ -163,7 +163,7 @@ def _track_recording(
             _track(inspection, tracker, later, outputs, summary, stopper, args.frames)
     except StoppedError:
         after = f" after {summary.frames} frames" if summary.frames else ""
-        say(f"stopped{after}", file=sys.stderr)
+        notify(f"stopped{after}")
         status = 128 + stopper.signum
     sources.print_new_remarks(inspection)
     if not summary.frames:
@@ -176,7 +176,7 @@ def _track_recording(
     if RATE_UNKNOWN in recording.remarks:
         warnings.append(RATE_UNKNOWN)
     for warning in warnings:
-        say(f"warning: {recording.name}: {warning}", file=sys.stderr)
+        notify(f"warning: {recording.name}: {warning}")
     return status
 
 

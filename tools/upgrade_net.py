@@ -34,7 +34,7 @@ from netlib.proto.prototxt import Field, Message, Scalar
 from netlib.proto.upgrade import AnyNetParameter, upgraded
 from netlib.training.solver_parameter import OLD_TYPES
 from tools.common.arguments import parser_of
-from tools.common.console import DONE, guarded, say
+from tools.common.console import DONE, guarded, notify, say
 
 INPUTS = ("input", "input_shape", "input_dim")
 
@@ -61,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
         new = current_net(tree)
         image = wire.encode(new, NetParameter)
     if new.fields == tree.fields:
-        say(f"{old}: already in the current format", file=sys.stderr)
+        notify(f"{old}: already in the current format")
     replace_bytes(Path(args.new), image)
     say(f"wrote {args.new}")
     return DONE
@@ -89,7 +89,7 @@ def current_net(tree: Message) -> Message:
         raise PrototxtError(new.position, "this file has no layers; expected a net")
     if not net.input:
         return new
-    fields = [field for field in new.fields if field.name not in INPUTS]
+    fields = new.without(*INPUTS).fields
     # weights files name inputs without shapes; Caffe drops those
     if net.input_shape or net.input_dim:
         first = next((i for i, field in enumerate(fields) if field.name == "layer"), len(fields))

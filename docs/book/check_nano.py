@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import re
 import sys
 from collections.abc import Mapping
 from typing import Any
@@ -15,14 +14,11 @@ ROOT = nano.HAND.parents[2]
 sys.path.insert(0, str(ROOT))
 
 import netlib  # noqa: E402
+from docs.making.five_minutes import paper_net  # noqa: E402
 from netlib.proto import prototxt, schema  # noqa: E402
 from netlib.proto.messages import SolverParameter  # noqa: E402
 
 BATCH = 16
-DATA = """
-layer { name: "data" type: "Input" top: "depth" top: "joint"
-  input_param { shape { dim: 16 dim: 1 dim: 128 dim: 128 } shape { dim: 16 dim: 93 } } }
-"""
 
 
 class Float64Solver(netlib.Solver):
@@ -33,10 +29,8 @@ class Float64Solver(netlib.Solver):
 
 def solver() -> netlib.Solver:
     """The paper's training net and rule, without dropout; its data are set before each update."""
-    net = (ROOT / "prototxt" / "nyu_train_test.prototxt").read_text(encoding="utf-8")
-    net = re.sub(r'^layer {\n  name: "data".*?^}\n', "", net, flags=re.MULTILINE | re.DOTALL)
-    net = net.replace("dropout_ratio: 0.3", "dropout_ratio: 0")
-    text = f'base_lr: 0.003 momentum: 0.9 lr_policy: "fixed" net_param {{ {DATA} {net} }}'
+    net = paper_net(BATCH).replace("dropout_ratio: 0.3", "dropout_ratio: 0")
+    text = f'base_lr: 0.003 momentum: 0.9 lr_policy: "fixed" net_param {{ {net} }}'
     return Float64Solver(
         schema.read(prototxt.parse(text, "check_nano"), SolverParameter, "check_nano"),
         engine="plain",

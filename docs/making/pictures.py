@@ -81,11 +81,11 @@ def live_page(browser: Browser) -> bytes:
 
 def write_frames() -> None:
     """Write depth (64, 1, 128, 128) in 1/127 of a half-cube, joints (64, 31, 3) in half-cubes."""
-    from handpose.synthetic.generator import Generator
+    from docs.making.figures.whole import rendered
 
-    block = Generator(seed=0, split="train").block(0)
-    depth = np.rint(block.depth * 127).astype(np.int8)
-    joints = block.joint.reshape(-1, 31, 3).astype(np.float32)
+    frames = rendered("train", 64)
+    depth = np.rint(frames.depth * 127).astype(np.int8)
+    joints = frames.joints.astype(np.float32)
     np.savez_compressed(ROOT / "docs" / "book" / "frames.npz", depth=depth, joints=joints)
 
 

@@ -98,6 +98,6 @@ def _check_blocks(spec: LayerParameter, own: str = "") -> None:
     """
     known = {own, *option_blocks()}
     tree = schema.tree_of(spec)
-    for item in tree.fields if tree else []:
-        if item.name in spec.blocks and item.name not in known:
+    for item in tree.named(*spec.blocks) if tree else []:
+        if item.name not in known:
             raise schema.unknown_field(item, sorted(known), "LayerParameter")

@@ -177,22 +177,18 @@ class _Finder(importlib.abc.MetaPathFinder):
             return None
         if top not in NAMES + OTHERS or (inner and not is_ours(sys.modules.get(top))):
             return None
-        if (
-            not inner
-            and (theirs := importlib.machinery.PathFinder.find_spec(name, folders()))
-            and _has_code(theirs)
-        ):
-            return theirs
-        if inner and top in NAMES and name not in _aside:
+        if not inner:
+            theirs = importlib.machinery.PathFinder.find_spec(name, folders())
+            if theirs is not None and _has_code(theirs):
+                return theirs
+        elif top in NAMES and name not in _aside:
             # not imported before the names were yielded
             with in_place(), contextlib.suppress(ModuleNotFoundError):
                 importlib.import_module(name)
-        module = _aside.get(name)
-        return (
-            None
-            if module is None
-            else importlib.machinery.ModuleSpec(name, _Existing(lambda: module))
-        )
+        if name not in _aside:
+            return None
+        module = _aside[name]
+        return importlib.machinery.ModuleSpec(name, _Existing(lambda: module))
 
 
 class _Caffe(importlib.abc.MetaPathFinder):

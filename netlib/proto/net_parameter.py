@@ -23,7 +23,7 @@ def load_parameter(model: str | Path | NetParameter | Message) -> NetParameter:
     if isinstance(model, NetParameter):
         return model
     tree = model if isinstance(model, Message) else prototxt.parse_file(model)
-    if SOLVER_FIELDS & {item.name for item in tree.fields}:
+    if tree.named(*SOLVER_FIELDS):
         raise PrototxtError(tree.position, "this is a solver; expected a net")
     tree = upgraded(tree)
     param = schema.read(tree, NetParameter, "net")

@@ -148,6 +148,14 @@ class Message:
         scalars = [value for value in self.values(name) if isinstance(value, Scalar)]
         return scalars[-1].text if scalars else ""
 
+    def named(self, *names: str) -> list[Field]:
+        """The fields with one of these names, in the order of the file."""
+        return [f for f in self.fields if f.name in names]
+
+    def without(self, *names: str) -> Message:
+        """A message with the fields of other names."""
+        return Message([f for f in self.fields if f.name not in names], self.position)
+
     def unknown(self) -> list[Field]:
         """The fields that the message does not define, from a binary file."""
         return [f for f in self.fields if isinstance(f.value, Unknown)]

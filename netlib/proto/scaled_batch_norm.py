@@ -29,15 +29,12 @@ def separated(layer: Message, taken: Iterable[str]) -> list[Message]:
     block = next((item for item in layer.fields if item.name == "batch_norm_param"), None)
     if layer.text("type") != "BatchNorm" or block is None or not isinstance(block.value, Message):
         return [layer]
-    options = [item for item in block.value.fields if item.name in OPTIONS]
+    options = block.value.named(*OPTIONS)
     if not any(_asks_for_scale(item) for item in options):
         return [layer]
-    others = [item for item in block.value.fields if item.name not in OPTIONS]
-    place = layer.position
-    norm = Field(block.name, Message(others, block.value.position), block.position)
-    shared = [item for item in layer.fields if item.name not in ("param", "batch_norm_param")]
-    rates = [item for item in layer.fields if item.name == "param"]
-    return [Message([*shared, norm], place), _scale(layer, options, rates, set(taken))]
+    norm = layer.without("param", block.name)
+    norm.fields.append(Field(block.name, block.value.without(*OPTIONS), block.position))
+    return [norm, _scale(layer, options, layer.named("param"), set(taken))]
 
 
 def _asks_for_scale(item: Field) -> bool:
@@ -64,7 +61,7 @@ def _scale(layer: Message, options: list[Field], rates: list[Field], taken: set[
     words = {"name": name, "type": "Scale", "bottom": top, "top": top}
     fields = [Field(key, Scalar("string", word, place), place) for key, word in words.items()]
     fields += own
-    fields += [item for item in layer.fields if item.name in ("include", "exclude", "phase")]
+    fields += layer.named("include", "exclude", "phase")
     bias = prototxt.parse("bias_term: true").fields
     fields.append(Field("scale_param", Message([*bias, *fillers], place), place))
     return Message(fields, place)

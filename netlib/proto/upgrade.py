@@ -140,16 +140,15 @@ class AnyNetParameter(NetParameter):
 
 def upgraded(net: Message) -> Message:
     """Convert the tree of a net to the current format. Raises PrototxtError if it is in neither."""
-    old = [item for item in net.fields if item.name == "layers"]
-    new = [item for item in net.fields if item.name == "layer"]
-    if old and new:
+    old = net.named("layers")
+    if old and net.named("layer"):
         raise PrototxtError(
             old[0].position,
             "this net has both 'layer' and 'layers' (Caffe's V1 format); expected one of them",
         )
     if not old:
         return Message(list(_with_scales(net)), net.position)
-    fields = [item for item in net.fields if item.name != "layers"]
+    fields = net.without("layers").fields
     for item in old:
         layer = schema.message_of(item)
         refuse_v0(layer)
@@ -227,9 +226,8 @@ def _without_transform(item: Field) -> list[Field]:
     """A data_param without scale, mean, crop and mirror, and a transform_param with them."""
     options = schema.message_of(item)
     place = item.position
-    moved = [field for field in options.fields if field.name in MOVED]
-    others = [field for field in options.fields if field.name not in MOVED]
-    fields = [Field(item.name, Message(others, options.position), place)]
+    moved = options.named(*MOVED)
+    fields = [Field(item.name, options.without(*MOVED), place)]
     if moved:
         fields.append(Field("transform_param", Message(moved, options.position), place))
     return fields
@@ -259,7 +257,8 @@ def _with_fixed_statistics(layer: Message) -> Message:
     fields = []
     for item in layer.fields:
         if item.name == "param" and isinstance(item.value, Message):
-            others = [f for f in item.value.fields if f.name not in ("lr_mult", "decay_mult")]
-            item = Field("param", Message([*others, *frozen], item.value.position), item.position)
+            rates = item.value.without("lr_mult", "decay_mult")
+            rates.fields.extend(frozen)
+            item = Field("param", rates, item.position)
         fields.append(item)
     return Message(fields, layer.position)

@@ -125,12 +125,11 @@ def _layers(data: bytes, path: str) -> list[LayerParameter]:
     Weights are copied by name, so types and options of Caffe's forks do not matter.
     """
     layers = []
-    for item in wire.decode(data, AnyNetParameter, path).fields:
-        if item.name in ("layer", "layers"):
-            layer = schema.message_of(item)
-            refuse_v0(layer)
-            kept = [field for field in layer.fields if field.name in ("name", "blobs")]
-            layers.append(schema.read(Message(kept, layer.position), LayerParameter))
+    for item in wire.decode(data, AnyNetParameter, path).named("layer", "layers"):
+        layer = schema.message_of(item)
+        refuse_v0(layer)
+        kept = layer.named("name", "blobs")
+        layers.append(schema.read(Message(kept, layer.position), LayerParameter))
     return layers
 
 

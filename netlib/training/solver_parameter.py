@@ -31,7 +31,7 @@ def read(path: str | Path, **changes: Any) -> SolverParameter:
 
 def parameter_of(tree: Message, **changes: Any) -> SolverParameter:
     """The options of a parsed file, with ``changes``. Raises PrototxtError."""
-    if {"layer", "layers", "input"} & {item.name for item in tree.fields}:
+    if tree.named("layer", "layers", "input"):
         raise PrototxtError(
             tree.position, 'this is a net; expected a solver, which names it: net: "FILE"'
         )

@@ -67,7 +67,8 @@ def test_errors_and_drawings_are_of_the_joints(hand) -> None:
     assert nano.error_mm(true + [0.3, 0.4, 0], true) == pytest.approx(75)
     same = nano.drawing(true[0], true[0], hand)
     moved = nano.drawing(true[0] + [5, 0, 0], true[0], hand)
-    assert {len(line) for line in same} == {52} and set("".join(same)) == {" ", "o"}
+    assert {len(line) for line in same} == {52}
+    assert set("".join(same)) == {" ", "o"}
     assert "." in "".join(moved)
     assert all(line[51] == "o" for line in moved if "o" in line)
 
@@ -81,7 +82,8 @@ def test_it_prints_losses() -> None:
         assert running.stdout is not None
         first = running.stdout.readline().split()
         running.kill()
-    assert first[:3] == ["update", "0", "loss"] and 7 < float(first[3]) < 9
+    assert first[:3] == ["update", "0", "loss"]
+    assert 7 < float(first[3]) < 9
     assert first[4] == "error"
     assert 90 < float(first[5]) < 98
     assert 95 < float(first[-2]) < 105

@@ -38,7 +38,8 @@ def test_a_figure_stands_where_its_link_leads(figure: str, file: str, anchor: st
 def test_every_claim_is_pinned_by_a_test() -> None:
     """Each item "Tests:" links to at least one test function, and to nothing else."""
     items = [item for item in re.split(r"\n(?=- |\n)", PAPER) if item.startswith("- Tests:")]
-    assert len(items) >= 15 and len(FIGURES) >= 15
+    assert len(items) >= 15
+    assert len(FIGURES) >= 15
     for item in items:
         titles = [title for _, _, _, title in LINK.findall(item)]
         assert titles and all(title.startswith("test_") for title in titles), item

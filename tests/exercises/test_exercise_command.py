@@ -66,7 +66,8 @@ def test_a_bug_to_find(here: Path) -> None:
     run_tool("exercise split --bug 1")
     run_tool("exercise split --bug 1", status=1)
     lines = check(here, "--file", "split_bug1.py", status=1).out.splitlines()
-    assert lines[2].startswith("✓ values") and lines[3].startswith("✗ gradient")
+    assert lines[2].startswith("✓ values")
+    assert lines[3].startswith("✗ gradient")
     assert all(line.startswith("    ") and len(line) <= 120 for line in lines[4:])
     assert "dx contains only the gradient of the last top" in " ".join(lines)
     assert lines[-1].startswith("    See backward, split_bug1.py:")
@@ -96,7 +97,9 @@ def test_a_bug_to_find(here: Path) -> None:
 def test_a_solution_that_ends_the_check(first: str, said: str, here: Path) -> None:
     write(first)
     done = check(here, status=1)
-    assert said in done.err and done.err.count("\n") == 1 and done.out.count("\n") == 1
+    assert said in done.err
+    assert done.err.count("\n") == 1
+    assert done.out.count("\n") == 1
 
 
 def test_an_endless_loop_ends_at_the_limit(here: Path) -> None:

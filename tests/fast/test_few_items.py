@@ -26,6 +26,15 @@ def forward(x: Array) -> Array:
     return done.y
 
 
+def assert_same(found: Array, expected: Array) -> None:
+    """They are bitwise equal with OpenBLAS's kernels for x86; in other libraries rounding may
+    depend on the position.
+    """
+    np.testing.assert_allclose(found, expected, atol=1e-5 * np.abs(expected).max())
+    if (sys.platform, platform.machine()) == ("linux", "x86_64"):
+        np.testing.assert_array_equal(found, expected)
+
+
 @pytest.mark.parametrize("threads", [1, 3])
 @pytest.mark.parametrize("count", [2, FEW_ITEMS])
 def test_an_item_does_not_depend_on_the_others(
@@ -33,18 +42,13 @@ def test_an_item_does_not_depend_on_the_others(
 ) -> None:
     """Several items, in blocks of outputs, give the same results as each item alone,
     in one product.
-
-    They are bitwise equal with OpenBLAS's kernels for x86; in other libraries rounding may depend
-    on the position.
     """
     assert 4 * INPUTS * OUTPUTS > 3 * CACHED_BYTES
     netlib.set_threads(threads)
     x = rng.normal(size=(count, INPUTS)).astype(np.float32)
     together = forward(x)
     alone = np.concatenate([forward(item[None]) for item in x])
-    np.testing.assert_allclose(together, alone, atol=1e-5 * np.abs(alone).max())
-    if (sys.platform, platform.machine()) == ("linux", "x86_64"):
-        np.testing.assert_array_equal(together, alone)
+    assert_same(together, alone)
 
 
 def test_large_weights_in_blocks_for_each_thread(
@@ -61,6 +65,4 @@ def test_large_weights_in_blocks_for_each_thread(
     monkeypatch.setattr(inner_product, "blocks", blocks)
     parts = forward(x)
     assert mock.call(OUTPUTS, 256) in blocks.mock_calls  # a multiple of 64
-    np.testing.assert_allclose(parts, whole, atol=1e-5 * np.abs(whole).max())
-    if (sys.platform, platform.machine()) == ("linux", "x86_64"):
-        np.testing.assert_array_equal(parts, whole)
+    assert_same(parts, whole)

@@ -323,6 +323,31 @@ def run_the_test_net(net: UsedNet, rng: Generator) -> Values:
 
 
 Operation = Callable[[UsedNet, Generator], Any]
+
+
+def read_data(net: UsedNet, rng: Generator) -> Values:
+    return read(net.blobs, "data")
+
+
+def forward_part(net: UsedNet, rng: Generator) -> Values:
+    return net.forward(None, *part(net, rng))
+
+
+def copy_weights(net: UsedNet, rng: Generator) -> None:
+    if net.learnable:
+        net.copy_from(other_net(net, rng))
+
+
+def in_turn(first: Operation, then: Operation) -> Operation:
+    """Two operations; the values are those of the second."""
+
+    def run(net: UsedNet, rng: Generator) -> Any:
+        first(net, rng)
+        return then(net, rng)
+
+    return run
+
+
 # The weight of the choice, and a function of a net and a generator, which has the same seed for
 # each net.
 OPERATIONS: dict[str, tuple[int, Operation]] = {
@@ -332,7 +357,7 @@ OPERATIONS: dict[str, tuple[int, Operation]] = {
         1,
         lambda net, rng: net.forward(**{x: net.blobs[x].data[::-1] for x in net.inputs}),
     ),
-    "forward part": (4, lambda net, rng: net.forward(None, *part(net, rng))),
+    "forward part": (4, forward_part),
     "forward part, write": (
         2,
         lambda net, rng: write_all(
@@ -344,25 +369,19 @@ OPERATIONS: dict[str, tuple[int, Operation]] = {
     "backward to a layer": (2, lambda net, rng: net.backward(end=part(net, rng)[0])),
     "backward part": (3, lambda net, rng: net.backward(None, *reversed(part(net, rng)))),
     "clear": (2, lambda net, rng: net.clear_param_diffs()),
-    "read data": (1, lambda net, rng: read(net.blobs, "data")),
+    "read data": (1, read_data),
     "read diffs": (2, lambda net, rng: read(net.blobs, "diff")),
     "read a blob": (3, read_blob),
     "write diffs": (2, lambda net, rng: write_all(net, rng, read(net.blobs, "diff"))),
     "write params": (2, new_params),
-    "write params, read data": (
-        2,
-        lambda net, rng: (new_params(net, rng), read(net.blobs, "data"))[1],
-    ),
+    "write params, read data": (2, in_turn(new_params, read_data)),
     "write a blob": (3, write_blob),
-    "write a blob, backward": (4, lambda net, rng: (write_blob(net, rng), backward(net, rng))[1]),
-    "write a blob, forward part": (
-        2,
-        lambda net, rng: (write_blob(net, rng), net.forward(None, *part(net, rng)))[1],
-    ),
+    "write a blob, backward": (4, in_turn(write_blob, backward)),
+    "write a blob, forward part": (2, in_turn(write_blob, forward_part)),
     "hold an array": (2, hold),
     "write held arrays": (3, write_held),
     "share": (2, share),
-    "copy": (1, lambda net, rng: net.learnable and net.copy_from(other_net(net, rng)) and {}),
+    "copy": (1, copy_weights),
     "store": (2, store),
     "update": (6, update),
     "resume": (1, resume),

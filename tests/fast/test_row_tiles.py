@@ -15,7 +15,6 @@ def fast(x, w, b, dy, tile=None, bottom_tile=None):
     """Compute y, dx, dw, db by RowTiles, with a top in tiles of ``tile`` and a bottom in tiles of
     ``bottom_tile``.
     """
-    _N, _C, _H, W = x.shape
     O, _, kh, kw = w.shape
     layer = gradcheck.make_layer(
         f'type: "Convolution" convolution_param {{ num_output: {O} kernel_h: {kh} kernel_w: {kw} }}',
@@ -23,7 +22,7 @@ def fast(x, w, b, dy, tile=None, bottom_tile=None):
     )
     bottom, top = tiled(x.shape, bottom_tile), tiled(dy.shape, tile)
     if tile:
-        top.pitch = -(-(bottom.pitch or W) // tile) * tile
+        top.pitch = -(-(bottom.pitch or x.shape[3]) // tile) * tile
     store(bottom, "data", x)
     store(top, "diff", dy)
     bottom.diff[...] = np.nan

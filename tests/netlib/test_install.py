@@ -194,7 +194,8 @@ def test_a_script_from_a_pipe_alone(tmp_path: Path) -> None:
         == "0\n"
     )
     done = run_python("-m", "netlib.caffe", "-", typed="a = 1\na / 0", cwd=tmp_path, status=1)
-    assert 'File "<stdin>", line 2, in <module>' in done.err and "ZeroDivisionError" in done.err
+    assert 'File "<stdin>", line 2, in <module>' in done.err
+    assert "ZeroDivisionError" in done.err
     assert "needs code" in run_python("-m", "netlib.caffe", "-c", cwd=tmp_path, status=2).err
 
 

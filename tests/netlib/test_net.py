@@ -139,7 +139,8 @@ def test_param_diffs_add_up_until_they_are_cleared(net_of: MakeNet) -> None:
     net.backward()
     assert np.allclose(diff, 2 * once)
     net.clear_param_diffs()
-    assert once.any() and not diff.any()
+    assert once.any()
+    assert not diff.any()
     diff[...] = np.nan
     net.clear_param_diffs()
     net.backward()
@@ -233,16 +234,14 @@ def test_a_net_is_not_copied(net_of: MakeNet, how: Callable[[object], object]) -
 
 @pytest.mark.parametrize("other", ["shape", "dtype"])
 def test_nets_that_cannot_share_parameters_share_none(net_of: MakeNet, other: str) -> None:
-    text = TWO
-    one = net_of(text)
-    two = (
-        net_of(text.replace("num_output: 3", "num_output: 4"))
-        if other == "shape"
-        else net_of(text, dtype=np.float64)
-    )
-    with pytest.raises(
-        netlib.LayerError, match="layer 'a' is in float32" if other == "dtype" else "layer 'a' has"
-    ):
+    one = net_of(TWO)
+    if other == "shape":
+        two = net_of(TWO.replace("num_output: 3", "num_output: 4"))
+        message = "layer 'a' has"
+    else:
+        two = net_of(TWO, dtype=np.float64)
+        message = "layer 'a' is in float32"
+    with pytest.raises(netlib.LayerError, match=message):
         one.share_params(two)
     assert not np.shares_memory(one.params["a"][0].data, two.params["a"][0].data)
 
@@ -263,11 +262,9 @@ def test_weights_that_lack_a_layer(
     note is logged.
     """
     small = net_of(ONE)
-    text = TWO
     small.save("w.caffemodel")
-    path = Path("net.prototxt")
-    path.write_text(text)
-    net = netlib.Net(path, "w.caffemodel", netlib.TEST)
+    Path("net.prototxt").write_text(TWO)
+    net = netlib.Net("net.prototxt", "w.caffemodel", netlib.TEST)
     assert np.array_equal(net.params["a"][0].data, small.params["a"][0].data)
     assert caplog.messages == ["w.caffemodel has no weights for b; they keep their initial values"]
 

@@ -83,7 +83,8 @@ def test_a_rejected_thread_changes_nothing(
     steps = net.steps
     with net.one_thread:
         assert "in use by another thread" in str(in_a_thread(lambda: use(net)))
-    assert not net.blobs["x"].data.any() and not net.blobs["f"].diff.any()
+    assert not net.blobs["x"].data.any()
+    assert not net.blobs["f"].diff.any()
     assert net.steps is steps
 
 

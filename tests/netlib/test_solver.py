@@ -182,7 +182,8 @@ def test_a_test_iter_of_0_builds_the_test_net_only(
     assert len(solver.test_nets) == 1
     assert solver.solve()
     assert solver.test(0) == {}
-    assert messages(caplog, "Testing net") and not messages(caplog, "Test net output")
+    assert messages(caplog, "Testing net")
+    assert not messages(caplog, "Test net output")
 
 
 def test_an_output_of_changing_size_has_no_mean(

@@ -72,12 +72,13 @@ def recorded(tmp_path_factory):
 
 @pytest.fixture
 def signal_at_start(monkeypatch):
-    """``signal_at_start(number)``: send the signal to this process when a training begins."""
+    """``signal_at_start(number)``: this process gets the signal when the next training begins."""
     original = training.requests_by_signal
 
     def arm(number):
         @contextlib.contextmanager
         def with_signal(*given):
+            monkeypatch.setattr(training, "requests_by_signal", original)
             with original(*given) as stopped:
                 os.kill(os.getpid(), number)
                 yield stopped

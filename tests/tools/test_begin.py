@@ -177,6 +177,7 @@ def test_a_deleted_working_directory(tmp_path: Path, words: tuple[str, ...]) -> 
     code = f"import os, sys; os.rmdir(os.getcwd()); from tools import {tool}; sys.exit({tool}.main({options}))"
     (tmp_path / "gone").mkdir()
     done = run_python("-c", code, cwd=tmp_path / "gone", status=1)
-    assert len(done.err.splitlines()) == 1 and "standard output" not in done.err
+    assert len(done.err.splitlines()) == 1
+    assert "standard output" not in done.err
     if tool != "predict":
         assert done.err == "the working directory was deleted; change to another one\n"

@@ -65,7 +65,8 @@ def test_train_writes_the_recorded_log(trained):
     mine, theirs = texts(trained[1]), log_lines("a_avgloss.log")
     assert len(spoken(theirs)) == 46
     check_same_log(spoken(mine), spoken(theirs))
-    assert "Finetuning from init.caffemodel" in mine and "Finetuning from init.caffemodel" in theirs
+    assert "Finetuning from init.caffemodel" in mine
+    assert "Finetuning from init.caffemodel" in theirs
 
 
 def test_train_goes_on_from_a_snapshot(trained, tmp_path):
@@ -208,4 +209,5 @@ def test_device_query_and_gpu():
 
 def test_without_a_command():
     out = run_tool("caffe").out
-    assert "{train,test,time,device_query}" in out and "--sighup_effect {stop,snapshot,none}" in out
+    assert "{train,test,time,device_query}" in out
+    assert "--sighup_effect {stop,snapshot,none}" in out

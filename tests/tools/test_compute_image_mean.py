@@ -39,7 +39,8 @@ def test_the_mean(images):
     """The mean is (1, C, H, W) in float32, and the printed numbers are those of Caffe."""
     done = run_tool("compute_image_mean -backend=lmdb db mean.binaryproto")
     mean = read_blob("mean.binaryproto")
-    assert mean.shape == (1, 3, 4, 5) and mean.dtype == np.float32
+    assert mean.shape == (1, 3, 4, 5)
+    assert mean.dtype == np.float32
     assert np.allclose(mean[0], images.mean(axis=0), rtol=1e-6)
     lines = done.out.splitlines()
     assert lines[0] == "Number of channels: 3"
@@ -69,7 +70,8 @@ def test_images_of_a_list_are_resized_as_in_an_ImageData_layer(pictures):
         netlib.TEST,
     )
     x = net.forward()["x"]
-    assert x.shape == (7, 3, 6, 9) and np.abs(x).mean() > 10
+    assert x.shape == (7, 3, 6, 9)
+    assert np.abs(x).mean() > 10
     assert np.abs(x.mean(axis=0)).max() < 1e-4
 
 

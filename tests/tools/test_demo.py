@@ -21,14 +21,17 @@ def test_demo(here):
     runs as printed.
     """
     first, second = run_tool("demo --out", "my frames ö", "--frames", "2").out.splitlines()
-    assert first.startswith("2 frames in ") and first.endswith(f": {Path('my frames ö/hands.png')}")
+    assert first.startswith("2 frames in ")
+    assert first.endswith(f": {Path('my frames ö/hands.png')}")
     command = second.removeprefix("For your own camera: ")
     words = shlex.split(command)[2:]
     assert " ".join(words) == "my frames ö/frame_0.png --camera nyu --out my frames ö"
     done = run_tool("predict", *words)
-    assert done.err == "" and done.out.startswith("my frames ö/frame_0.png: ")
+    assert done.err == ""
+    assert done.out.startswith("my frames ö/frame_0.png: ")
     depth = read_frame("my frames ö/frame_1.png", CameraInfo(NYU))
-    assert depth.shape == (480, 640) and 300 < np.median(depth[depth > 0]) < 3000
+    assert depth.shape == (480, 640)
+    assert 300 < np.median(depth[depth > 0]) < 3000
     assert cv2.imread("my frames ö/hands.png").shape[1] > 3 * 256
     document = json.loads(Path("my frames ö/hands.json").read_text())
     assert not json_schema.faults(document)

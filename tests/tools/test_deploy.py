@@ -156,7 +156,8 @@ def test_statistics_of_the_training_are_used() -> None:
         of_database() + end("BatchNorm", "data", name="b", more=options)
         + end("BN", "b", name="c", more="bn_param { bn_mode: LEARN }") + fc("fc", "c") + ENDS
     )  # fmt: skip
-    assert net.layer_dict["b"].uses_sums and net.layer_dict["b"].param.eps == pytest.approx(0.01)  # type: ignore[attr-defined]
+    assert net.layer_dict["b"].uses_sums
+    assert net.layer_dict["b"].param.eps == pytest.approx(0.01)
     assert net.layer_dict["c"].param.bn_mode == "INFERENCE"
 
 
@@ -174,7 +175,8 @@ layer {{ name: "l" type: "MultiBoxLoss" bottom: "loc" bottom: "conf" bottom: "pr
 def test_the_loss_of_ssd_becomes_detections() -> None:
     net = deploy(SSD.format())
     assert net.blobs["data"].shape == (1, 3, 8, 10)
-    assert net.outputs == ["detection_out"] and net.blobs["detection_out"].shape == (1, 1, 1, 7)
+    assert net.outputs == ["detection_out"]
+    assert net.blobs["detection_out"].shape == (1, 1, 1, 7)
     assert net.layer_dict["detection_out"].param.code_type == "CENTER_SIZE"
 
 

@@ -19,9 +19,12 @@ def test_a_picture(here):
     done = run_tool("draw_net", NET, out, "--phase", "TEST", "--rankdir", "TB", "--display_lrm")
     assert done.out == f"wrote {out}\n"
     # its data are not here
-    assert done.err.startswith("without shapes: ") and "writes it" in done.err
+    assert done.err.startswith("without shapes: ")
+    assert "writes it" in done.err
     text = out.read_text()
-    assert "rankdir=TB" in text and "HandModel" in text and text.count('"data (HDF5Data)" ->') == 2
+    assert "rankdir=TB" in text
+    assert "HandModel" in text
+    assert text.count('"data (HDF5Data)" ->') == 2
     assert "lr mult: 1.0, " in text
 
 
@@ -46,5 +49,6 @@ def test_shapes_and_out(here):
     pytest.importorskip("pydot")
     Path("old.prototxt").write_text(OLD)
     done = run_tool("draw_net", "old.prototxt", "--out", "net.dot")
-    assert not done.err and '-> ip [label="1 x 3"];' in Path("net.dot").read_text()
+    assert not done.err
+    assert '-> ip [label="1 x 3"];' in Path("net.dot").read_text()
     assert "one of the arguments" in run_tool("draw_net", "old.prototxt", status=2).err

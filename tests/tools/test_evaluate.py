@@ -63,7 +63,8 @@ def test_formats(files):
 
 def test_wrong_format_is_noticed(files):
     err = run("Far=far_xyz.txt").err
-    assert err.startswith("warning: far_xyz.txt: the mean error is ") and err.count("\n") == 1
+    assert err.startswith("warning: far_xyz.txt: the mean error is ")
+    assert err.count("\n") == 1
     assert err.endswith("y up if xyz, and that the frames are those of ICVL\n")
 
 
@@ -158,7 +159,8 @@ def test_mistakes(files, argv, message):
     (files / "near.png").write_text(near)
     (files / "short.txt").write_text("".join(near.splitlines(keepends=True)[:-1]))
     assert run(*argv.split(), status=1)[1:] == ("", f"{message}\n")
-    assert (files / "near.png").read_text() == near and not list(files.glob(".*.tmp"))
+    assert (files / "near.png").read_text() == near
+    assert not list(files.glob(".*.tmp"))
 
 
 def test_without_matplotlib(files, monkeypatch):

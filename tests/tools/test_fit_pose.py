@@ -104,7 +104,8 @@ def test_the_swarm(joints):
     """--swarm, the paper's method, finds a coarse pose within the limits with few particles."""
     options = "--swarm --particles 16 --generations 30 --out angles.h5"
     residual, broken = figures_of(f"uvd.txt {options}")
-    assert 5 < residual < 80 and broken == 0
+    assert 5 < residual < 80
+    assert broken == 0
     assert np.abs(placed("angles.h5") - joints).mean() < 60
 
 
@@ -134,7 +135,8 @@ def test_the_files_of_a_list(data, tmp_path):
     keeps the files.
     """
     done = run_tool("fit_pose data/train.txt --out angles")
-    assert re.match(r"5 frames in \d+ s: residual 0\.00\d\d mm", done.out) and done.err == ""
+    assert re.match(r"5 frames in \d+ s: residual 0\.00\d\d mm", done.out)
+    assert done.err == ""
     assert (tmp_path / "angles" / "train.txt").read_text() == "angles/part_0.h5\nangles/part_1.h5\n"
     for name, count in zip(FILES, (2, 3)):
         dof, depth = File(Path("angles", name), ("dof", "depth")).datasets

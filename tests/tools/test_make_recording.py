@@ -41,7 +41,8 @@ def test_a_recording_and_its_truth(name: str) -> None:
         for frame, expected in zip(recording, own, strict=True):
             assert_array_equal(frame.depth, expected.depth)
             assert frame.time == pytest.approx(expected.time, abs=1e-5)
-        assert recording.camera == ICVL and recording.rate == 10
+        assert recording.camera == ICVL
+        assert recording.rate == 10
     track = read_track(truth)
     assert not track.cut
     scores = score(track.header, track.frames, own.truths())
@@ -61,7 +62,8 @@ def test_options() -> None:
     assert done.err == "a.truth.json: is there already; choose another --out or remove it\n"
     Path("a.truth.json").unlink()
     done = run_tool("make_recording rest", *SHORT, "--out", "a.npz", status=1)
-    assert done.err.startswith("a.npz: is there already") and not Path("a.truth.json").exists()
+    assert done.err.startswith("a.npz: is there already")
+    assert not Path("a.truth.json").exists()
 
 
 def test_a_recording_that_is_stopped_keeps_whole_files(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -77,7 +79,8 @@ def test_a_recording_that_is_stopped_keeps_whole_files(monkeypatch: pytest.Monke
     done = run_tool("make_recording rest", *SHORT, "--out", "a.npz", status=130)
     assert done.err == "stopped; a.npz and a.truth.json have 2 frames\n"
     track = read_track("a.truth.json")
-    assert len(list(open_recording("a.npz"))) == len(track.frames) == 2 and track.cut
+    assert len(list(open_recording("a.npz"))) == len(track.frames) == 2
+    assert track.cut
 
 
 def test_there_is_no_truth_without_a_recording(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -107,7 +110,8 @@ def test_a_full_disk_keeps_what_was_done(monkeypatch: pytest.MonkeyPatch) -> Non
         in run_tool("make_recording rest", *SHORT, "--out", "a", status=1).err
     )
     track = read_track("a.truth.json")
-    assert len(list(open_recording("a"))) == len(track.frames) == 2 and track.cut
+    assert len(list(open_recording("a"))) == len(track.frames) == 2
+    assert track.cut
 
 
 def test_impossible_outputs_are_rejected() -> None:

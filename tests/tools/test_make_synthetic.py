@@ -53,9 +53,11 @@ def test_files_and_lists(made: tuple[Path, Done]) -> None:
     assert names(folder) == ["test.txt", "test_000.h5", "train.txt", "train_000.h5", "train_001.h5"]
     assert (folder / "train.txt").read_text() == f"{folder}/train_000.h5\n{folder}/train_001.h5\n"
     with h5py.File(folder / "train_001.h5") as file:
-        assert file.attrs["made_from"] == "synthetic" and file.attrs["seed"] == 0
+        assert file.attrs["made_from"] == "synthetic"
+        assert file.attrs["seed"] == 0
         np.testing.assert_array_equal(file["index"], np.arange(40, 70))
-    assert "70 train and 10 test frames" in done.out and not done.err
+    assert "70 train and 10 test frames" in done.out
+    assert not done.err
 
 
 def test_a_second_run_keeps_unchanged_files(made: tuple[Path, Done], tmp_path: Path) -> None:

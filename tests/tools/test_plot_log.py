@@ -60,7 +60,8 @@ def test_a_curve_of_one_point_is_seen(here, figures):
     run_tool("plot_log", "short.log", "long.log", "--out", "a.png")
     losses, outputs = figures[0].axes
     assert [line.get_marker() for line in losses.lines] == ["o", ""]
-    assert losses.get_xlim() == outputs.get_xlim() and losses.get_xlim()[1] > 49
+    assert losses.get_xlim() == outputs.get_xlim()
+    assert losses.get_xlim()[1] > 49
     run_tool("plot_log", "short.log", "--out", "b.png")
     first, last = figures[1].axes[0].get_xlim()
     assert first < 40 < last
@@ -82,8 +83,10 @@ def test_many_test_outputs(here, figures, count, said):
     done = run_tool("plot_log", "a.log", "--out", "log.png")
     assert done.err == said
     loss, first, *titles = [axis.get_title() for axis in figures[0].axes]
-    assert loss == "training loss" and titles == [f"test out{i:03d}" for i in range(1, 8)]
-    assert first.startswith(r"test begin\$\wrong{\$x") and len(first) < 70
+    assert loss == "training loss"
+    assert titles == [f"test out{i:03d}" for i in range(1, 8)]
+    assert first.startswith(r"test begin\$\wrong{\$x")
+    assert len(first) < 70
     assert [len(axis.lines) for axis in figures[0].axes] == [1] * 9
 
 

@@ -126,17 +126,22 @@ def test_crops(snapshot):
     """
     text = predict("crop.png crop.png --json -").out
     lines = predict("crop.png crop.png --json a.json").out
-    assert lines.startswith("crop.png: ") and Path("a.json").read_text() == text
+    assert lines.startswith("crop.png: ")
+    assert Path("a.json").read_text() == text
     document, (first, second) = json.loads(text), hands_of(text)
-    assert document["camera"] is None and document["source"] == "2 images"
+    assert document["camera"] is None
+    assert document["source"] == "2 images"
     assert [found["number"] for found in (first, second)] == [0, 1]
     assert first["time_s"] is second["time_s"] is None
     unknown = {"presence", "confidence", "error_mm", "angles_rad", "translations_mm", "bones_mm"}
     hand = document["frames"][0]["hands"][0]
     assert {key for key, value in hand.items() if value is None} == unknown
-    assert first["origin_mm"] == [0, 0, 0] and first["crop"] == {"center_uvd": None, "cube_mm": 300}
-    assert cv2.imread(first["picture"]) is not None and first["picture"] == "p/crop_hand.png"
-    assert len(first["joints"]) == 31 and first["image"] == "crop.png"
+    assert first["origin_mm"] == [0, 0, 0]
+    assert first["crop"] == {"center_uvd": None, "cube_mm": 300}
+    assert cv2.imread(first["picture"]) is not None
+    assert first["picture"] == "p/crop_hand.png"
+    assert len(first["joints"]) == 31
+    assert first["image"] == "crop.png"
     (smaller,) = predicted("crop.png --cube 261")
     assert smaller["joints"]["palm"] == pytest.approx(
         np.array(first["joints"]["palm"]) * 0.87, abs=0.02
@@ -189,7 +194,8 @@ def test_a_whole_frame(frame):
     )
     assert len(joints) == 31
     depths = [float(line.split()[-1]) for line in joints]
-    assert min(depths) > 400 and max(depths) < 1000
+    assert min(depths) > 400
+    assert max(depths) < 1000
     (found,) = hands_of(Path("hands.json").read_text())
     center = KINECT2.project(packaged.load_finder().hands(frame, KINECT2)[0].middle)
     assert found["center_uvd"] == pytest.approx(center, abs=0.01)
@@ -219,7 +225,8 @@ def test_json_of_frames_is_read_as_a_track(frame):
         False,
     )
     for found, hand in zip(track.frames, hands_of(text), strict=True):
-        assert np.isnan(found.time) and np.isnan(found.hands[0].pose.inputs).any()
+        assert np.isnan(found.time)
+        assert np.isnan(found.hands[0].pose.inputs).any()
         assert found.hands[0].xyz.tolist() == hand["positions_mm"]
 
 
@@ -231,12 +238,14 @@ def test_joints_of_another_format(frame, name, count):
     options = f"frame.png {KINECT} {CENTER} --joints {name} --json hands.json"
     lines = predict(options).out.splitlines()
     (found,) = hands_of(Path("hands.json").read_text())
-    assert len(found["positions_mm"]) == 31 and len(found["anatomical_deg"]) == 20
+    assert len(found["positions_mm"]) == 31
+    assert len(found["anatomical_deg"]) == 20
     assert {len(values) for key, values in found[name].items() if key != "center_m"} == {count}
     assert len(lines) == 1 + 1 + count + 20
     assert lines[-1].split()[0] == "little_dip_flexion"
     about = "about its mean" if name == "mediapipe" else "from the camera"
-    assert lines[1].startswith(f"  {name}: ") and lines[1].endswith(about)
+    assert lines[1].startswith(f"  {name}: ")
+    assert lines[1].endswith(about)
     key, digits = {"mediapipe": ("landmarks", 4), "nyu": ("positions_mm", 1)}.get(
         name, ("positions_m", 4)
     )
@@ -409,7 +418,9 @@ def test_a_hand_with_the_packaged_weights(here):
     cv2.imwrite("frame.png", depth)
     command = f"predict frame.png {CENTER},700 {KINECT} --out p --html page.html --csv hand.csv"
     (found,) = hands_of(text := run_tool(f"{command} --json -").out)
-    assert found["hand"] == "right" and found["error_mm"] < 16 and found["confidence"] > 0.9
+    assert found["hand"] == "right"
+    assert found["error_mm"] < 16
+    assert found["confidence"] > 0.9
     joints = np.array(found["positions_mm"])
     truth = hand.joints[0] * 150 + (30, -20, 700)
     assert np.linalg.norm(joints - truth, axis=1)[list(EVALUATION_JOINTS)].mean() < 20
@@ -423,7 +434,8 @@ def test_a_hand_with_the_packaged_weights(here):
     (shown,) = hands_in("page.html")
     assert_allclose(shown["joints"] + found["origin_mm"], joints, atol=0.02)
     assert shown["place"]["center_uvd"] == pytest.approx(found["center_uvd"], abs=0.01)
-    assert shown["place"]["camera"]["fx"] == KINECT2.fx and shown["crop"]
+    assert shown["place"]["camera"]["fx"] == KINECT2.fx
+    assert shown["crop"]
     Path("track.json").write_text(text)
     assert_allclose(
         shown["inputs"][:47], read_track("track.json").frames[0].hands[0].pose.inputs, atol=1e-5
@@ -432,7 +444,8 @@ def test_a_hand_with_the_packaged_weights(here):
     assert np.any(shown["inputs"][47:])
     assert shown["thickness"] != 1
     height, width, _ = cv2.imread("p/frame_hand.png").shape
-    assert width > 3 * 512 and height > 512 + 22  # skeleton, surface, side view; with captions
+    assert width > 3 * 512
+    assert height > 512 + 22
     first = run_tool(f"{command} --fit fast --hand right").out.splitlines()[0]
     assert re.match(
         r"frame.png: right hand, (>99|\d+)% sure, \d+ mm of error expected; at -?\d+, ", first

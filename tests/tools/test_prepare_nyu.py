@@ -63,7 +63,8 @@ def test_raw_equals_direct(root, tmp_path):
             h5py.File(tmp_path / f"direct/{split}_000.h5") as a,
             h5py.File(tmp_path / f"out/{split}_000.h5") as b,
         ):
-            assert sorted(b) == sorted(set(a) - {"dof", "bones"}) and b.attrs["made_from"] == "NYU"
+            assert sorted(b) == sorted(set(a) - {"dof", "bones"})
+            assert b.attrs["made_from"] == "NYU"
             for name in ("index", "center", "center_uvd", "half_cube"):
                 assert_array_equal(a[name][:], b[name][:], name)
             assert_allclose(b["joint"][:], a["joint"][:], rtol=0, atol=1e-6)
@@ -101,7 +102,9 @@ def test_bad_frames(root, small):
     damaged.write_bytes(damaged.read_bytes()[:-100])
     done = prepare(root, "--strict --splits test train", status=1)
     (error,) = [line for line in done.err.splitlines() if not line.startswith("warning: ")]
-    assert frame_name(2) in error and "no such file" in error and names(root.parent / "out") == []
+    assert frame_name(2) in error
+    assert "no such file" in error
+    assert names(root.parent / "out") == []
     for made in ("made 48 frames", "all files kept"):
         out, err = prepare(root)[1:]
         assert made in out
@@ -111,7 +114,8 @@ def test_bad_frames(root, small):
         for i in (2, 3):
             assert f"train frame {i}: {root}/train/{frame_name(i)}: " in err
     made_files = names(root.parent / "out")
-    assert "bad_train.txt" in made_files and "bad_test.txt" not in made_files
+    assert "bad_train.txt" in made_files
+    assert "bad_test.txt" not in made_files
     assert not [name for name in made_files if name.endswith(".tmp")]
     with h5py.File(root.parent / "out" / "train_000.h5") as file:
         assert_array_equal(file["index"], [0, 1, *range(4, 12)])
@@ -123,7 +127,8 @@ def test_a_split_without_usable_frames_is_an_error(root, small):
     for i in range(20):
         cv2.imwrite(str(root / "test" / frame_name(i)), pack_depth(np.zeros((480, 640))))
     error = prepare(root, "--splits test", status=1).err
-    assert "none of the 20 test frames can be used" in error and "10 more bad frames, see" in error
+    assert "none of the 20 test frames can be used" in error
+    assert "10 more bad frames, see" in error
     assert "test.txt" not in names(root.parent / "out")
 
 
@@ -149,7 +154,8 @@ def test_rendered_frames_are_replaced_with_force_only(root):
     out = root.parent / "out"
     run_tool(f"make_synthetic --out {out} {COUNT}")
     line = "train_000.h5: holds data made from synthetic frames of nyu.prototxt, expected NYU; choose another --out, "
-    assert line in prepare(root, status=1).err and len(names(out)) == 4
+    assert line in prepare(root, status=1).err
+    assert len(names(out)) == 4
     prepare(root, "--force")
     with h5py.File(out / "train_000.h5") as file:
         assert file.attrs["made_from"] == "NYU"

@@ -33,7 +33,8 @@ def test_convert_and_replay(frames: Path) -> None:
     """
     out = run_tool(f"record frames {CAMERA} --out new/a").out
     assert "frames: 4 frames, 64 x 48 pixels, 30 frames/s\n" in out
-    assert "a value of 1 is taken for 1 mm" in out and "30 frames per second assumed" in out
+    assert "a value of 1 is taken for 1 mm" in out
+    assert "30 frames per second assumed" in out
     assert out.endswith("wrote new/a: 4 frames of 0.1 s, unit 1 mm\n")
     run_tool("record new/a --out other/b.npz")
     assert "assumed" not in run_tool("record other/b.npz --out c").out
@@ -50,13 +51,15 @@ def test_sources_in_metres_are_converted_to_millimetres(frames: Path) -> None:
     np.save("take.npy", np.full((2, 48, 64), 0.50025) + [[[0]], [[0.25]]])
     run_tool(f"record take.npy {CAMERA} --unit 1000 --out own.npz")
     recording = open_recording("own.npz")
-    assert recording.unit_mm == 1 and next(iter(recording)).depth[0, 0] == 500
+    assert recording.unit_mm == 1
+    assert next(iter(recording)).depth[0, 0] == 500
 
 
 def test_a_doubtful_unit_and_damaged_frames_are_reported(frames: Path) -> None:
     Path("frames/2.png").write_bytes(b"")
     reported = run_tool(f"record frames {CAMERA} --unit 20 --out a")
-    assert "10 m away" in reported.err and "with --unit 1 it would be 0.50 m away" in reported.err
+    assert "10 m away" in reported.err
+    assert "with --unit 1 it would be 0.50 m away" in reported.err
     assert "1 damaged frames are left out, the first: frames/2.png" in reported.out + reported.err
 
 

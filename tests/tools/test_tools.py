@@ -120,4 +120,5 @@ def test_a_command_starts_without_what_few_need() -> None:
         "scipy.spatial",
         "scipy.special",
     }
-    assert "numpy" in done.stdout.split() and few & set(done.stdout.split()) == set()
+    assert "numpy" in done.stdout.split()
+    assert few & set(done.stdout.split()) == set()

@@ -78,7 +78,9 @@ def test_without_any_output_named() -> None:
         for frame in tracker.follow(recording):
             assert not later.add(None, frame)
         expected = [frame for _, frame in later.finish()]
-    assert not found.cut and found.header.smoothed and found.header.camera == ICVL
+    assert not found.cut
+    assert found.header.smoothed
+    assert found.header.camera == ICVL
     assert len(found.frames) == COUNT
     for one, other in zip(found.frames, expected):
         assert (one.number, [hand.id for hand in one.hands]) == (
@@ -102,14 +104,17 @@ def test_lines_for_another_program() -> None:
     """
     _, out, said = run_tool("track takes/take.npz --json - --csv takes/a.csv --joints mano")
     header, *frames = (json.loads(line) for line in out.splitlines())
-    assert header["format"] == "handpose" and header["source"] == "takes/take.npz"
+    assert header["format"] == "handpose"
+    assert header["source"] == "takes/take.npz"
     assert [frame["number"] for frame in frames] == list(range(COUNT))
     assert header["joint_format"]["name"] == "mano"
     assert len(frames[0]["hands"][0]["mano"]["positions_m"]) == 21
     assert "index1_x_m" in Path("takes/a.csv").read_text().splitlines()[0]
     assert not json_schema.faults(header, "header")
     assert not any(json_schema.faults(frame, "frame") for frame in frames)
-    assert said.startswith("takes/take.npz: ") and "frames/s" in said and "0 right" in said
+    assert said.startswith("takes/take.npz: ")
+    assert "frames/s" in said
+    assert "0 right" in said
     assert files() == []
 
 
@@ -238,9 +243,11 @@ def test_a_first_look(monkeypatch: pytest.MonkeyPatch) -> None:
         return predict(self, *args)
 
     assert "frame 0: right hand, " in run_tool("track takes/take.npz --look look.png").out
-    assert files() == ["look.png"] and cv2.imread("look.png").shape[1] > 2 * 512
+    assert files() == ["look.png"]
+    assert cv2.imread("look.png").shape[1] > 2 * 512
     done = run_tool("track takes/take.npz --look look.png --min-confidence 1")
-    assert "frame 0: right hand, " in done.out and "no joints below 100%" in done.out
+    assert "frame 0: right hand, " in done.out
+    assert "no joints below 100%" in done.out
     assert cv2.imread("look.png").shape[1] < 2 * 512
     monkeypatch.setattr(Predictor, "in_frame", doubtful)
     assert "frame 2: right hand, " in run_tool("track takes/take.npz --look look.png").out
@@ -258,8 +265,10 @@ def test_a_signal_leaves_whole_files(
     command = "track takes/take.npz --json a.json --csv a.csv"
     _, out, error = run_tool(command, status=status)
     found = read_track("a.json")
-    assert found.cut and [frame.number for frame in found.frames] == [0, 1, 2, 3]
-    assert files() == ["a.csv", "a.json"] and Path("a.csv").read_text().endswith("\n")
+    assert found.cut
+    assert [frame.number for frame in found.frames] == [0, 1, 2, 3]
+    assert files() == ["a.csv", "a.json"]
+    assert Path("a.csv").read_text().endswith("\n")
     assert error == "stopped after 4 frames\n"
     assert "4 frames of 0.2 s" in out
     assert "wrote a.json" in out
@@ -270,7 +279,8 @@ def test_a_frame_that_cannot_be_tracked(monkeypatch: pytest.MonkeyPatch) -> None
     stopped_at(monkeypatch, 3, Mock(side_effect=DataError("no depth")))
     done = run_tool("track takes/take.npz --json a.json", status=1)
     assert done.err == "takes/take.npz: frame 3: no depth\n"
-    assert read_track("a.json").cut and len(read_track("a.json").frames) == 3
+    assert read_track("a.json").cut
+    assert len(read_track("a.json").frames) == 3
 
 
 def test_a_source_that_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -313,4 +323,5 @@ def test_a_seed_repeats_a_run(monkeypatch: pytest.MonkeyPatch) -> None:
     for _ in range(2):
         run_tool("track takes/take.npz --seed 7 --json t.json")
         documents.append(json.loads(Path("t.json").read_text(encoding="utf-8")))
-    assert documents[0] == documents[1] and set(seeds) == {7}
+    assert documents[0] == documents[1]
+    assert set(seeds) == {7}

@@ -35,7 +35,8 @@ def test_unsuitable_outputs_are_rejected_before_tracking(argv: str, message: str
     before = contents()
     lines = run_tool(f"track {argv}", status=1).err.splitlines()
     (line,) = [line for line in lines if not line.startswith("warning")]
-    assert line.startswith(message) and contents() == before
+    assert line.startswith(message)
+    assert contents() == before
 
 
 def test_the_default_names_do_not_replace_frames(
@@ -73,7 +74,8 @@ def test_a_hand_in_another_unit() -> None:
     assert "--unit 0.2 0.45 m away and 90 mm wide" in done.err
     assert "not plausible for a hand" in done.err
     (line,) = [line for line in done.out.splitlines() if line.startswith("no hand was found")]
-    assert "the unit, 1 mm, may be wrong" in line and "--unit 0.2 0.45 m away" in line
+    assert "the unit, 1 mm, may be wrong" in line
+    assert "--unit 0.2 0.45 m away" in line
     (*_, last) = run_tool(f"{command} --look a.png", status=1).err.splitlines()
     assert (
         "no hand in the first 2 frames; a.png shows the first one; the unit, 1 mm, may be wrong"

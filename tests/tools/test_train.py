@@ -46,7 +46,8 @@ def test_log(work):
     """
     done = train("--log train.log")
     log = (work / "train.log").read_text()
-    assert log == done.err and "made from synthetic" in log
+    assert log == done.err
+    assert "made from synthetic" in log
     assert re.search(STAMP + r"Network initialization done: \d+ parameters, seed 1\n", log)
     for line in (
         r"Iteration 4 \([-+\d.e]+ iter/s, ",
@@ -101,7 +102,8 @@ def test_resume(work):
     first = (work / "train.log").read_text()
     train("--snapshot snapshots/net_iter_3.solverstate --log train.log")
     both = (work / "train.log").read_text()
-    assert both.startswith(first) and both.count("Optimization Done.") == 2
+    assert both.startswith(first)
+    assert both.count("Optimization Done.") == 2
     resumed = weights("snapshots/net_iter_6.caffemodel")
     train("--log train.log")
     assert (work / "train.log").read_text().count("Optimization Done.") == 1
@@ -123,7 +125,7 @@ def test_seed_and_threads(work):
     ("number", "status", "last"),
     [(signal.SIGINT, 130, 1), (signal.SIGTERM, 143, 1), (signal.SIGHUP, 0, 2)],
 )
-def test_signals(work, signal_at_start, monkeypatch, number, status, last):
+def test_signals(work, signal_at_start, number, status, last):
     """Ctrl-C and SIGTERM finish the iteration, write a snapshot, and determine the exit status;
     SIGHUP goes on.
 
@@ -132,10 +134,8 @@ def test_signals(work, signal_at_start, monkeypatch, number, status, last):
     handlers = [signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
     with open("solver.prototxt", "a") as file:
         file.write("test_initialization: false")
-    original = training.requests_by_signal
     signal_at_start(number)
     lines = train("--max-iter 2", status=status).err.splitlines()
-    monkeypatch.setattr(training, "requests_by_signal", original)
     assert handlers == [
         signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     ]
@@ -217,7 +217,8 @@ def test_a_training_that_does_not_begin_leaves_an_older_log_alone(work):
     Path("solver.prototxt").unlink()
     for log in ("old.log", "new/new.log"):
         mistake(f"--log {log}")
-    assert Path("old.log").read_text() == "old" and not Path("new").exists()
+    assert Path("old.log").read_text() == "old"
+    assert not Path("new").exists()
 
 
 def test_a_full_disk_leaves_only_whole_lines_in_the_log(tmp_path, monkeypatch, capsys):
@@ -236,5 +237,6 @@ def test_a_full_disk_leaves_only_whole_lines_in_the_log(tmp_path, monkeypatch, c
         monkeypatch.setattr(stream, "write", cut)
         log.info("cut")
         log.info("on stderr only")
-    assert path.read_bytes() == whole and whole.endswith(b"whole\n")
+    assert path.read_bytes() == whole
+    assert whole.endswith(b"whole\n")
     assert capsys.readouterr().err.count("cannot continue the log: No space left on device") == 1

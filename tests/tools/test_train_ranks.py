@@ -108,7 +108,8 @@ def test_a_signal_to_mpiexec(small):
         "--max-iter",
         stopped + 1,
     )
-    assert again.returncode == 0 and "averaged loss; the resume is exact" in again.stderr
+    assert again.returncode == 0
+    assert "averaged loss; the resume is exact" in again.stderr
 
 
 def test_one_process_of_a_training_is_stopped(small):

@@ -32,31 +32,27 @@ def guarded(run: Callable[[argparse.Namespace], int], args: argparse.Namespace) 
     except NetlibError as error:
         print(_with_advice(error), file=sys.stderr)
     except UnicodeEncodeError as error:
-        print(
+        notify(
             f"cannot print or write {error.object[error.start : error.end]!r} in the encoding {error.encoding}; "
-            "set PYTHONUTF8=1",
-            file=sys.stderr,
+            "set PYTHONUTF8=1"
         )
     except ImportError as error:  # also of a library for which memory or descriptors do not suffice
-        say(f"cannot load {error.name or 'a package'}: {reason_of(error)}", file=sys.stderr)
+        notify(f"cannot load {error.name or 'a package'}: {reason_of(error)}")
     except BrokenPipeError:  # the reader of the output has ended, like ``head``
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except OSError as error:
         if error.errno == errno.ENOENT and not error.filename:  # os.getcwd names no file
-            say("the working directory was deleted; change to another one", file=sys.stderr)
+            notify("the working directory was deleted; change to another one")
         else:
-            say(f"{error.filename or 'standard output'}: {reason_of(error)}", file=sys.stderr)
+            notify(f"{error.filename or 'standard output'}: {reason_of(error)}")
     except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
+        notify("interrupted")
         return 130
     except Exception as error:
         if memory.is_lacking(error):
-            print("not enough memory; use a smaller batch_size", file=sys.stderr)
+            notify("not enough memory; use a smaller batch_size")
         elif isinstance(error, RuntimeError) and "start new thread" in str(error):
-            print(
-                "cannot start a thread: too many, or not enough memory; use fewer --threads",
-                file=sys.stderr,
-            )
+            notify("cannot start a thread: too many, or not enough memory; use fewer --threads")
         else:
             raise
     return FAILED
@@ -79,6 +75,11 @@ def say(*words: object, sep: str = " ", file: TextIO | None = None) -> None:
     print(*map(printable, words), sep=sep, file=file)
 
 
+def notify(*words: object) -> None:
+    """Print a line that is no result, such as a warning, on standard error."""
+    say(*words, file=sys.stderr)
+
+
 def aligned(rows: Sequence[Sequence[str]]) -> str:
     """Format rows of cells as a table with the first column left-aligned and the others
     right-aligned.
@@ -97,10 +98,6 @@ def duration(seconds: float) -> str:
     """Format seconds: ``75`` → ``1 min 15 s``."""
     minutes, rest = divmod(round(max(seconds, 0.0)), 60)
     hours, minutes = divmod(minutes, 60)
-    return (
-        f"{hours} h {minutes:02d} min"
-        if hours
-        else f"{minutes} min {rest:02d} s"
-        if minutes
-        else f"{rest} s"
-    )
+    if hours:
+        return f"{hours} h {minutes:02d} min"
+    return f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"

@@ -4,7 +4,6 @@ and pass, bytes per blob.
 
 from __future__ import annotations
 
-import sys
 import time
 from collections import defaultdict
 from collections.abc import Callable
@@ -15,7 +14,7 @@ from netlib.engine import Connection
 from netlib.net import Net
 from netlib.snapshots import snapshot
 from netlib.training import report
-from tools.common.console import say
+from tools.common.console import notify
 
 
 @np.errstate(all="ignore")  # as in a pass of the net
@@ -73,9 +72,8 @@ def warn_of_another_net(weights: str, net: Net) -> None:
     """
     name = snapshot.net_name(weights)
     if name and net.name and name != net.name:
-        say(
-            f"warning: {weights}: the weights are of the net {name!r}, {net.source} is {net.name!r}",
-            file=sys.stderr,
+        notify(
+            f"warning: {weights}: the weights are of the net {name!r}, {net.source} is {net.name!r}"
         )
 
 

@@ -22,7 +22,6 @@ from netlib.proto import prototxt, schema
 from netlib.proto.messages import LayerParameter, NetParameter, NetState
 from netlib.proto.net_parameter import load_parameter, select_layers
 from netlib.proto.options import layer_types
-from netlib.proto.prototxt import Field, Message, Scalar
 from tools.common.commands import command
 from tools.common.deploy_inputs import DeployInput, Shape
 
@@ -75,13 +74,8 @@ def refuse_training_net(model: str) -> None:
         where = schema.position_of(spec, "type")
         raise NetlibError(
             f"{where}: this is a training net: layer {spec.name!r} of type {spec.type} reads the data; "
-            f"expected a deploy net; {advice(model)} writes it"
+            f"expected a deploy net; {deploy_command(model)} writes it"
         )
-
-
-def is_training_net(model: str) -> bool:
-    """Whether the net reads its data in phase TEST."""
-    return bool(_readers(model))
 
 
 def _readers(model: str) -> list[LayerParameter]:
@@ -97,8 +91,12 @@ def _readers(model: str) -> list[LayerParameter]:
     return found or [spec for spec in param.layer if _reads_data(spec)]
 
 
-def advice(model: str) -> str:
-    """The command that writes the deploy net of a training net."""
+def deploy_command(model: str) -> str:
+    """The command that writes the deploy net of a training net; empty for a net that does not read
+    its data in phase TEST.
+    """
+    if not _readers(model):
+        return ""
     return f"{command('deploy')} {shlex.quote(str(model))} deploy.prototxt"
 
 
@@ -420,30 +418,15 @@ def _for_deployment(spec: LayerParameter) -> LayerParameter:
     those of the batch.
     """
     blocks = dict(spec.blocks)
-    if spec.type == "BatchNorm" and "batch_norm_param" in blocks:
-        blocks["batch_norm_param"] = _without(
-            blocks["batch_norm_param"], "use_global_stats", "false"
-        )
-    bn = blocks.get("bn_param")
-    if spec.type == "BN" and bn is not None and bn.text("bn_mode") == "LEARN":
-        [mode] = prototxt.parse("bn_mode: INFERENCE").fields
-        others = _without(bn, "bn_mode", "LEARN").fields
-        blocks["bn_param"] = Message([*others, mode], mode.position)
+    options = blocks.get("batch_norm_param")
+    if options is not None and options.text("use_global_stats") == "false":
+        blocks["batch_norm_param"] = options.without("use_global_stats")
+    options = blocks.get("bn_param")
+    if options is not None and options.text("bn_mode") == "LEARN":
+        options = options.without("bn_mode")
+        options.fields.extend(prototxt.parse("bn_mode: INFERENCE").fields)
+        blocks["bn_param"] = options
     rules = {"include": (), "exclude": (), "phase": None, "loss_weight": (), "propagate_down": ()}
     made = dataclasses.replace(spec, blocks=blocks, **rules)  # type: ignore[arg-type]
-    return schema.placed(made, _tree_without(schema.tree_of(spec), set(rules)))
-
-
-def _tree_without(tree: Message | None, names: set[str]) -> Message | None:
-    return tree and Message([item for item in tree.fields if item.name not in names], tree.position)
-
-
-def _without(options: Message, name: str, value: str) -> Message:
-    """Options without a field of this value."""
-
-    def is_unwanted(item: Field) -> bool:
-        found = item.value
-        return item.name == name and isinstance(found, Scalar) and found.text == value
-
-    kept = [item for item in options.fields if not is_unwanted(item)]
-    return Message(kept, options.position)
+    tree = schema.tree_of(spec)
+    return schema.placed(made, tree and tree.without(*rules))

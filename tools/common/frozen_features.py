@@ -210,7 +210,7 @@ def _computed(net: Net, paths: Sequence[str], how: Preprocessing, names: set[str
             f"the features of {len(paths)} pictures would take {memory.format_bytes(size)}"
         )
     parts: dict[str, list[NDArray[Any]]] = {name: [] for name in names}
-    for _, _, arrays in passes(net, paths, how, sorted(names), batch):
+    for _, _, arrays in passes(net, paths, how, sorted(names)):
         for name, found in parts.items():
             found.append(arrays[name].copy())
     return {name: np.concatenate(found) for name, found in parts.items()}

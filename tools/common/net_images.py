@@ -78,7 +78,9 @@ class Preprocessing:
         """Convert xmin, ymin, xmax, ymax in units of the input's width and height to px of an
         image of (H, W, C).
         """
-        image, resized, size = np.array(shape[1::-1]), np.array(self.resize), np.array(self.size)
+        image = np.array(shape[1::-1])
+        resized = np.array(self.resize)
+        size = np.array(self.size)
         scale = resized / image
         if self.crop:
             scale = np.full(2, scale.max())
@@ -112,15 +114,41 @@ def add_value_options(group: argparse._ArgumentGroup, scale: float | None) -> No
     )
 
 
+def preprocessing_of(
+    net: Net,
+    args: argparse.Namespace,
+    size: Size | None = None,
+    resize: Size | None = None,
+    crop: bool = False,
+) -> Preprocessing:
+    """How images become the input of a net, by the parsed options of ``add_value_options``.
+
+    By default, the input has the size of the prototxt, and images are resized to that of
+    the mean image, or without one to the input's. Raises NetlibError.
+    """
+    _, (_, channels, height, width) = image_input(net)
+    mean = mean_of(args.mean, args.mean_file, channels)
+    size = size or (width, height)
+    has_mean_image = mean.shape[1:] != (1, 1)
+    size_of_mean = (mean.shape[2], mean.shape[1])
+    resize = resize or (size_of_mean if has_mean_image else size)
+    return Preprocessing(size, resize, crop, args.rgb, mean, args.scale)
+
+
 def passes(
-    net: Net, paths: Sequence[str], preprocessing: Preprocessing, blobs: Sequence[str], batch: int
+    net: Net,
+    paths: Sequence[str],
+    preprocessing: Preprocessing,
+    blobs: Sequence[str],
+    batch: int | None = None,
 ) -> Iterator[tuple[Sequence[str], list[Array], Mapping[str, Array]]]:
-    """Run the net on images, ``batch`` at a time: yields their paths, the images and
-    the named blobs.
+    """Run the net on images, ``batch`` at a time, by default as many as the prototxt has: yields
+    their paths, the images and the named blobs.
 
     Raises NetlibError.
     """
-    name, (_, channels, *_) = image_input(net)
+    name, (of_net, channels, *_) = image_input(net)
+    batch = batch or of_net
     for begin in range(0, len(paths), batch):
         some = paths[begin : begin + batch]
         images = [read_image(Path(path), channels != 1) for path in some]

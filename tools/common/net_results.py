@@ -96,7 +96,7 @@ class Results:
             for confidence, name, _, box in self.boxes(values, shown, preprocessing, shape):
                 yield f"  {confidence:.4f}  {name}  {' '.join(f'{side:.0f}' for side in box)}"
         elif self.are_classes(values):
-            self._check_labels(values.size)
+            self.check_labels(values.size)
             yield self.blob
             for number in _best(values.ravel(), shown):
                 yield f"  {values.flat[number]:.4f}  {self._name(number)}"
@@ -119,7 +119,7 @@ class Results:
 
         Raises NetlibError.
         """
-        self._check_labels(self.classes)
+        self.check_labels(self.classes)
         rows = values[values[:, 1] >= 0]
         for row in rows[_best(rows[:, 2], shown)]:
             yield (
@@ -137,9 +137,8 @@ class Results:
         Raises NetlibError.
         """
         height, width = image.shape[:2]
-        picture = np.repeat(
-            image.reshape(height, width, -1), 3 * height * width // image.size, axis=2
-        )
+        channels = image.size // (height * width)
+        picture = np.repeat(image.reshape(height, width, channels), 3 // channels, axis=2)
         unit = max(height, width) / 600
         line = max(1, round(2 * unit))
         scale = max(0.4, 0.6 * unit)
@@ -154,7 +153,8 @@ class Results:
             cv2.rectangle(picture, (left, top), (right, bottom), colour, line)
             text = f"{name} {confidence:.0%}"
             (w, h), below = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, scale, line)
-            x, y = min(max(left, 0), max(width - w, 0)), max(top, h + 2 * below)
+            x = min(max(left, 0), max(width - w, 0))
+            y = max(top, h + 2 * below)
             cv2.rectangle(picture, (x, y - h - 2 * below), (x + w, y), colour, cv2.FILLED)
             cv2.putText(
                 picture,
@@ -167,7 +167,8 @@ class Results:
             )
         return picture
 
-    def _check_labels(self, classes: int) -> None:
+    def check_labels(self, classes: int) -> None:
+        """Raise NetlibError if there are labels, and not one for each class."""
         if self.labels is not None and len(self.labels) != classes:
             background = ", the background included" if self.classes else ""
             raise NetlibError(

@@ -10,7 +10,7 @@ from netlib.errors import NetlibError, did_you_mean
 from netlib.net import Net
 from netlib.proto import prototxt, schema
 from netlib.proto.messages import LayerParameter, NetParameter, ParamSpec
-from netlib.proto.prototxt import Field, Message
+from netlib.proto.prototxt import Message
 
 # types of the last layer
 HEADS = {"InnerProduct": "inner_product_param", "Convolution": "convolution_param"}
@@ -98,20 +98,20 @@ class NewClasses:
             self._net.param, layer=(*reader, *body, *schema.read(loss, NetParameter).layer)
         )
 
-    def frozen(self, last: str | None) -> list[str]:
-        """The layers with parameters before the new one, up to the ``last`` if given.
+    def frozen(self, last: str) -> list[str]:
+        """The layers with parameters before the new one: ``all``, ``none``, or those up to a layer.
 
         Raises NetlibError.
         """
         layers = self._net.layers[: self._at]
-        names = [layer.name for layer in layers]
-        if last is not None and last not in names:
+        ends = {layer.name: number for number, layer in enumerate(layers, 1)}
+        meant = did_you_mean(last, ends)
+        ends |= {"none": 0, "all": len(layers)}
+        if last not in ends:
             raise NetlibError(
-                f"{self._net.source}: there is no layer {last!r} before {self.head!r}"
-                f"{did_you_mean(last, names)}"
+                f"{self._net.source}: there is no layer {last!r} before {self.head!r}{meant}"
             )
-        end = len(names) if last is None else names.index(last) + 1
-        return [layer.name for layer in layers[:end] if layer.blobs]
+        return [layer.name for layer in layers[: ends[last]] if layer.blobs]
 
     def _renewed(self, spec: LayerParameter) -> LayerParameter:
         """The layer; in the place of the head the new one."""
@@ -154,5 +154,4 @@ def _with_statistics(spec: LayerParameter) -> LayerParameter:
 
 def _with(options: Message, name: str, new: Message) -> Message:
     """Options with another value of a field."""
-    kept: list[Field] = [item for item in options.fields if item.name != name]
-    return Message([*new.fields, *kept], options.position)
+    return Message([*new.fields, *options.without(name).fields], options.position)

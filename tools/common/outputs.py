@@ -33,9 +33,10 @@ def refuse_inputs(
         raise NetlibError(f"{out}: {why}; expected another output")
 
 
-def check_place(out: Path, inputs: Iterable[str | Path | None] = ()) -> None:
+def check_place(out: str | Path, inputs: Iterable[str | Path | None] = ()) -> None:
     """Raise NetlibError or OSError if a file cannot be written there or would replace an input."""
     refuse_inputs(out, inputs)
+    out = Path(out)
     if not out.parent.is_dir():
         raise NetlibError(f"{out}: folder {out.parent} does not exist")
     with atomic.error_names(out), atomic.temporary(out):

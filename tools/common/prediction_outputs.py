@@ -293,10 +293,8 @@ def draw_first(seen: Inspection, predictor: Predictor, picture: str) -> int:
         draw(Path(picture), found, predictor)
         say(f"frame {frame.number}: {in_words(found, predictor)}; figure {picture}")
         return DONE
-    first, header = (
-        seen.frames[0],
-        TrackHeader(seen.recording.name, seen.recording.camera, predictor.skeleton),
-    )
+    first = seen.frames[0]
+    header = TrackHeader(seen.recording.name, seen.recording.camera, predictor.skeleton)
     outputs.write_image(
         picture, Painter(header).seen(first.depth, TrackedFrame(first.number, first.time, ()))
     )

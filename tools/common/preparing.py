@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ from handpose.datasets.published_frames import Flaw, PreparedSplit, PublishedFra
 from handpose.frames.images import BadFrameError
 from netlib import engine
 from tools.common.arguments import parser_of, workers
-from tools.common.console import DONE, FAILED, duration, say
+from tools.common.console import DONE, FAILED, duration, guarded, notify, say
 from tools.common.progress import fill_folder
 
 MAX_SHOWN = 10  # bad frames of a split that are printed; all are in the file bad_SPLIT.txt
@@ -32,6 +31,11 @@ class Importer:
     check: Callable[[Path, str], tuple[list[str], list[Flaw]]]
     # reads a split, optionally with a file of centres
     read: Callable[[Path, str, Path | None], PublishedFrames]
+
+
+def main(argv: list[str] | None, doc: str | None, importer: Importer) -> int:
+    """Run the command of an importer; returns the exit status."""
+    return guarded(lambda args: run(args, importer), arguments(argv, doc, importer))
 
 
 def arguments(argv: list[str] | None, doc: str | None, importer: Importer) -> argparse.Namespace:
@@ -86,7 +90,7 @@ def run(args: argparse.Namespace, importer: Importer) -> int:
         for line in found if args.check else ():
             say(line)
     for problem in problems:
-        say(f"{'' if problem.fatal or args.check else 'warning: '}{problem.text}", file=sys.stderr)
+        notify(f"{'' if problem.fatal or args.check else 'warning: '}{problem.text}")
     if args.check:
         if not problems:
             say(f"{args.root}: complete")
@@ -133,12 +137,9 @@ def _write(split: PreparedSplit, args: argparse.Namespace, advance: Callable[[in
             raise error
         count += 1
         if count <= MAX_SHOWN:
-            say(f"{split.frames.split} frame {i}: {error}", file=sys.stderr)
+            notify(f"{split.frames.split} frame {i}: {error}")
 
     split.write(args.workers, advance, on_bad)
     if count > MAX_SHOWN:
-        say(
-            f"{split.frames.split}: {count - MAX_SHOWN} more bad frames, see {split.bad}",
-            file=sys.stderr,
-        )
+        notify(f"{split.frames.split}: {count - MAX_SHOWN} more bad frames, see {split.bad}")
     split.write_list()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import signal
 import sys
 import threading
-import time
 from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
@@ -13,9 +12,7 @@ from typing import Any, TextIO
 
 from netlib import files
 from netlib.errors import NetlibError, printable, reason_of
-from tools.common.console import DONE, say
-
-PAUSE_S, TERMINAL_PAUSE_S = 10.0, 0.2  # least time between two states of a StatusLine
+from tools.common.console import DONE, notify
 
 
 class ProgressBar:
@@ -54,11 +51,6 @@ class ProgressBar:
             self._bar.close()
             self._bar = None
 
-    @property
-    def is_shown(self) -> bool:
-        """Whether a bar is visible."""
-        return self._bar is not None
-
     def __call__(self, count: int) -> None:
         """Advance by ``count`` items."""
         if self._bar is not None:
@@ -75,47 +67,11 @@ class ProgressBar:
             self._bar.set_postfix_str(text, refresh=False)
 
     def print(self, line: str, stream: TextIO) -> None:
-        """Print a line above the bar, which is visible."""
-        self._bar.write(line, file=stream)
-
-
-class StatusLine:
-    """One line on stderr that tells how far a run is: rewritten on a terminal; elsewhere a new line
-    every ten seconds, and the last one.
-    """
-
-    def __init__(self) -> None:
-        self._is_terminal = sys.stderr is not None and sys.stderr.isatty()
-        self._pause = TERMINAL_PAUSE_S if self._is_terminal else PAUSE_S
-        self._text = ""
-        self._shown = ""
-        self._next = 0.0
-
-    def __enter__(self) -> StatusLine:
-        self._next = time.monotonic() + self._pause
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._show()
-        if self._is_terminal and self._shown:
-            say(file=sys.stderr)
-
-    def __call__(self, text: str) -> None:
-        """Set the text; it is shown unless the last one was shown just before."""
-        self._text = text
-        if time.monotonic() >= self._next:
-            self._show()
-
-    def _show(self) -> None:
-        self._next = time.monotonic() + self._pause
-        if self._text == self._shown:
-            return
-        if self._is_terminal:
-            rest = " " * (len(self._shown) - len(self._text))
-            print(f"\r{self._text}{rest}", end="", file=sys.stderr, flush=True)
+        """Print a line, above the bar if that is visible."""
+        if self._bar is None:
+            print(line, file=stream, flush=True)
         else:
-            say(self._text, file=sys.stderr)
-        self._shown = self._text
+            self._bar.write(line, file=stream)
 
 
 class StoppedError(Exception):
@@ -175,7 +131,7 @@ def fill_folder(folder: Path, total: int, fill: Callable[[Callable[[int], None]]
 
                 fill(advance)
     except StoppedError:
-        say("stopped; whole files are kept, and the next run continues after them", file=sys.stderr)
+        notify("stopped; whole files are kept, and the next run continues after them")
         return 128 + stopper.signum
     except OSError as error:
         raise NetlibError(f"{folder}: {reason_of(error)}") from None

@@ -5,7 +5,6 @@ its first frames.
 from __future__ import annotations
 
 import argparse
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TextIO
@@ -29,7 +28,7 @@ from handpose.frames.time_units import TIME_UNITS
 from netlib.errors import DataError
 from netlib.files.paths import exists
 from tools.common.arguments import expected, numbers, real
-from tools.common.console import say
+from tools.common.console import notify, say
 
 # confidence of a fit that confirms the depth unit: a wrong unit changes the size of the hand
 CONFIRMS_UNIT = 0.95
@@ -222,7 +221,7 @@ def print_inspection(found: Inspection, file: TextIO | None = None) -> None:
     for remark in found.remarks:
         say(f"  {remark}", file=file)
     for warning in found.warnings:
-        say(f"warning: {recording.name}: {warning}", file=sys.stderr)
+        notify(f"warning: {recording.name}: {warning}")
 
 
 def print_warnings(
@@ -241,11 +240,11 @@ def print_warnings(
         *found.of_camera,
         *(found.of_depths if not confidence >= CONFIRMS_UNIT else ()),
     ):
-        say(f"warning: {name}: {warning}", file=sys.stderr)
+        notify(f"warning: {name}: {warning}")
 
 
 def print_new_remarks(seen: Inspection) -> None:
     """Print remarks about a recording that came up after the report on its first frames."""
     for line in (*seen.recording.remarks, seen.recording.cut):
         if line and line not in seen.remarks:
-            say(f"warning: {line}", file=sys.stderr)
+            notify(f"warning: {line}")

@@ -35,7 +35,7 @@ from netlib.files import atomic, reading
 from netlib.files.paths import real
 from tools.common import arguments, outputs
 from tools.common.arguments import name_in
-from tools.common.console import say
+from tools.common.console import notify, say
 from tools.common.sources import add_joints_option
 
 FILES = ("json", "csv")
@@ -180,7 +180,7 @@ class Outputs:
     def __enter__(self) -> Outputs:
         # created later, but checked now
         for name in filter(None, (self._args.video, self._args.sheet)):
-            outputs.check_place(Path(name))
+            outputs.check_place(name)
         possible = (*self._writers, self._video, self._live)
         named = [output for output in possible if output is not None]
         with contextlib.ExitStack() as stack:
@@ -272,7 +272,7 @@ class LiveOutput:
         say(f"page: {self._server.page_url}", file=file)
         say(f"for programs: {self._server.lines_url}", file=file)
         if self._server.is_public:
-            say("warning: other machines can watch, if they have these addresses", file=sys.stderr)
+            notify("warning: other machines can watch, if they have these addresses")
         if not recording.live:
             say("waiting for the first connection; Ctrl-C stops", file=file)
         # not file.flush(): it is None if a shell closed standard output

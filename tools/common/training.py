@@ -29,7 +29,7 @@ from netlib.training import solver_parameter
 from netlib.training.report import CaffeFormatter
 from tools.common import outputs
 from tools.common.commands import command
-from tools.common.console import DONE, say
+from tools.common.console import DONE, notify
 from tools.common.progress import ProgressBar
 from tools.common.ranks import ended_together, threads_of
 
@@ -44,15 +44,19 @@ class BarHandler(logging.StreamHandler):  # type: ignore[type-arg]  # not a gene
     file  the log file, if any, which receives the same lines
     """
 
-    bar: ProgressBar | None = None
+    bar = ProgressBar(0)
     file: LogFile | None = None
 
     def emit(self, record: logging.LogRecord) -> None:
         """Write one record."""
-        if self.bar is None or not self.bar.is_shown:
-            super().emit(record)
-        else:
-            self.bar.print(self.format(record), self.stream)
+        try:
+            self.print(self.format(record))
+        except Exception:
+            self.handleError(record)
+
+    def print(self, line: str) -> None:
+        """Write a line, above the progress bar if there is one."""
+        self.bar.print(line, self.stream)
 
     def handleError(self, record: logging.LogRecord) -> None:
         """Ignore that standard error cannot be written: the error could only be reported there."""
@@ -122,7 +126,7 @@ class LogFile(logging.FileHandler):
                 os.ftruncate(descriptor, self._size)
                 os.close(descriptor)
             self._size = None
-        say(f"{self.baseFilename}: cannot continue the log: {reason_of(error)}", file=sys.stderr)
+        notify(f"{self.baseFilename}: cannot continue the log: {reason_of(error)}")
 
     def close(self) -> None:
         """Close the file; buffered data that cannot be written is lost."""
@@ -183,7 +187,7 @@ def say_how_to_continue(solver: Solver, options: Mapping[str, object]) -> None:
         if value is not None:
             words += [option, value]
     how = f"continue with {solver.ranks.count} ranks" if solver.ranks.count > 1 else "continue"
-    say(f"{how}: {command('train')} {shlex.join(map(str, words))}", file=sys.stderr)
+    notify(f"{how}: {command('train')} {shlex.join(map(str, words))}")
 
 
 @contextlib.contextmanager
@@ -256,13 +260,11 @@ def solve(
     snapshot: str | Path | None = None,
     on_sigint: Effect = "stop",
     on_sighup: Effect = "snapshot",
-    shows_bar: bool = True,
 ) -> int:
     """Train to the end, or until a signal; returns the exit status: 0, or 128 + signal.
     Raises NetlibError.
     """
-    bar = _progress(solver, console) if shows_bar else contextlib.nullcontext()
-    with requests_by_signal(solver, on_sigint, on_sighup) as stopped, bar:
+    with requests_by_signal(solver, on_sigint, on_sighup) as stopped, _progress(solver, console):
         finished = solver.solve(snapshot)
     if stopped and not finished:
         return 128 + stopped[0]
@@ -351,12 +353,10 @@ def _progress(solver: Solver, console: BarHandler) -> Iterator[None]:
 
         def begin() -> None:  # the first iteration is known only now
             console.bar = bars.enter_context(ProgressBar(total, "iter", done=solver.iter))
-            bars.callback(setattr, console, "bar", None)
 
         def update() -> None:
-            if console.bar and console.bar.is_shown:
-                console.bar.note(f"loss {solver.loss:.4g}")
-                console.bar.reach(solver.iter)
+            console.bar.note(f"loss {solver.loss:.4g}")
+            console.bar.reach(solver.iter)
 
         solver.on_step.append(begin)
         solver.on_update.append(update)

@@ -193,10 +193,9 @@ def hinge() -> Any:
     x = np.linspace(-2, 2, 201)
     beyond = np.maximum(x - 1, 0) - np.maximum(-1 - x, 0)
     loss_axes, slope_axes = figure.subplots(1, 2)
-    for axes, title, linear, squared in (
-        (loss_axes, "the loss of one angle", np.abs(beyond), beyond**2),
-        (slope_axes, "its slope", np.sign(beyond), 2 * beyond),
-    ):
+    loss = (loss_axes, "the loss of one angle", np.abs(beyond), beyond**2)
+    slope = (slope_axes, "its slope", np.sign(beyond), 2 * beyond)
+    for axes, title, linear, squared in (loss, slope):
         axes.axvspan(-1, 1, color="0.93")
         axes.plot(x, linear, color=FIRST, label="L1: linear, the paper's Eq. 2")
         axes.plot(x, squared, color=SECOND, ls="--", label="L2: squared, as released")

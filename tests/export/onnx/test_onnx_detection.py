@@ -80,7 +80,9 @@ def test_confidences_that_differ_by_rounding(files, monkeypatch):
     net.params["b"][0].data[...] = 0.5 + order[::-1]
     assert abs(net.forward()["d"] - rows).max() > 0.01
     found, _ = differences(image, net, (1, 3))
-    assert found.keys() >= {"d", "c"} and found["c"].found <= 1e-4 and found["d"].found <= 1e-5
+    assert found.keys() >= {"d", "c"}
+    assert found["c"].found <= 1e-4
+    assert found["d"].found <= 1e-5
     other = nearly_equal(files, 0)
     other.params["b"][0].data[...] = net.params["b"][0].data
     assert differences(image, other, (1, 3))[0]["d"].found > 0.01
@@ -160,4 +162,5 @@ def test_a_whole_detector(here):
 def test_refusals(options, more, message, files):
     with pytest.raises(LayerError, match=message) as raised:
         onnx_image(detector(files, options, more=more))
-    assert str(raised.value).startswith("net.prototxt:") and Path("net.prototxt").exists()
+    assert str(raised.value).startswith("net.prototxt:")
+    assert Path("net.prototxt").exists()

@@ -117,7 +117,8 @@ def test_databases_after_many_changes_are_read(tmp_path: Path, seed: int) -> Non
     assert list(walked(tmp_path / "b")) == sorted(kept.items())
     cursor = Cursor(Database(path))
     for key in rng.sample(sorted(kept), min(len(kept), 50)):
-        assert cursor.set_key(key) and (cursor.key, cursor.value()) == (key, kept[key])
+        assert cursor.set_key(key)
+        assert (cursor.key, cursor.value()) == (key, kept[key])
         assert not cursor.set_key(key + b"\0")
         assert not cursor.set_key(key[:-1] + b"\xff")
         assert cursor.key == key
@@ -426,7 +427,8 @@ def test_a_database_that_is_cut_under_way(tmp_path: Path) -> None:
     }
     for message, change in changes.items():
         cursor = Cursor(Database(path))
-        assert cursor.first() and cursor.next()
+        assert cursor.first()
+        assert cursor.next()
         size = path.stat().st_size
         content = path.read_bytes()
         change()

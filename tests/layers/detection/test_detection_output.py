@@ -27,7 +27,8 @@ def bottoms(boxes, scores):
 
 def rows(run, options, *arrays, **more):
     y = run(options, *arrays, **more).y
-    assert y.shape[:2] == (1, 1) and y.shape[3] == 7
+    assert y.shape[:2] == (1, 1)
+    assert y.shape[3] == 7
     return y[0, 0]
 
 

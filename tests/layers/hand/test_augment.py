@@ -58,7 +58,8 @@ def test_joints_stay_on_the_picture(net_of: NetOf, options: str) -> None:
         for x_, y_, z in joints:
             column, row = MIDDLE + 64 * x_, MIDDLE - 64 * y_
             rows, columns = np.nonzero(np.abs(y[n, 0] - z) < 1e-5)
-            assert abs(columns.mean() - column) < 0.6 and abs(rows.mean() - row) < 0.6
+            assert abs(columns.mean() - column) < 0.6
+            assert abs(rows.mean() - row) < 0.6
 
 
 def test_sizes_of_the_changes(net_of: NetOf) -> None:
@@ -97,7 +98,8 @@ def test_background_stays_and_depth_is_cut(net_of: NetOf) -> None:
     y, moved = augmented(net_of(LAYER % ("y", "moved", "depth: 1.2")), depth, joint)
     assert (y[depth == 1] == 1).all()
     for array in (y, moved):
-        assert array.min() >= -1 and array.max() <= 1
+        assert array.min() >= -1
+        assert array.max() <= 1
 
 
 @pytest.mark.parametrize(("options", "phase"), [("", netlib.TRAIN), (ALL, netlib.TEST)])

@@ -73,7 +73,8 @@ def test_slides_can_be_freed(skeleton, arm_text):
     assert table.fixed.tolist() == [False, True, True, False]
     assert table.slides.tolist() == [True, True, False, False]
     assert freed.fixed.tolist() == [False, False, True, False]
-    assert np.array_equal(freed.initial, table.initial) and np.array_equal(freed.bones, table.bones)
+    assert np.array_equal(freed.initial, table.initial)
+    assert np.array_equal(freed.bones, table.bones)
 
 
 @bad_inputs(

@@ -74,7 +74,8 @@ def test_any_window_gives_what_plain_loops_give(size, kernel, stride, pad, ceil,
 def compare(options, x, y, share):
     """Compare value and gradient of a layer with the definition."""
     done = Run(options, [x])
-    assert done.y.shape == y.shape and np.allclose(done.y, y)
+    assert done.y.shape == y.shape
+    assert np.allclose(done.y, y)
     dy = np.random.default_rng(1).normal(size=y.shape)
     done.bottom[0].diff[...] = np.nan
     assert np.allclose(done.backward(dy)[0], np.einsum("ncpq,ncpqhw->nchw", dy, share))

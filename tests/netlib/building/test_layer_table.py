@@ -31,7 +31,8 @@ def test_a_net_imports_the_layers_that_it_has(tmp_path: Path) -> None:
 def test_a_table_is_a_mapping() -> None:
     table = LayerTable({"B": RELU, "A": "data.input.Input"})
     assert (list(table), len(table), "B" in table, "C" in table) == (["B", "A"], 2, True, False)
-    assert table["B"] is table["B"] and table["B"].__name__ == "ReLU"
+    assert table["B"] is table["B"]
+    assert table["B"].__name__ == "ReLU"
     with pytest.raises(KeyError):
         table["C"]
 

@@ -346,7 +346,8 @@ def test_a_layer_with_its_own_init(squares: None) -> None:
     """
     net = net_with(python("Counting", more='param_str: "3"'))
     net.forward(x=np.ones(3))
-    assert net.layer_dict["own"].passes == 4 and (net.blobs["y"].data == 3).all()
+    assert net.layer_dict["own"].passes == 4
+    assert (net.blobs["y"].data == 3).all()
     with pytest.raises(netlib.LayerError, match=r"layer 'own': __init__ failed: KeyError: 'own'"):
         net_with(python("Unprepared"))
 

@@ -267,9 +267,12 @@ def test_classes_of_errors():
         for cls in (AxisMismatchException, UnconnectedError, UndefinedMapException)
     )
     assert issubclass(NetlibError, RuntimeError)
-    assert issubclass(ShapeError, ValueError) and issubclass(draw.RuleError, ValueError)
-    assert issubclass(CropError, AssertionError) and issubclass(NotATopError, TypeError)
-    assert issubclass(UnknownNameError, AttributeError) and issubclass(UnknownNameError, KeyError)
+    assert issubclass(ShapeError, ValueError)
+    assert issubclass(draw.RuleError, ValueError)
+    assert issubclass(CropError, AssertionError)
+    assert issubclass(NotATopError, TypeError)
+    assert issubclass(UnknownNameError, AttributeError)
+    assert issubclass(UnknownNameError, KeyError)
 
 
 @pytest.mark.parametrize(

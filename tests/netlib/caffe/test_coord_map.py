@@ -36,7 +36,9 @@ def test_compose_and_inverse():
     both = compose((1, 3, 5), (1, 2, 1))
     assert both == (1, 6, 8)
     axis, a, b = compose(both, inverse(both))
-    assert axis == 1 and a == pytest.approx(1) and b == pytest.approx(0)
+    assert axis == 1
+    assert a == pytest.approx(1)
+    assert b == pytest.approx(0)
     assert compose((None, 1, 0), (2, 3, 4)) == compose((2, 3, 4), (None, 1, 0)) == (2, 3, 4)
 
 
@@ -68,7 +70,8 @@ def test_crop_makes_the_layer(data):
     score = L.Convolution(conv, kernel_size=7)
     up = L.Deconvolution(score, convolution_param={"kernel_size": 64, "stride": 32})
     made = crop(up, data)
-    assert made.fn.type_name == "Crop" and made.fn.inputs == (up, data)
+    assert made.fn.type_name == "Crop"
+    assert made.fn.inputs == (up, data)
     assert made.fn.params == {"crop_param": {"axis": 2, "offset": [19]}}
     assert list(made.to_proto().layer[-1].crop_param.offset) == [19]
     assert crop(L.ReLU(data), data).fn.params == {"crop_param": {"axis": 2, "offset": [0]}}

@@ -24,7 +24,8 @@ def test_blobproto_and_back():
     blob = io.array_to_blobproto(np.arange(6).reshape(1, 2, 3), np.full((1, 2, 3), 0.5))
     assert list(blob.shape.dim) == [1, 2, 3]
     data, diff = io.blobproto_to_array(blob), io.blobproto_to_array(blob, return_diff=True)
-    assert data.dtype == np.float64 and data.tolist() == [[[0, 1, 2], [3, 4, 5]]]
+    assert data.dtype == np.float64
+    assert data.tolist() == [[[0, 1, 2], [3, 4, 5]]]
     assert diff.tolist() == [[[0.5] * 3] * 2]
 
 
@@ -56,7 +57,8 @@ def test_datum_and_back(dtype, back):
     assert (datum.channels, datum.height, datum.width, datum.label) == (3, 2, 2, 4)
     assert (len(datum.data), len(datum.float_data)) == ((12, 0) if dtype == np.uint8 else (0, 12))
     found = io.datum_to_array(caffe_pb2.Datum.FromString(datum.SerializeToString()))
-    assert found.dtype == back and (found == array).all()
+    assert found.dtype == back
+    assert (found == array).all()
     found[0] = 1  # the array is a writable copy
     assert not io.array_to_datum(array).HasField("label")
 
@@ -79,7 +81,8 @@ def test_preprocess_step_by_step(transformer):
     image = np.zeros((2, 3, 3))
     image[1, 2] = 0.2, 0.4, 0.6  # red, green, blue
     found = transformer.preprocess("data", image)
-    assert found.dtype == np.float32 and found.shape == (3, 2, 3)
+    assert found.dtype == np.float32
+    assert found.shape == (3, 2, 3)
     assert_allclose(found[:, 1, 2], [(153 - 100) / 2, (102 - 110) / 2, (51 - 120) / 2], rtol=1e-6)
     assert_allclose(found[:, 0, 0], [-50, -55, -60])
 
@@ -185,7 +188,8 @@ def test_other_orders(order, first_row):
     """
     found = io.resize_image(SMALL[..., None], (3, 4), interp_order=order)
     assert_allclose(found[0, :, 0], first_row, atol=1e-5)
-    assert found.min() >= 0 and found.max() <= 60
+    assert found.min() >= 0
+    assert found.max() <= 60
 
 
 def test_resized_with_other_channels():
@@ -203,7 +207,8 @@ def test_a_constant_image_stays_constant():
 def test_ten_crops():
     image = np.arange(20, dtype=np.float32).reshape(4, 5, 1)
     crops = io.oversample([image, image + 100], (2, 2))
-    assert crops.shape == (20, 2, 2, 1) and crops.dtype == np.float32
+    assert crops.shape == (20, 2, 2, 1)
+    assert crops.dtype == np.float32
     assert crops[:5, 0, 0, 0].tolist() == [0, 3, 10, 13, 6]
     assert crops[0, ..., 0].tolist() == [[0, 1], [5, 6]]
     assert crops[5, ..., 0].tolist() == [[1, 0], [6, 5]]
@@ -261,6 +266,7 @@ def test_names_of_other_packages(monkeypatch: pytest.MonkeyPatch) -> None:
     transform.resize = package.resize = lambda image, shape: shape  # type: ignore[attr-defined]
     for found in (package, transform, ModuleType("skimage.io")):
         monkeypatch.setitem(sys.modules, found.__name__, found)
-    assert io.skimage is package and io.resize(None, (2, 2)) == (2, 2)
+    assert io.skimage is package
+    assert io.resize(None, (2, 2)) == (2, 2)
     with pytest.raises(AttributeError, match="has no attribute 'rescale'"):
         print(io.rescale)

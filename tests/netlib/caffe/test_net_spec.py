@@ -67,7 +67,8 @@ def test_the_net_runs(tmp_path):
         "InnerProduct",
         "SoftmaxWithLoss",
     ]
-    assert net.forward()["loss"] > 0 and net.blobs["pool"].shape == (2, 4, 3, 3)
+    assert net.forward()["loss"] > 0
+    assert net.blobs["pool"].shape == (2, 4, 3, 3)
 
 
 def test_names_are_made_for_what_has_none():
@@ -144,9 +145,11 @@ def test_options_of_the_layer_and_of_its_block():
 def test_a_netspec_has_items_too():
     n = caffe.NetSpec()
     n["conv1/relu"] = L.Input(shape={"dim": 1})
-    assert n["conv1/relu"] is n.tops["conv1/relu"] and list(n.tops) == ["conv1/relu"]
+    assert n["conv1/relu"] is n.tops["conv1/relu"]
+    assert list(n.tops) == ["conv1/relu"]
     assert n.to_proto().layer[0].name == "conv1/relu"
-    assert not hasattr(n, "conv") and list(copy.copy(n).tops) == ["conv1/relu"]
+    assert not hasattr(n, "conv")
+    assert list(copy.copy(n).tops) == ["conv1/relu"]
 
 
 def test_blocks_by_type():
@@ -170,7 +173,8 @@ def test_assign_proto():
     assert [(p.lr_mult, p.name) for p in layer.param] == [(0, ""), (1, "w")]
     assert list(layer.convolution_param.kernel_size) == [3, 5]
     assert layer.convolution_param.weight_filler.value == 2
-    assert list(layer.loss_weight) == [0.5] and len(layer.include) == 0
+    assert list(layer.loss_weight) == [0.5]
+    assert len(layer.include) == 0
     assign_proto(layer, "power_param", caffe_pb2.PowerParameter(power=3))
     assert layer.power_param.power == 3
 

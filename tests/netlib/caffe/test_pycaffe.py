@@ -95,7 +95,8 @@ def test_the_unnamed_top_of_a_loss_has_a_number(work: Path) -> None:
     assert (net._blob_names[number], net._blob_loss_weights[number]) == ("(automatic)", 2)
     assert list(net.blobs)[number] == "(automatic)"
     assert net.outputs == ["y"]
-    assert net._layer_names[5] == "y" and net._top_ids(5) == [number + 1]
+    assert net._layer_names[5] == "y"
+    assert net._top_ids(5) == [number + 1]
 
 
 def test_a_layer_in_place_writes_the_blob_that_it_reads(work: Path) -> None:

@@ -54,7 +54,8 @@ def test_alone():
     assert done == [1]
     assert y.tolist() == [1, 1, 1]
     assert ALONE.shard == Shard()
-    assert ALONE.agree(2.5, "stop") == 2.5 and ALONE.asked("stop") == "stop"
+    assert ALONE.agree(2.5, "stop") == 2.5
+    assert ALONE.asked("stop") == "stop"
     assert ALONE.everyone({"a": 1}) == [{"a": 1}]
     error = NetlibError("no")
     with pytest.raises(NetlibError) as raised, ALONE.together():
@@ -123,7 +124,8 @@ def test_more_ranks_than_rows(write_rows, caplog):
     text = hdf5(None, write_rows, "false")
     nets = [net(text, 1, Shard(r, 12)) for r in range(12)]
     rows = [float(n.forward()["x"][0, 0]) for n in nets]
-    assert rows[:2] == rows[10:] and len(set(rows)) == 10
+    assert rows[:2] == rows[10:]
+    assert len(set(rows)) == 10
     assert "batch_size 12 is more than the 10 rows" in caplog.text
 
 

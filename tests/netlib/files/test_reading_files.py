@@ -101,7 +101,8 @@ def test_noted_collects_the_files_read_within_its_block(here: Path) -> None:
             files.read_text(Path("b"), "the list")
             files.read_text(Path("none"), "the list")
     files.read_text(Path("a"), "the list")
-    assert outer == [Path("a"), Path("b")] and inner == [Path("b")]
+    assert outer == [Path("a"), Path("b")]
+    assert inner == [Path("b")]
 
 
 def kinds_in(folder: Path) -> dict[str, str]:

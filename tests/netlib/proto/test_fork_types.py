@@ -178,7 +178,8 @@ def test_advice_on_unknown_types(name: str, advice: str) -> None:
 )
 def test_names_of_other_layers_are_not_taken_for_misspellings(name: str) -> None:
     advice = type_advice(name, LAYER_TYPES)
-    assert "did you mean" not in advice and "nearest" not in advice
+    assert "did you mean" not in advice
+    assert "nearest" not in advice
 
 
 def test_the_table_has_each_name_once_and_no_known_type() -> None:

@@ -110,9 +110,9 @@ CONTENTS = {  # block -> content, as text and encoded
 
 
 def varint(number: int) -> bytes:
-    return b"" + (
-        bytes([number]) if number < 128 else bytes([number & 127 | 128]) + varint(number >> 7)
-    )
+    if number < 128:
+        return bytes([number])
+    return bytes([number & 127 | 128]) + varint(number >> 7)
 
 
 def layer_bytes(type_: str, number: int, content: bytes) -> bytes:

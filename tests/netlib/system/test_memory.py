@@ -57,7 +57,8 @@ def test_parameters(net_of: MakeNet, machine: Callable[[float], None]) -> None:
     text = INPUT + "".join(layers)
     with pytest.raises(OutOfMemoryError) as raised:
         net_of(text)
-    assert isinstance(raised.value, netlib.LayerError) and isinstance(raised.value, MemoryError)
+    assert isinstance(raised.value, netlib.LayerError)
+    assert isinstance(raised.value, MemoryError)
     assert str(raised.value) == (
         "net.prototxt:5:7: error: layer 'FC2': setup: 2.4 MB of parameters; this machine has "
         "2.0 MB; use a smaller batch or layer"

@@ -51,7 +51,9 @@ def test_a_name_stays_in_its_line(log: io.StringIO, name: str) -> None:
     ):
         report.log.info(text, *args)
         line = written(log)
-        assert re.match(STAMP, line) and line[-1] == "\n" and line[:-1].isprintable()
+        assert re.match(STAMP, line)
+        assert line[-1] == "\n"
+        assert line[:-1].isprintable()
 
 
 @given(ANY_TEXT)
@@ -62,7 +64,8 @@ def test_a_prototxt_has_its_lines(log: io.StringIO, name: str) -> None:
     report.log.info("Initializing solver from parameters: \n%s", tree)
     first, *others = written(log).split("\n")
     assert re.fullmatch(STAMP + "Initializing solver from parameters: ", first)
-    assert others == [*str(tree).split("\n")[:2], ""] and all(map(str.isprintable, others))
+    assert others == [*str(tree).split("\n")[:2], ""]
+    assert all(map(str.isprintable, others))
 
 
 def test_numbers_are_formatted_as_in_logging(log: io.StringIO) -> None:

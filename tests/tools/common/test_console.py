@@ -85,7 +85,8 @@ def test_a_name_stays_in_its_line(name: str) -> None:
         say(f"wrote {name}")
     assert all(str(word).isprintable() for word in lines[0])
     rows = aligned([["a", name], [name, "b"]]).split("\n")
-    assert len(rows) == 2 and all(row.isprintable() for row in rows)
+    assert len(rows) == 2
+    assert all(row.isprintable() for row in rows)
 
 
 def test_a_table() -> None:

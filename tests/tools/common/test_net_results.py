@@ -40,7 +40,8 @@ def test_detections_of_several_passes(results_of: Callable[..., Results]) -> Non
     results = results_of("found")
     rows = np.array([[1, 1, 0.9, 0.1, 0.2, 0.3, 0.4], [1, 1, 0.5, 0, 0, 1, 1]], np.float32)
     first, second = results.add(rows[None, None], 2)
-    assert len(first) == 0 and np.array_equal(second, rows)
+    assert len(first) == 0
+    assert np.array_equal(second, rows)
     (nothing,) = results.add(np.array([[0, *[-1] * 6]], np.float32)[None, None], 1)
     assert results.array().shape == (1, 1, 3, 7)
     assert results.array()[0, 0, :, 0].tolist() == [1, 1, 2]
@@ -62,7 +63,8 @@ def test_detections_in_the_picture(
     results = results_of("found", ["background", "hand"])
     rows = np.array([[0, 1, 0.9, 0.25, 0.5, 0.75, 0.9], [0, 0, 0.4, -1, 0, 9, 0.2]], np.float32)
     picture = results.drawn(rows, Shown(None, 0.5), STEPS, image)
-    assert picture.shape == (100, 200, 3) and not image.any()
+    assert picture.shape == (100, 200, 3)
+    assert not image.any()
     seen = picture.any(axis=2)
     top = seen[50, 50:150]
     bottom = seen[90, 50:150]

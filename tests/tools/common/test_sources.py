@@ -98,7 +98,8 @@ def test_distortion(frames: None) -> None:
 def test_wrong_usage(argv: str, what: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as stopped:
         parsed(argv)
-    assert stopped.value.code == 2 and what in capsys.readouterr().err
+    assert stopped.value.code == 2
+    assert what in capsys.readouterr().err
 
 
 def test_the_summary_is_on_stdout_and_warnings_are_on_stderr(

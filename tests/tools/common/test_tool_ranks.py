@@ -53,7 +53,8 @@ def test_without_mpi4py(monkeypatch, capsys, count, number):
     with pytest.raises(SystemExit) as ended, ranks.only_first_prints():
         print("a usage")
         ranks.world()
-    assert ended.value.code == 0 and capsys.readouterr().out == ""
+    assert ended.value.code == 0
+    assert capsys.readouterr().out == ""
 
 
 def test_threads(monkeypatch):

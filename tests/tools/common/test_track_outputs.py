@@ -84,8 +84,10 @@ def test_all_outputs_are_complete_files_if_one_fails(
         if stopped:
             raise KeyboardInterrupt
     track = read_track("a.json")
-    assert bool(track.cut) == stopped and len(track.frames) == 4
-    assert len(Path("a.csv").read_text().splitlines()) == 5 and cv2.imread("a.png") is not None
+    assert bool(track.cut) == stopped
+    assert len(track.frames) == 4
+    assert len(Path("a.csv").read_text().splitlines()) == 5
+    assert cv2.imread("a.png") is not None
     assert (
         sorted(outputs.written)
         == ["a.csv", "a.json", "a.png"]
@@ -101,13 +103,15 @@ def test_all_outputs_are_complete_files_if_one_fails(
 
 
 def test_without_outputs_nothing_is_written() -> None:
-    assert written() == [] and list(Path().iterdir()) == []
+    assert written() == []
+    assert list(Path().iterdir()) == []
 
 
 def test_no_frames() -> None:
     """Without frames there is no contact sheet; the other files are empty tracks."""
     assert written(ALL, count=0) == ["a.json", "a.csv"]
-    assert not Path("a.png").exists() and read_track("a.json").frames == []
+    assert not Path("a.png").exists()
+    assert read_track("a.json").frames == []
 
 
 def test_lines_on_standard_output(capsys: pytest.CaptureFixture[str]) -> None:
@@ -161,7 +165,8 @@ def ends() -> None:
 def test_a_port_alone_is_on_the_local_machine() -> None:
     assert parsed("--serve 8000").serve == ("127.0.0.1", 8000)
     assert parsed("--serve 0.0.0.0:0").serve == ("0.0.0.0", 0)
-    assert parsed("--serve").serve == ("127.0.0.1", 0) and parsed().serve is None
+    assert parsed("--serve").serve == ("127.0.0.1", 0)
+    assert parsed().serve is None
 
 
 def test_a_recording_is_no_faster_than_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -223,7 +228,8 @@ def test_the_addresses_in_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     with LiveOutput(parsed(f"--serve --addresses {path}"), HEADER):
         found = json.loads(path.read_text(encoding="utf-8"))
         assert path.stat().st_mode & 0o777 == 0o600
-    assert not path.exists() and found["token"] == "0123456789abcdefABCDEF-_"
+    assert not path.exists()
+    assert found["token"] == "0123456789abcdefABCDEF-_"
     assert found["frames"].startswith("ws://127.0.0.1:")
     assert found["page"].endswith(f"/?token={found['token']}")
 
@@ -287,8 +293,11 @@ def test_a_program_gets_all_frames_of_a_recording(
     with client_of(process) as client:
         header, *frames = (json.loads(line) for line in client)
     out, error = process.communicate(timeout=LONGEST_S)
-    assert process.returncode == 0 and error == "" and "wrote a.jsonl" in out
-    assert header["format"] == "handpose" and header["joint_format"]["name"] == "mano"
+    assert process.returncode == 0
+    assert error == ""
+    assert "wrote a.jsonl" in out
+    assert header["format"] == "handpose"
+    assert header["joint_format"]["name"] == "mano"
     assert [frame["number"] for frame in frames] == list(range(COUNT))
     assert all(
         len(hand["mano"]["positions_m"]) == 21 for frame in frames for hand in frame["hands"]
