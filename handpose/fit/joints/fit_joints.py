@@ -101,13 +101,6 @@ class PoseProblem:
         pull = (self.ridge * x * x).sum(axis=1)
         return (r * r).sum(axis=1) + pull, A, b
 
-    def cost(self, inputs: Array, goal: Array) -> Array:
-        """Cost (N,) alone."""
-        r = np.nan_to_num(self.kinematics.forward(inputs).joints[:, self.joints] - goal)
-        x = inputs[:, self.free]
-        pull = (self.ridge * x * x).sum(axis=1)
-        return (r * r).sum(axis=(1, 2)) + pull
-
     def result(self, inputs: Array, goal: Array, limits: bool) -> JointFit:
         """Inputs (N, D) in canonical form, within the limits or not, and their distances from the
         targets (N, K, 3).
@@ -143,7 +136,7 @@ def fit_joints(
     seed      of the random starts
     progress  called by any thread with the number of further frames that are done
     """
-    goal, chosen = checked(skeleton, targets, joints)
+    goal, chosen = _checked(skeleton, targets, joints)
     problem = PoseProblem(skeleton, chosen, limits, ridge)
     grids = [
         RotationGrid(problem, limbs) for limbs in _limb_poses(problem, 1 + (starts - 1) // 2, seed)
@@ -160,26 +153,20 @@ def fit_joints(
 
 
 def fit_absolute(
-    skeleton: Skeleton,
-    xyz: Array,
-    half_cube: Array,
-    joints: Sequence[int],
-    *,
-    fit: Callable[..., JointFit] = fit_joints,
-    **options: Any,
+    skeleton: Skeleton, xyz: Array, half_cube: Array, joints: Sequence[int], **options: Any
 ) -> tuple[JointFit, Array]:
     """Fit the hand to joints (N, K, 3) in mm, whose unit of the skeleton is ``half_cube`` (N,) mm.
 
     Raises DataError.
 
     joints   indices of the K joints in the skeleton
-    fit      ``fit_joints`` or ``fit_joints_by_swarm``, with its options
+    options  of ``fit_joints``
 
     Returns the fit with its residuals in mm, and the origin (N, 3) of its inputs in mm: the mean of
     the joints, because there is no crop.
     """
     center = xyz.mean(axis=1, keepdims=True)
-    found = fit(skeleton, (xyz - center) / half_cube[:, None, None], joints, **options)
+    found = fit_joints(skeleton, (xyz - center) / half_cube[:, None, None], joints, **options)
     return found._replace(residuals=found.residuals * half_cube[:, None]), center[:, 0]
 
 
@@ -231,7 +218,7 @@ def _descend(problem: PoseProblem, inputs: Array, goal: Array) -> tuple[Array, A
     return found, cost
 
 
-def checked(
+def _checked(
     skeleton: Skeleton, targets: ArrayLike, joints: Sequence[int] | None
 ) -> tuple[Array, list[int]]:
     """Joint positions (N, K, 3), all NaN for an unknown joint, and the K chosen joints.
