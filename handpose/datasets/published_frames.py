@@ -192,8 +192,11 @@ def statistics(frames: PublishedFrames, index: Sequence[int]) -> str:
     )
 
 
-def read_centers(path: Path, frames: int) -> Array:
-    """Crop centres (frames, 3) from a text file with ``u v d`` in each line. Raises DataError."""
+def read_centers(path: Path, frames: int) -> tuple[Array, str]:
+    """Crop centres (frames, 3) from a text file with ``u v d`` in each line, and their description.
+
+    Raises DataError.
+    """
     text = files.read_text(path, "the centres")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # NumPy's, for empty texts
@@ -208,7 +211,7 @@ def read_centers(path: Path, frames: int) -> Array:
         raise DataError(
             f"{path}: found centres of shape {found.shape}, expected ({frames}, 3): u v d for each frame"
         )
-    return found
+    return found, f"centres of {path.name}"
 
 
 # ---------------------------------------------------------------------------------------- the files

@@ -28,12 +28,16 @@ from tests.support.running import run_tool
 @example(1.25, 1, False)
 @given(st.floats(2.0**-100, 2.0**100, width=32), st.integers(0, 23), st.booleans())
 def test_rounding(value: float, bits: int, negative: bool) -> None:
-    """Mantissas are rounded to nearest, ties to even, as by NumPy's rounding; the
-    shape is unchanged.
+    """A mantissa becomes the nearest one whose last bits are 0, ties to even; the shape is
+    unchanged.
     """
+    drop = 23 - bits
+    kept = int(np.float32(value).view(np.uint32)) >> drop
+    below, above = (float(np.uint32(k << drop).view(np.float32)) for k in (kept, kept + 1))
+    is_odd = kept % 2 == 1 if bits else True  # without bits, the leading one, which is not stored
+    up = value - below > above - value or (value - below == above - value and is_odd)
+    expected = (above if up else below) * (-1 if negative else 1)
     number = np.float32(-value if negative else value)
-    mantissa, exponent = np.frexp(np.float64(number))
-    expected = np.ldexp(np.rint(mantissa * 2 ** (bits + 1)), exponent - bits - 1)
     assert_array_equal(rounded(np.array([[number, 0]]), bits), np.float32([[expected, 0]]))
 
 

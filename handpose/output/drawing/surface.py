@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from handpose.body.render import Capsules, in_front, normalise_depth, render, render_crop
+from handpose.body.render import Capsules, in_front, render, shown_in_crop
 from handpose.frames.cameras import Camera
 from handpose.frames.crops import FAR_FACE
 from handpose.output.drawing import hands
@@ -34,13 +34,9 @@ def over_crop(
 
     capsules  of one body, in mm from the crop's centre
     """
-    uvd = np.asarray(center_uvd, dtype=np.float64).reshape(1, 3)
-    center = camera.unproject(uvd)
-    # parts nearer to the camera are not in the crop
-    near = in_front(capsules.moved(center), uvd[:, 2] - cube_mm / 2)
-    drawn = normalise_depth(render_crop(near, uvd, cube_mm, camera, len(crop)), uvd[:, 2], cube_mm)[
-        0
-    ]
+    uvd = np.asarray(center_uvd, dtype=np.float64).reshape(3)
+    in_camera = capsules.moved(camera.unproject(uvd))
+    drawn = shown_in_crop(in_camera, uvd, cube_mm, camera, len(crop))
     canvas = hands.picture(crop, zoom)
     large = cv2.resize(drawn, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_NEAREST)
     shown = large < FAR_FACE
