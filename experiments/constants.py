@@ -157,7 +157,7 @@ def labels_of(path: Path) -> Array:
     values = joints_in(path)
     if values.shape[1:] != LABELS_SHAPE:
         raise DataError(f"{path}: {values.shape}, expected joints (frames, 5, 4, 3) in mm")
-    return np.asarray(values[:, :, 1:] * (1, -1, 1))
+    return values[:, :, 1:] * (1, -1, 1)
 
 
 class TrackedLabels(NamedTuple):

@@ -82,10 +82,10 @@ def recorded(source: str, labels: Sequence[str]) -> Iterator[Labelled]:
         raise DataError(f"--recording {source}: no labels, expected LABELS.npy after the frames")
     joints = [joints_in(Path(name)) for name in labels]
     with open_recording(source) as recording:
-        for n, frame in enumerate(recording):
+        for frame in recording:
             hands = []
             for values in joints:
-                points = values[n].reshape(-1, 3) if n < len(values) else np.empty((0, 3))
+                points = values[frame.number : frame.number + 1].reshape(-1, 3)
                 points = points[np.isfinite(points).all(axis=1)]
                 if len(points):
                     hands.append(points.mean(0) * (1, -1, 1))

@@ -354,7 +354,7 @@ def _depths(coefficients: Floats, x: Floats, y: Floats) -> Floats:
         np.sqrt(k2, out=k2)
         cd -= k2
         cd /= dd
-    return np.asarray(cd)
+    return cd
 
 
 def _triangles(capsules: Capsules) -> tuple[NDArray[np.int64], Array]:

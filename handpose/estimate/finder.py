@@ -170,7 +170,7 @@ class Finder:
         half = weight[order].cumsum(axis=0) >= weight.sum() / 2
         median = np.take_along_axis(votes, order, axis=0)[half.argmax(axis=0), range(3)]
         near = weight * (np.linalg.norm(votes - median, axis=1) < self.settings.apart_mm)
-        return np.asarray(near @ votes / near.sum()) if near.any() else median
+        return near @ votes / near.sum() if near.any() else median
 
     def _weights(self, hand: Floats, owner: NDArray[np.intp], hands: int) -> list[Floats]:
         """The weights (H/2, W/2) of the pixels of each hand.
@@ -249,7 +249,7 @@ def _scale(camera: Camera) -> Array:
     """Factors of columns and rows from the camera's frames to the net's."""
     scale = FINDER_FOCAL_PX / np.array([camera.fx, camera.fy])
     pixels = camera.width * camera.height * scale.prod()
-    return np.asarray(scale * min(1.0, (MAX_PIXELS / pixels) ** 0.5))
+    return scale * min(1.0, (MAX_PIXELS / pixels) ** 0.5)
 
 
 def _scaled(image: Floats, scale: Array) -> Floats:

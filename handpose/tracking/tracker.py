@@ -358,7 +358,7 @@ class Tracker:
         estimate = track.best.estimate
         camera = estimate.view_camera
         place = camera.unproject(self.estimator.expected.center_of(estimate.body, camera))
-        return np.asarray(place * mirror_of(estimate.hand))
+        return place * mirror_of(estimate.hand)
 
 
 def _arm(hand: HandEstimate) -> Array:
@@ -367,4 +367,4 @@ def _arm(hand: HandEstimate) -> Array:
     a, b = capsules.a[0, limbs], capsules.b[0, limbs]
     shares = np.linspace(0, 1, ARM_PLACES)[:, None]
     places = a[:, None] + shares * (b - a)[:, None]
-    return np.asarray(places.reshape(-1, 3))
+    return places.reshape(-1, 3)

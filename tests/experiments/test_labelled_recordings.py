@@ -264,6 +264,15 @@ def test_the_labels_of_a_recording(tmp_path: Path) -> None:
     assert frames[1].hands[0] == pytest.approx(PLACE)
 
 
+def test_the_labels_after_a_damaged_frame(tmp_path: Path) -> None:
+    """They are those of the frames' numbers; a frame without labels has no hands."""
+    source, path = write_labelled(tmp_path, unlabelled=[0, 1])
+    (source / "1.png").write_bytes(b"")
+    np.save(path, np.load(path)[:3])
+    frames = recorded(str(source), [str(path)])
+    assert [len(frame.hands) for frame in frames] == [0, 1, 0]
+
+
 def test_the_packaged_finder_is_measured() -> None:
     done = run_tool(
         "experiments.__main__ finder", HAND_FINDER / "hand_finder.caffemodel.h5", "--scenes", "16"

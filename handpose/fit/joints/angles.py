@@ -141,7 +141,7 @@ def canonical(skeleton: Skeleton, inputs: ArrayLike, *, limits: bool = False) ->
         else wrapped
     )
     result[:, skeleton.fixed] = 0
-    return np.asarray(result)
+    return result
 
 
 def angle_errors(skeleton: Skeleton, inputs: ArrayLike, truth: ArrayLike) -> Array:

@@ -150,4 +150,4 @@ def _light(rng: np.random.Generator, light: LightParameter, count: int, objects:
 
 def _seen_share(whole: Floats, seen: NDArray[np.bool_]) -> Array:
     """The part (N,) that is seen of hands with depths (N, H, W)."""
-    return np.asarray(seen.sum((1, 2)) / np.maximum(np.isfinite(whole).sum((1, 2)), 1))
+    return seen.sum((1, 2)) / np.maximum(np.isfinite(whole).sum((1, 2)), 1)
