@@ -91,9 +91,14 @@ def _onnx(work: Workload) -> bytes:
 
 def _opencv(name: str, work: Workload, threads: int) -> Iterator[tuple[str, Job]]:
     (x,) = work.inputs.values()
-    model = work.path.with_suffix(".onnx")
-    model.write_bytes(_onnx(work))
-    peer = cv2.dnn.readNetFromONNX(str(model))
+    if hasattr(cv2.dnn, "readNetFromCaffe") and not name.startswith("hand"):  # OpenCV 4
+        weights = work.path.with_suffix(".caffemodel")
+        work.net.save(weights)
+        peer = cv2.dnn.readNetFromCaffe(str(work.path), str(weights))
+    else:
+        model = work.path.with_suffix(".onnx")
+        model.write_bytes(_onnx(work))
+        peer = cv2.dnn.readNetFromONNX(str(model))
 
     def job() -> Array:
         peer.setInput(x)
