@@ -93,15 +93,7 @@ class FolderRecording(Recording):
         own = UNKNOWN
         taken: list[str] = []
         if path.suffix.lower() in STACKS:
-            first = arrays_in(path, is_single=True)
-            own, fields, taken = parameters_in(first.others, where, given)
-            timed = name_of_times(first.others, 1)
-            self.warnings = not_used(first.names, fields, timed)
-            if timed is not None:
-                in_names = in_order(names, str(self.folder))  # a given unit is that of the arrays
-                if not in_names[1].ticks:
-                    self._names, self._reading = in_names
-                    self._reading = self._timed_by(timed, given, own, camera_json)
+            own, taken = self._parameters_of(path, given, camera_json)
         self._decode_by(DepthDecoder(raw.shape, raw.dtype, where, given, own, camera_json))
         self.name = str(source)
         self.count = len(names)
@@ -109,6 +101,24 @@ class FolderRecording(Recording):
         if not self._reading.ticks and len(names) > 1:
             self._assume_rate()
         self._remarks = self.remarks
+
+    def _parameters_of(
+        self, first: Path, given: CameraInfo, camera_json: CameraInfo
+    ) -> tuple[CameraInfo, list[str]]:
+        """The parameters in the first of several archives, and a remark about them; takes the times
+        in the archives unless the names have them. Raises DataError.
+        """
+        arrays = arrays_in(first, is_single=True)
+        own, fields, taken = parameters_in(arrays.others, str(first), given)
+        timed = name_of_times(arrays.others, 1)
+        self.warnings = not_used(arrays.names, fields, timed)
+        if timed is not None:
+            # a given unit is that of the arrays
+            by_names, reading = in_order(self._names, str(self.folder))
+            if not reading.ticks:
+                self._names, self._reading = by_names, reading
+                self._reading = self._timed_by(timed, given, own, camera_json)
+        return own, taken
 
     def _timed_by(
         self, name: str, given: CameraInfo, own: CameraInfo, camera_json: CameraInfo
