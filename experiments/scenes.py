@@ -26,6 +26,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from experiments.constants import SURE
 from experiments.finder import WITHIN_MM
 from experiments.fit import add_network
 from experiments.labelled_frames import camera_of, first_scenes
@@ -51,7 +52,6 @@ from tools.common.console import DONE, aligned
 from tools.common.progress import ProgressBar
 
 FINER = 2  # resolution of the frames, relative to the training's
-SURE = 0.9
 
 
 class SceneHand(NamedTuple):
