@@ -33,12 +33,14 @@ def test_rounding(value: float, bits: int, negative: bool) -> None:
     """
     drop = 23 - bits
     kept = int(np.float32(value).view(np.uint32)) >> drop
-    below, above = (float(np.uint32(k << drop).view(np.float32)) for k in (kept, kept + 1))
-    is_odd = kept % 2 == 1 if bits else True  # without bits, the leading one, which is not stored
-    up = value - below > above - value or (value - below == above - value and is_odd)
-    expected = (above if up else below) * (-1 if negative else 1)
-    number = np.float32(-value if negative else value)
-    assert_array_equal(rounded(np.array([[number, 0]]), bits), np.float32([[expected, 0]]))
+    both = np.array([kept << drop, kept + 1 << drop], np.uint32)
+    below, above = both.view(np.float32).tolist()
+    is_odd = not bits or kept % 2 == 1  # without bits, the leading one, which is not stored
+    middle = (below + above) / 2
+    expected = above if value > middle or (value == middle and is_odd) else below
+    sign = -1 if negative else 1
+    number = np.float32([[sign * value, 0]])
+    assert_array_equal(rounded(number, bits), np.float32([[sign * expected, 0]]))
 
 
 def test_a_model_file(tmp_path: Path) -> None:

@@ -77,10 +77,8 @@ def test_two_views(rng: np.random.Generator) -> None:
         cells = []
         for n, (crop, hand, truth) in enumerate(zip(CROPS, joints, expected)):
             center = None if at is None else at[n]
-            cells += [
-                hands.overlay(crop, hand, SKELETON, truth, center, cubes[n], ICVL, zoom=3),
-                hands.view_3d(hand, SKELETON, truth, size=384),
-            ]
+            cells.append(hands.overlay(crop, hand, SKELETON, truth, center, cubes[n], ICVL, zoom=3))
+            cells.append(hands.view_3d(hand, SKELETON, truth, size=384))
         page = strokes.sheet(cells, 6, ["frame 0", "1 mm", "frame 7", "2 mm"])
         legend, below = np.split(drawn, [len(drawn) - len(page)])
         assert np.array_equal(below, page)
