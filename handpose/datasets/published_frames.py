@@ -10,7 +10,7 @@ import hashlib
 import json
 import warnings
 from collections import Counter
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,7 +26,7 @@ from handpose.frames.crops import SIZE, crop, normalise_joints
 from handpose.frames.images import EMPTY, OUTSIDE, UNLABELLED, WRONG_SIZE, BadFrameError
 from netlib import files
 from netlib.blob import Array
-from netlib.errors import DataError, reason_of
+from netlib.errors import DataError, reason_of, some_of
 from netlib.files import atomic, hdf5
 from netlib.files.paths import names_in
 
@@ -37,9 +37,6 @@ class Flaw:
 
     text: str
     fatal: bool = True  # the run cannot continue
-
-
-MAX_SHOWN = 6  # names in a message
 
 
 @dataclass(frozen=True)
@@ -145,9 +142,8 @@ def check_frames(
         return [], [Flaw(f"{root}: no such folder")]
     if not folder.is_dir():
         name = str(folder.relative_to(root))
-        return [], [
-            Flaw(f"{root}: no folder {name!r}, which holds {holds}; found {_shown(names_in(root))}")
-        ]
+        found = some_of(sorted(names_in(root))) or "nothing"
+        return [], [Flaw(f"{root}: no folder {name!r}, which holds {holds}; found {found}")]
     try:
         frames = read()
     except DataError as error:
@@ -158,8 +154,10 @@ def check_frames(
     flaws = whole(len(frames))
     if missing:
         text = f"{folder}: {len(missing)} of {count} depth frames are missing, the first is {missing[0]}"
-        found = f"; found {_shown(names[missing[0].parent])}" if len(missing) == count else ""
-        flaws.append(Flaw(text + found, fatal=len(missing) == count))
+        if len(missing) == count:
+            found = some_of(sorted(names[missing[0].parent])) or "nothing"
+            text += f"; found {found}"
+        flaws.append(Flaw(text, fatal=len(missing) == count))
     else:
         try:
             frames.depth(0)
@@ -168,10 +166,6 @@ def check_frames(
     return [
         f"{folder}: {count} labelled frames, {count - len(missing)} of their depth frames"
     ], flaws
-
-
-def _shown(names: Collection[str]) -> str:
-    return f"{', '.join(sorted(names)[:MAX_SHOWN])}{' ...' * (len(names) > MAX_SHOWN)}" or "nothing"
 
 
 def statistics(frames: PublishedFrames, index: Sequence[int]) -> str:
