@@ -151,7 +151,7 @@ def check_frames(
     names = {parent: names_in(parent) for parent in {path.parent for path in frames.files}}
     missing = [path for path in frames.files if path.name not in names[path.parent]]
     count = len(frames)
-    flaws = whole(len(frames))
+    flaws = whole(count)
     if missing:
         text = f"{folder}: {len(missing)} of {count} depth frames are missing, the first is {missing[0]}"
         if len(missing) == count:
@@ -266,13 +266,7 @@ class PreparedSplit:
                     index = self._write_part(part, pool, advance, report)
                     self.made += len(index)
                 else:
-                    with hdf5.opened(part.path, "the data") as file:
-                        index = file["index"][...].tolist()
-                        left_out = json.loads(file.attrs["bad"])
-                    for i, kind in [
-                        (i, kind) for kind, indices in left_out.items() for i in indices
-                    ]:
-                        report(i, BadFrameError(self.frames.files[i], kind))
+                    index = self._read_part(part, report)
                 self.index += index
         finally:
             pool.shutdown(cancel_futures=True)
@@ -280,6 +274,16 @@ class PreparedSplit:
             atomic.replace_text(self.bad, "".join(named))
         else:
             self.bad.unlink(missing_ok=True)
+
+    def _read_part(self, part: Part, on_bad: Callable[[int, BadFrameError], None]) -> list[int]:
+        """The numbers of the frames of a part that was kept."""
+        with hdf5.opened(part.path, "the data") as file:
+            index: list[int] = file["index"][...].tolist()
+            bad = json.loads(file.attrs["bad"])
+        for kind, left_out in bad.items():
+            for i in left_out:
+                on_bad(i, BadFrameError(self.frames.files[i], kind))
+        return index
 
     def _write_part(
         self,

@@ -214,14 +214,13 @@ class Tracker:
         the worse one.
         """
         apart_mm = self.predictor.settings.finder.apart_mm
-        for track in sorted(
+        best_first = sorted(
             self.tracks, key=lambda one: (-one.time, one.best.estimate.selection_cost)
-        ):
-            for other in self.tracks if track.is_tracked else []:
-                if (
-                    other is not track
-                    and np.linalg.norm(self._middle(track) - self._middle(other)) < apart_mm
-                ):
+        )
+        for track in best_first:
+            others = [one for one in self.tracks if track.is_tracked and one is not track]
+            for other in others:
+                if np.linalg.norm(self._middle(track) - self._middle(other)) < apart_mm:
                     other.end("another hand is tracked at its position")
                     if track.decided == other.decided or None in (track.decided, other.decided):
                         self._merge(track, other)
