@@ -10,7 +10,8 @@ HDF5 files. For each it writes a small file with the angles and links to the dat
 list of these files: a training set with angles as labels. Files that exist are kept; other files
 are never replaced.
 
-The fit uses Levenberg-Marquardt from several starts.
+The fit uses Levenberg-Marquardt from several starts; --swarm uses the paper's particle swarm, which
+is slower and less accurate.
 """
 
 from __future__ import annotations
@@ -33,7 +34,8 @@ from handpose import NYU
 from handpose.body import nyu
 from handpose.datasets.frames import spread
 from handpose.fit.joints.companions import fit_list, write_fit
-from handpose.fit.joints.fit_joints import fit_absolute
+from handpose.fit.joints.fit_joints import fit_absolute, fit_joints
+from handpose.fit.joints.particle_swarm import fit_joints_by_swarm
 from handpose.scoring import metrics
 from handpose.scoring.published_predictions import COORDINATE_FORMATS, is_list, read_joints
 from layers.hand import skeleton as skeletons
@@ -41,7 +43,7 @@ from layers.hand.skeleton import Skeleton
 from netlib.errors import DataError, NetlibError, reason_of
 from netlib.files.hdf5 import File, read_list
 from tools.common import outputs
-from tools.common.arguments import count, parser_of, real
+from tools.common.arguments import count, parser_of, real, reject_given
 from tools.common.console import DONE, duration, guarded, say
 from tools.common.progress import ProgressBar
 
@@ -74,10 +76,22 @@ def main(argv: list[str] | None = None) -> int:
         metavar="W",
         help="weight of squared angles, which favours the initial pose (default: %(default)g)",
     )
+    parser.add_argument("--swarm", action="store_true", help="particle swarm, as in the paper")
+    parser.add_argument(
+        "--particles", type=count, default=128, metavar="N", help="default: %(default)s"
+    )
+    parser.add_argument(
+        "--generations", type=count, default=200, metavar="N", help="default: %(default)s"
+    )
     parser.add_argument(
         "--frames", type=count, metavar="N", help="fit only N evenly spaced frames (text files)"
     )
-    return guarded(run, parser.parse_args(argv))
+    args = parser.parse_args(argv)
+    if args.swarm and (args.no_limits or args.ridge):
+        parser.error("--swarm does not support --no-limits and --ridge")
+    if not args.swarm:
+        reject_given(parser, args, ["particles", "generations"], "applies only with --swarm")
+    return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -112,14 +126,16 @@ def _fit_text(args: argparse.Namespace, skeleton: Skeleton) -> tuple[Any, Any]:
     rows = spread(len(xyz), args.frames) if args.frames else np.arange(len(xyz))
     half_cube = nyu.half_cubes(len(xyz))[rows]
     with ProgressBar(len(rows)) as progress:
+        if args.swarm:
+            how: dict[str, Any] = {
+                "fit": fit_joints_by_swarm,
+                "particles": args.particles,
+                "generations": args.generations,
+            }
+        else:
+            how = {"fit": fit_joints, "limits": not args.no_limits, "ridge": args.ridge}
         found, center = fit_absolute(
-            skeleton,
-            xyz[rows],
-            half_cube,
-            chosen,
-            limits=not args.no_limits,
-            ridge=args.ridge,
-            progress=progress,
+            skeleton, xyz[rows], half_cube, chosen, progress=progress, **how
         )
     if args.out:
         try:
@@ -135,9 +151,10 @@ def _fit_list(args: argparse.Namespace, skeleton: Skeleton) -> tuple[Any, Any]:
     """Inputs (N, D) and residuals (N, K) in mm for the frames of a list, written to files with
     links to the data.
     """
-    if args.frames or args.format != "uvd":
+    if args.swarm or args.frames or args.format != "uvd":
         raise NetlibError(
-            f"{args.joints}: a list of HDF5 files; --frames and --format need a text file of joints"
+            f"{args.joints}: a list of HDF5 files; --swarm, --frames and --format need a text file "
+            "of joints"
         )
     if not args.out:
         raise NetlibError(

@@ -100,6 +100,14 @@ def figures_of(options):
     )
 
 
+def test_the_swarm(joints):
+    """--swarm, the paper's method, finds a coarse pose within the limits with few particles."""
+    options = "--swarm --particles 16 --generations 30 --out angles.h5"
+    residual, broken = figures_of(f"uvd.txt {options}")
+    assert 5 < residual < 80 and broken == 0
+    assert np.abs(placed("angles.h5") - joints).mean() < 60
+
+
 def test_limits_and_ridge(joints):
     """For a hand 1.3 times as large, --no-limits exceeds the limits and --ridge
     increases the residual.

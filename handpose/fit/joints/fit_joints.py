@@ -102,6 +102,13 @@ class PoseProblem:
         pull = (self.ridge * x * x).sum(axis=1)
         return (r * r).sum(axis=1) + pull, A, b
 
+    def cost(self, inputs: Array, goal: Array) -> Array:
+        """Cost (N,) alone."""
+        r = np.nan_to_num(self.kinematics.forward(inputs).joints[:, self.joints] - goal)
+        x = inputs[:, self.free]
+        pull = (self.ridge * x * x).sum(axis=1)
+        return (r * r).sum(axis=(1, 2)) + pull
+
     def result(self, inputs: Array, goal: Array, limits: bool) -> JointFit:
         """Inputs (N, D) in canonical form, within the limits or not, and their distances from the
         targets (N, K, 3).
@@ -135,7 +142,7 @@ def fit_joints(
     starts    number of starts; a frame that fits exactly is not started again
     progress  called by any thread with the number of further frames that are done
     """
-    goal, chosen = _checked(skeleton, targets, joints)
+    goal, chosen = checked(skeleton, targets, joints)
     problem = PoseProblem(skeleton, chosen, limits, ridge)
     grids = [RotationGrid(problem, limbs) for limbs in _limb_poses(problem, 1 + (starts - 1) // 2)]
     inputs = np.zeros((len(goal), len(skeleton.initial)))
@@ -150,20 +157,26 @@ def fit_joints(
 
 
 def fit_absolute(
-    skeleton: Skeleton, xyz: Array, half_cube: Array, joints: Sequence[int], **options: Any
+    skeleton: Skeleton,
+    xyz: Array,
+    half_cube: Array,
+    joints: Sequence[int],
+    *,
+    fit: Callable[..., JointFit] = fit_joints,
+    **options: Any,
 ) -> tuple[JointFit, Array]:
     """Fit the hand to joints (N, K, 3) in mm, whose unit of the skeleton is ``half_cube`` (N,) mm.
 
     Raises DataError.
 
     joints   indices of the K joints in the skeleton
-    options  of ``fit_joints``
+    fit      ``fit_joints`` or ``fit_joints_by_swarm``, with its options
 
     Returns the fit with its residuals in mm, and the origin (N, 3) of its inputs in mm: the mean of
     the joints, because there is no crop.
     """
     center = xyz.mean(axis=1, keepdims=True)
-    found = fit_joints(skeleton, (xyz - center) / half_cube[:, None, None], joints, **options)
+    found = fit(skeleton, (xyz - center) / half_cube[:, None, None], joints, **options)
     return found._replace(residuals=found.residuals * half_cube[:, None]), center[:, 0]
 
 
@@ -215,7 +228,7 @@ def _descend(problem: PoseProblem, inputs: Array, goal: Array) -> tuple[Array, A
     return found, cost
 
 
-def _checked(
+def checked(
     skeleton: Skeleton, targets: ArrayLike, joints: Sequence[int] | None
 ) -> tuple[Array, list[int]]:
     """Joint positions (N, K, 3), all NaN for an unknown joint, and the K chosen joints.
