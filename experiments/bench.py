@@ -23,6 +23,7 @@ import cv2
 import numpy as np
 
 import netlib
+from experiments.choices import add_choices
 from experiments.example_nets import NETS, Workload
 from experiments.peers import Job, peers_of
 from tools.common.arguments import positive, workers
@@ -36,14 +37,7 @@ PAUSE_S = 0.05
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
-    parser.add_argument(
-        "--nets",
-        nargs="+",
-        choices=NETS,
-        default=list(NETS),
-        metavar="NAME",
-        help=f"some of {', '.join(NETS)} (default: all)",
-    )
+    add_choices(parser, "--nets", NETS)
     parser.add_argument(
         "--rounds", type=positive, default=7, metavar="N", help="number of timings (default: 7)"
     )

@@ -48,7 +48,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import io
 import itertools
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -59,9 +58,9 @@ from numpy.typing import NDArray
 
 from handpose import Recording, Tracker, load_tracker, open_recording
 from handpose.fit.settings import FitSettings
+from handpose.frames.images import errors_of
 from handpose.tracking.settings import TrackSettings
 from handpose.tracking.track import TrackedHand
-from netlib import files
 from netlib.blob import Array
 from netlib.errors import DataError, did_you_mean
 from tools.common.arguments import seed
@@ -141,27 +140,24 @@ def settings_of(texts: Sequence[str]) -> Settings:
     return settings
 
 
-def array_in(path: Path) -> object:
-    """What a file of labels contains, mostly an array. Raises DataError."""
-    content = files.read_bytes(path, "the labels", DataError)
-    try:
-        return np.load(io.BytesIO(content), allow_pickle=False)
-    except ValueError:
+def joints_in(path: Path) -> Array:
+    """The array (frames, ..., 3) in mm of a file of labels. Raises DataError."""
+    damaged = "not an array of numbers, expected an .npy of joints (frames, ..., 3)"
+    with errors_of(str(path), "the labels", damaged):
+        values = np.asarray(np.load(path, allow_pickle=False))
+    if values.ndim < 2 or values.shape[-1] != 3 or values.dtype.kind != "f":
         raise DataError(
-            f"{path}: not an array of numbers, expected an .npy of joints (frames, ..., 3)"
-        ) from None
+            f"{path}: {values.dtype} {values.shape}, expected joints (frames, ..., 3) in mm"
+        )
+    return values
 
 
 def labels_of(path: Path) -> Array:
     """The labels (frames, 5, 3, 3) of PIP, DIP and tip, y up. Raises DataError."""
-    values = array_in(path)
-    if not (
-        isinstance(values, np.ndarray)
-        and values.shape[1:] == LABELS_SHAPE
-        and values.dtype.kind == "f"
-    ):
-        raise DataError(f"{path}: expected an .npy of joints (frames, 5, 4, 3) in mm")
-    return np.asarray(values[:, :, 1:] * (1, -1, 1))
+    values = joints_in(path)
+    if values.shape[1:] != LABELS_SHAPE:
+        raise DataError(f"{path}: {values.shape}, expected joints (frames, 5, 4, 3) in mm")
+    return values[:, :, 1:] * (1, -1, 1)
 
 
 class TrackedLabels(NamedTuple):
@@ -197,9 +193,9 @@ def tracked_labels(
     labels   (frames, 5, 3, 3) of PIP, DIP and tip, y up
     options  of the tracker
     """
-    camera, flip = recording.camera, -1 if mirrored else 1
+    camera, flip = recording.camera, 1
     if mirrored:
-        camera = dataclasses.replace(camera, u0=camera.width - 1 - camera.u0)
+        camera, flip = camera.mirrored(), -1
     tracker = load_tracker(
         camera, seed=seed, fit_settings=settings.fit, settings=settings.track, **options
     )

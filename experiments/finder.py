@@ -1,7 +1,7 @@
 """Recall of the finder of hands, at numbers of false hands a frame.
 
     python -m experiments finder snapshots/finder_iter_18000.caffemodel.h5
-    python -m experiments finder WEIGHTS --recording take take_left.npy take_right.npy --part odd
+    python -m experiments finder WEIGHTS --recording take take_left.npy take_right.npy
 
 Synthetic scenes are those of the training's generator with other random numbers ("test"), and
 frames of synthetic recordings with other cameras, of another person each, half of them mirrored
@@ -11,14 +11,10 @@ each further answer is false. "mm" is the median distance of the hands found at 
 frame.
 
 --reliability shows whether presence is a probability: of the answers of each presence, the share
-that are hands. Its last line has the scale and the shift of the log-odds with which those of the
-synthetic scenes ("test") would be, for the power_param of the net's layer "sure".
+that are hands.
 
 --things counts, in scenes without hands, what is taken for one: the shares of things in the scene
 prior follow from that.
-
---part chooses the frames with even or odd numbers, so that choices are made on one half and
-reported on the other.
 """
 
 from __future__ import annotations
@@ -56,7 +52,6 @@ RATES = (0.5, 1.0, 2.0)  # false hands a frame
 DISTANCE_RATE = 1.0  # at which the median distance is measured
 MIN_PRESENCE, MAX_ANSWERS = 0.01, 12  # of the answers of a frame that are counted
 EDGES = (0.01, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)  # between rows of presences
-NEWTON_ITERATIONS = 20  # more than enough for two numbers
 
 
 class Answer(NamedTuple):
@@ -100,9 +95,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="instead, what is taken for a hand in scenes without hands",
     )
-    parser.add_argument(
-        "--part", choices=("all", "even", "odd"), default="all", help="frames (default: all)"
-    )
     add_engine(parser)
 
 
@@ -117,12 +109,10 @@ def run(args: argparse.Namespace) -> int:
         "other": functools.partial(other_scenes, args.seed, args.scenes),
     }
     for source, *labels in args.recording:
-        sources[Path(source).name] = functools.partial(recorded, source, labels, args.part)
+        sources[Path(source).name] = functools.partial(recorded, source, labels)
     if args.reliability:
         answers = {name: answers_of(finder, frames()) for name, frames in sources.items()}
         print(aligned(reliability(answers)))
-        scale, shift = calibration(answers["test"])
-        print(f"power_param {{ scale: {scale:.3f} shift: {shift:.3f} }}")
         return DONE
     rows = [
         ["frames of", "count", "hands", *(f"recall at {rate:g}" for rate in RATES), "mm", "CPU ms"]
@@ -180,24 +170,6 @@ def reliability(answers: dict[str, list[Answer]]) -> list[list[str]]:
             cells.append(f"{np.mean(true):.0%} of {len(true)}" if true else "")
         rows.append([f"{low:.0%} to {high:.0%}", *cells])
     return rows
-
-
-def calibration(answers: Sequence[Answer]) -> tuple[float, float]:
-    """The scale and the shift of the log-odds of presences with which they are as likely as
-    possible the probabilities of hands (Platt, Probabilistic Outputs for Support Vector Machines,
-    1999), by Newton's method.
-    """
-    presence = np.array([answer.presence for answer in answers])
-    true = np.array([answer.true for answer in answers], float)
-    features = np.column_stack([np.log(presence / (1 - presence)), np.ones(len(presence))])
-    weights = np.array([1.0, 0.0])
-    for _ in range(NEWTON_ITERATIONS):
-        probability = 1 / (1 + np.exp(-features @ weights))
-        variance = probability * (1 - probability)
-        hessian = features.T @ (variance[:, None] * features)
-        weights += np.linalg.solve(hessian, features.T @ (true - probability))
-    scale, shift = weights.tolist()
-    return scale, shift
 
 
 def judged(found: Sequence[FoundHand], frame: Labelled) -> list[Answer]:

@@ -25,6 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from experiments.choices import add_choices
 from handpose.body.sides import SIDES, Side
 from handpose.estimate.candidates import Candidate
 from handpose.estimate.crop_fits import fit_starts
@@ -146,14 +147,14 @@ def auc(score: Array, failed: NDArray[np.bool_]) -> float:
     """The chance that a failed frame has a higher score than another (area under the ROC curve);
     NaN without both.
     """
-    ranks = np.empty(len(score))
-    ranks[np.argsort(score, kind="stable")] = np.arange(1, len(score) + 1)
-    bad, good = int(failed.sum()), int((~failed).sum())
-    if not bad or not good:
+    from scipy.stats import mannwhitneyu  # imported here: it takes a second
+
+    bad, good = score[failed], score[~failed]
+    if not len(bad) or not len(good):
         return float("nan")
     # the pairs of a failed frame and another in which the failed one has the higher score
-    higher = ranks[failed].sum() - bad * (bad + 1) / 2
-    return float(higher / (bad * good))
+    higher = mannwhitneyu(bad, good).statistic
+    return float(higher / (len(bad) * len(good)))
 
 
 # ------------------------------------------------------------------------------------- command line
@@ -173,22 +174,8 @@ def add_network(parser: argparse.ArgumentParser) -> None:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     add_network(parser)
-    parser.add_argument(
-        "--recipes",
-        choices=recipes.NAMES,
-        nargs="+",
-        default=recipes.NAMES[:3],
-        metavar="NAME",
-        help=f"some of {', '.join(recipes.NAMES)} (default: the first three)",
-    )
-    parser.add_argument(
-        "--plans",
-        choices=PLANS,
-        nargs="+",
-        default=list(PLANS),
-        metavar="PLAN",
-        help=f"some of {', '.join(PLANS)} (default: all)",
-    )
+    add_choices(parser, "--recipes", recipes.NAMES, recipes.NAMES[:3])
+    add_choices(parser, "--plans", PLANS)
     parser.add_argument(
         "--frames",
         type=count,

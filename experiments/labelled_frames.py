@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from experiments.constants import array_in
+from experiments.constants import joints_in
 from handpose.frames.cameras import KINECT2, NYU, SR305, Camera
 from handpose.frames.formats import open_recording
 from handpose.sequences.recordings import SCRIPTS, SyntheticRecording
@@ -73,36 +73,20 @@ def other_scenes(number: int, scenes: int) -> Iterator[Labelled]:
         yield Labelled(frame.depth, recording.camera, hands, doubtful)
 
 
-def recorded(source: str, labels: Sequence[str], part: str) -> Iterator[Labelled]:
-    """The frames of a recording, or those with even or odd numbers, with the hands of one or
-    several files of labels. Raises NetlibError.
+def recorded(source: str, labels: Sequence[str]) -> Iterator[Labelled]:
+    """The frames of a recording, with the hands of one or several files of labels.
+
+    Raises NetlibError.
     """
     if not labels:
         raise DataError(f"--recording {source}: no labels, expected LABELS.npy after the frames")
-    joints = [_joints(Path(name)) for name in labels]
+    joints = [joints_in(Path(name)) for name in labels]
     with open_recording(source) as recording:
-        for n, frame in enumerate(recording):
-            if part != "all" and (n % 2 == 0) != (part == "even"):
-                continue
+        for frame in recording:
             hands = []
             for values in joints:
-                points = values[n].reshape(-1, 3) if n < len(values) else np.empty((0, 3))
+                points = values[frame.number : frame.number + 1].reshape(-1, 3)
                 points = points[np.isfinite(points).all(axis=1)]
                 if len(points):
                     hands.append(points.mean(0) * (1, -1, 1))
             yield Labelled(frame.depth, recording.camera, hands)
-
-
-def _joints(path: Path) -> Array:
-    """The array (frames, ..., 3) of a file of labels. Raises DataError."""
-    values = array_in(path)
-    if (
-        not isinstance(values, np.ndarray)
-        or values.ndim < 2
-        or values.shape[-1] != 3
-        or values.dtype.kind != "f"
-    ):
-        raise DataError(
-            f"{path}: {getattr(values, 'shape', 'several arrays')}, expected joints (frames, ..., 3) in mm"
-        )
-    return values

@@ -129,13 +129,9 @@ def _measure(net: Net, args: argparse.Namespace) -> None:
 
 def rounded(values: NDArray[np.float32], bits: int) -> NDArray[np.float32]:
     """The values with ``bits`` of the 23 bits of a mantissa, rounded to nearest, ties to even."""
-    one, drop = np.uint32(1), np.uint32(23 - bits)
-    raw = np.ascontiguousarray(values, np.float32).view(np.uint32)
-    # without bits, the leading one that is not stored
-    odd = (raw >> drop) & one if bits else one
-    half = (one << drop >> one) - np.uint32(drop > 0) + odd
-    kept = (raw + np.where(drop > 0, half, 0).astype(np.uint32)) >> drop << drop
-    return np.asarray(kept.view(np.float32))
+    mantissa, exponent = np.frexp(values.astype(np.float64))  # mantissas from 0.5 to 1
+    whole = np.rint(np.ldexp(mantissa, bits + 1))
+    return np.asarray(np.ldexp(whole, exponent - bits - 1), np.float32)
 
 
 def write_model(net: Net, errors: NetworkErrors | None, path: Path) -> None:

@@ -27,6 +27,7 @@ from typing import Any, NamedTuple
 from unittest import mock
 
 import netlib
+from experiments.choices import add_choices
 from experiments.example_nets import NETS, Example, Workload
 from netlib.engine import Step
 from tools.common.arguments import positive, positive_number
@@ -119,23 +120,9 @@ def _release(connections: Any) -> None:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     default = [name for name, example in NETS.items() if example.trains or name == "hand-1"]
-    parser.add_argument(
-        "--nets",
-        nargs="+",
-        choices=NETS,
-        default=default,
-        metavar="NAME",
-        help=f"some of {', '.join(NETS)} (default: {' '.join(default)})",
-    )
+    add_choices(parser, "--nets", NETS, default)
     parts = parts_of_fast() if netlib.engine.has_fast() else {}
-    parser.add_argument(
-        "--parts",
-        nargs="+",
-        choices=parts,
-        default=list(parts),
-        metavar="PART",
-        help=f"some of {', '.join(map(repr, parts))} (default: all)",
-    )
+    add_choices(parser, "--parts", parts)
     parser.add_argument(
         "--rounds", type=positive, default=5, metavar="N", help="default: %(default)s"
     )

@@ -100,7 +100,7 @@ def _opencv(name: str, work: Workload, threads: int) -> Iterator[tuple[str, Job]
 
     def job() -> Array:
         peer.setInput(x)
-        return np.asarray(peer.forward())
+        return peer.forward()
 
     yield from _checked(name, work, f"OpenCV {cv2.__version__}", job)
 
@@ -127,7 +127,7 @@ def _torch(name: str, work: Workload, threads: int) -> Iterator[tuple[str, Job]]
 
     def job() -> Array:
         with torch.inference_mode():
-            return np.asarray(graph(**inputs).numpy())
+            return graph(**inputs).numpy()
 
     yield from _checked(name, work, "PyTorch", job)
 

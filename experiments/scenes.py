@@ -26,6 +26,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from experiments.constants import SURE
 from experiments.finder import WITHIN_MM
 from experiments.fit import add_network
 from experiments.labelled_frames import camera_of, first_scenes
@@ -51,21 +52,6 @@ from tools.common.console import DONE, aligned
 from tools.common.progress import ProgressBar
 
 FINER = 2  # resolution of the frames, relative to the training's
-SURE = 0.9
-HEAD = [
-    "scenes",
-    "hands",
-    "found",
-    "side",
-    "mean",
-    "median",
-    "joints",
-    "good",
-    "sure",
-    "off",
-    "false",
-    "same",
-]
 
 
 class SceneHand(NamedTuple):
@@ -169,8 +155,8 @@ def _estimate(predictor: Predictor, frame: SideView, found: FoundHand) -> HandEs
         return None
 
 
-def cells_of(scenes: Sequence[SceneHands]) -> list[str]:
-    """Figures of some scenes."""
+def cells_of(scenes: Sequence[SceneHands]) -> dict[str, str]:
+    """The columns of some scenes by their names."""
     hands = [hand for scene in scenes for hand in scene.hands]
     false = [one for scene in scenes for one in scene.false if one.chance >= MIN_CONFIDENCE]
     fitted = [hand for hand in hands if hand.estimate]
@@ -180,19 +166,19 @@ def cells_of(scenes: Sequence[SceneHands]) -> list[str]:
     confidence = np.array([hand.estimate.chance for hand in fitted if hand.estimate])
     right, given, sure = np.isfinite(error), confidence >= MIN_CONFIDENCE, confidence >= SURE
     same = [mean_errors_14(around.mean(axis=0)[None], own[None]) for own in around]
-    return [
-        str(len(hands)),
-        _mean("{:.0%}", [hand.estimate is not None for hand in hands]),
-        _mean("{:.0%}", right),
-        _mean("{:.1f}", error[right]),
-        f"{np.median(error[right]):.1f}" if right.any() else "",
-        _mean("{:.0%}", given),
-        _mean("{:.0%}", error[given] < GOOD_MM),
-        str(sure.sum()),
-        _mean("{:.1%}", error[sure] > GOOD_MM),
-        f"{len(false) / len(scenes):.2f}",
-        _mean("{:.1f}", same),
-    ]
+    return {
+        "hands": str(len(hands)),
+        "found": _mean("{:.0%}", [hand.estimate is not None for hand in hands]),
+        "side": _mean("{:.0%}", right),
+        "mean": _mean("{:.1f}", error[right]),
+        "median": f"{np.median(error[right]):.1f}" if right.any() else "",
+        "joints": _mean("{:.0%}", given),
+        "good": _mean("{:.0%}", error[given] < GOOD_MM),
+        "sure": str(sure.sum()),
+        "off": _mean("{:.1%}", error[sure] > GOOD_MM),
+        "false": f"{len(false) / len(scenes):.2f}",
+        "same": _mean("{:.1f}", same),
+    }
 
 
 def _mean(form: str, values: ArrayLike) -> str:
@@ -224,7 +210,7 @@ def run(args: argparse.Namespace) -> int:
         weights, model = args.network
         net = trained(model, weights, args.engine)
     predictor_of = predictors(args.fit, net)
-    rows = [HEAD]
+    rows = []
     with ProgressBar(2 * args.scenes, "scenes") as progress:
         for name, prior in (("training", scene_prior.load()), ("other", other_setting())):
             generator = SceneGenerator(args.seed, "test", prior, FINER)
@@ -232,6 +218,6 @@ def run(args: argparse.Namespace) -> int:
             for scene in hands_in(generator, args.scenes, predictor_of):
                 scenes.append(scene)
                 progress(1)
-            rows.append([name, *cells_of(scenes)])
-    print(aligned(rows))
+            rows.append({"scenes": name, **cells_of(scenes)})
+    print(aligned([[*rows[0]], *([*row.values()] for row in rows)]))
     return DONE

@@ -2,8 +2,7 @@
 jitter, lag, speed.
 
     python -m experiments tracking
-    python -m experiments tracking --scripts minute two_hands --cameras nyu kinect2 \\
-        --seeds 0 1 --frame-by-frame
+    python -m experiments tracking --scripts minute two_hands --cameras nyu kinect2 --seeds 0 1
     python -m experiments tracking --scripts moving --rate 60 --seconds 5 --raw --fit accurate
 
 The scripts are those of tools/make_recording.py. There is a row for each of their hands. Joint
@@ -12,141 +11,68 @@ mean error of at most 100 mm. "ids" and "flips" count changes of its id and of i
 "wrong side" counts frames in which that is wrong. "jitter" is in mm while the hand rests, "lag" in
 ms while it moves. The last line has all hands, the hands reported where there is none, and the
 speed of the tracker without rendering.
-
---frame-by-frame also fits each frame, or every N-th, with the same plan, without history, but given
-the true centre of the crop and side: "same" and "alone" are the mean errors of the track and of
-these fits in frames in which both find the hand.
 """
 
 from __future__ import annotations
 
 import argparse
-import contextlib
 import itertools
 import time
 from collections.abc import Callable
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from handpose import CAMERAS, Camera, Tracker, load_predictor
-from handpose.body.sides import SIDES
-from handpose.frames.recording import DepthFrame
-from handpose.scoring.tracks import MAX_MATCH_MM, TrackScores, match, score
+from experiments.choices import add_choices
+from handpose import CAMERAS, Tracker, load_predictor
+from handpose.scoring.tracks import HandScores, TrackScores, score
 from handpose.sequences.recordings import SCRIPTS, SyntheticRecording
-from handpose.tracking.track import TrackedFrame
-from netlib.blob import Array
-from netlib.errors import DataError
-from tools.common.arguments import add_engine, count, seconds, seed
+from tools.common.arguments import add_engine, seconds, seed
 from tools.common.console import DONE, aligned, say
 from tools.common.progress import ProgressBar
 from tools.common.sources import rate
 
-COLUMNS = (
-    "in sight",
-    "found",
-    "mean",
-    "same",
-    "alone",
-    "ids",
-    "wrong side",
-    "flips",
-    "jitter",
-    "lag",
-)
-# errors (K,) in mm of fits of a single frame, by the ids of the true hands
-Alone = Callable[[DepthFrame, TrackedFrame], dict[int, Array]]
+COLUMNS = ("in sight", "found", "mean", "ids", "wrong side", "flips", "jitter", "lag")
 
 
 class Tracked(NamedTuple):
     """A tracked recording.
 
-    scores    of all hands
-    error_mm  by hand: mean errors (n, 2) of the track and of a fit of a single frame, in frames in
-              which both find it
-    seconds   used by the tracker, without rendering the frames
+    scores   of all hands
+    seconds  used by the tracker, without rendering the frames
     """
 
     scores: TrackScores
-    error_mm: dict[int, Array]
     seconds: float
 
 
 def follow(
     recording: SyntheticRecording,
     tracker: Tracker,
-    alone: Alone | None = None,
-    every: int = 1,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Tracked:
-    """Track a recording to its end; every ``every``-th frame is also predicted ``alone``.
-
-    Raises NetlibError.
+    """Track a recording to its end. Raises NetlibError.
 
     progress  called with the number of further frames done
     """
-    tracked, true = [], []
-    fits: dict[int, dict[int, Array]] = {}
+    tracked = []
     elapsed = 0.0
-    for number in range(recording.count):
-        frame, truth = recording.frame(number), recording.truth(number)
+    for frame in recording:
         begun = time.perf_counter()
         tracked.append(tracker.step(frame))
         elapsed += time.perf_counter() - begun
-        true.append(truth)
-        if alone is not None and number % every == 0:
-            fits[number] = alone(frame, truth)
         progress(1)
-    error_mm = {}
-    for id, seen in match(tracked, true)[0].items():
-        errors = [
-            (_error(frame.tracked.xyz, frame.true.xyz).mean(), fits[frame.number][id].mean())
-            for frame in seen
-            if frame.tracked and id in fits.get(frame.number, {})
-        ]
-        error_mm[id] = np.array(errors).reshape(-1, 2)
-    return Tracked(score(tracker.header(recording.name), tracked, true), error_mm, elapsed)
+    header = tracker.header(recording.name)
+    return Tracked(score(header, tracked, recording.truths()), elapsed)
 
 
-def alone_of(camera: Camera, fit: Literal["fast", "accurate"], engine: str | None) -> Alone:
-    """A prediction of hands in single frames of a camera, with the true crop centre and side.
-
-    Raises NetlibError.
-    """
-    predictors = {
-        side: load_predictor(camera, hand=side, refine=0, fit=fit, engine=engine, min_confidence=0)
-        for side in SIDES
-    }
-
-    def alone(frame: DepthFrame, true: TrackedFrame) -> dict[int, Array]:
-        errors = {}
-        for hand in true.hands:
-            pose = hand.the_pose
-            with contextlib.suppress(DataError):  # out of sight
-                found = predictors[pose.side].in_frame(frame.depth, pose.center_uvd)
-                errors[hand.id] = _error(found.xyz, hand.xyz)
-        return {id: error for id, error in errors.items() if error.mean() <= MAX_MATCH_MM}
-
-    return alone
-
-
-def _error(xyz: Array, true: Array) -> Array:
-    """Distances (K,) of joints (K, 3)."""
-    return np.asarray(np.linalg.norm(xyz - true, axis=1))
-
-
-def cells_of(tracked: Tracked, id: int) -> list[str]:
+def cells_of(hand: HandScores) -> list[str]:
     """The columns of a hand; empty where a score does not exist."""
-    hand = tracked.scores.hands[id]
-    error_mm = tracked.error_mm[id]
-    same, alone = error_mm.mean(axis=0) if len(error_mm) else (np.nan, np.nan)
     found = hand.found / hand.in_sight if hand.in_sight else np.nan
     values = (
         ("{}", hand.in_sight),
         ("{:.1%}", found),
         ("{:.1f}", hand.error_mm),
-        ("{:.1f}", same),
-        ("{:.1f}", alone),
         ("{}", hand.id_switches),
         ("{}", hand.wrong_side),
         ("{}", hand.side_switches),
@@ -158,22 +84,8 @@ def cells_of(tracked: Tracked, id: int) -> list[str]:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
-    parser.add_argument(
-        "--scripts",
-        choices=SCRIPTS,
-        nargs="+",
-        default=list(SCRIPTS),
-        metavar="NAME",
-        help=f"some of {', '.join(SCRIPTS)} (default: all)",
-    )
-    parser.add_argument(
-        "--cameras",
-        choices=CAMERAS,
-        nargs="+",
-        default=["nyu"],
-        metavar="NAME",
-        help=f"some of {', '.join(CAMERAS)} (default: nyu)",
-    )
+    add_choices(parser, "--scripts", SCRIPTS)
+    add_choices(parser, "--cameras", CAMERAS, ["nyu"])
     parser.add_argument(
         "--seeds", type=seed, nargs="+", default=[0], metavar="N", help="default: 0"
     )
@@ -187,14 +99,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--fit", choices=("fast", "accurate"), default="fast", help="default: %(default)s"
     )
     parser.add_argument("--raw", action="store_true", help="do not smooth")
-    parser.add_argument(
-        "--frame-by-frame",
-        type=count,
-        nargs="?",
-        const=1,
-        metavar="N",
-        help="also fit each frame, or every N-th, independently",
-    )
     add_engine(parser)
 
 
@@ -212,14 +116,11 @@ def run(args: argparse.Namespace) -> int:
         for script, camera, number, recording in recordings:
             predictor = load_predictor(recording.camera, fit=args.fit, engine=args.engine)
             tracker = Tracker(predictor, smooth=not args.raw, min_confidence=0)
-            alone = None
-            if args.frame_by_frame:
-                alone = alone_of(recording.camera, args.fit, args.engine)
-            tracked = follow(recording, tracker, alone, args.frame_by_frame or 1, progress)
+            tracked = follow(recording, tracker, progress)
             done.append(tracked)
             for id, hand in tracked.scores.hands.items():
                 names = [script, camera, str(number), f"{id} {hand.hand}"]
-                rows.append([*names, *cells_of(tracked, id)])
+                rows.append([*names, *cells_of(hand)])
     print(aligned(rows))
     say(_summary(done))
     return DONE

@@ -15,6 +15,8 @@ import logging
 import re
 from collections.abc import Iterable
 
+MAX_NAMES = 8  # in a message
+
 
 class NetlibError(RuntimeError):  # pycaffe raises RuntimeError
     """Base class of all errors that a user's input can cause."""
@@ -85,6 +87,14 @@ def meant_or_known(name: str, known: Iterable[str], what: str) -> str:
     return did_you_mean(name, known) or f"; {what} {', '.join(known)}"
 
 
+def some_of(names: Iterable[str]) -> str:
+    """Return the first names of many and the number of the others, as ``"a, b and 5 more"``."""
+    names = list(names)
+    shown = ", ".join(names[:MAX_NAMES])
+    others = len(names) - MAX_NAMES
+    return f"{shown} and {others} more" if others > 0 else shown
+
+
 # Reasons why a name leads to no readable file; every other error of a system call
 # concerns the system.
 _OF_THE_FILE = (
@@ -125,9 +135,9 @@ def reason_of(error: BaseException | None) -> str:
     """
     if isinstance(error, UnicodeDecodeError):
         return "not a text file"
-    text = (error.strerror if isinstance(error, OSError) else None) or str(error)
+    text = getattr(error, "strerror", None) or str(error)
     if wrapped := re.search(r"error message = '([^']*)'", text):  # HDF5 embeds it in a longer text
-        text = wrapped.group(1)
+        text = wrapped[1]
     return " ".join((text or type(error).__name__).split())
 
 

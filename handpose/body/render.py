@@ -148,6 +148,18 @@ def crop_rays(
     return _slopes(columns, camera.u0, camera.fx), _slopes(rows, camera.v0, camera.fy)
 
 
+def shown_in_crop(
+    capsules: Capsules, center_uvd: Array, cube_mm: float, camera: Camera, size: int = SIZE
+) -> Floats:
+    """What a crop (size, size) in [-1, 1] about a centre (3,) would show of one body's capsules; 1
+    without a surface. Parts that are nearer than the cube are not in it.
+    """
+    d = center_uvd[2:]
+    inside = in_front(capsules, d - cube_mm / 2)
+    depth = render_crop(inside, center_uvd[None], cube_mm, camera, size)
+    return normalise_depth(depth, d, cube_mm)[0]
+
+
 def normalise_depth(depth: Floats, center_d: ArrayLike, cube_mm: ArrayLike) -> Floats:
     """Depth (N, H, W) in mm to [-1, 1] across the cubes at depth ``center_d`` (N,), in place."""
     depth -= np.asarray(center_d, dtype=np.float32).reshape(-1, 1, 1)
@@ -363,7 +375,7 @@ def _depths(coefficients: Floats, x: Floats, y: Floats) -> Floats:
         np.sqrt(k2, out=k2)
         cd -= k2
         cd /= dd
-    return np.asarray(cd)
+    return cd
 
 
 def _triangles(capsules: Capsules) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:

@@ -114,12 +114,9 @@ def read_split(root: Path, split: str, centers: Path | None = None) -> Published
         )
     annotation = read_annotation(there)
     count = len(annotation.files)
-    if centers is None:
-        center_uvd = annotation.uvd[:, PALM_JOINT]
-        centre = "annotated palm"
-    else:
-        center_uvd = read_centers(centers, count)
-        centre = f"centres of {centers.name}"
+    center_uvd, centre = annotation.uvd[:, PALM_JOINT], "annotated palm"
+    if centers is not None:
+        center_uvd, centre = read_centers(centers, count)
     return PublishedFrames(
         split=split,
         files=annotation.files,

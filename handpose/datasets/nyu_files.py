@@ -125,12 +125,9 @@ def read_split(root: Path, split: str, centers: Path | None = None) -> Published
     folder = folder_of(root, split)
     annotation = read_annotation(folder / ANNOTATION)
     count = len(annotation.uvd)
-    if centers is None:
-        center_uvd = annotation.uvd[:, CENTER_JOINT]
-        centre = f"annotated joint {CENTER_JOINT}"
-    else:
-        center_uvd = read_centers(centers, count)
-        centre = f"centres of {centers.name}"
+    center_uvd, centre = annotation.uvd[:, CENTER_JOINT], f"annotated joint {CENTER_JOINT}"
+    if centers is not None:
+        center_uvd, centre = read_centers(centers, count)
     is_test = split == "test"
     cube_mm = cube_of_test_frame(np.arange(count)) if is_test else np.full(count, CUBE_MM)
     return PublishedFrames(

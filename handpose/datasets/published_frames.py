@@ -10,7 +10,7 @@ import hashlib
 import json
 import warnings
 from collections import Counter
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,7 +26,7 @@ from handpose.frames.crops import SIZE, crop, normalise_joints
 from handpose.frames.images import EMPTY, OUTSIDE, UNLABELLED, WRONG_SIZE, BadFrameError
 from netlib import files
 from netlib.blob import Array
-from netlib.errors import DataError, reason_of
+from netlib.errors import DataError, reason_of, some_of
 from netlib.files import atomic, hdf5
 from netlib.files.paths import names_in
 
@@ -37,9 +37,6 @@ class Flaw:
 
     text: str
     fatal: bool = True  # the run cannot continue
-
-
-MAX_SHOWN = 6  # names in a message
 
 
 @dataclass(frozen=True)
@@ -145,9 +142,8 @@ def check_frames(
         return [], [Flaw(f"{root}: no such folder")]
     if not folder.is_dir():
         name = str(folder.relative_to(root))
-        return [], [
-            Flaw(f"{root}: no folder {name!r}, which holds {holds}; found {_shown(names_in(root))}")
-        ]
+        found = some_of(sorted(names_in(root))) or "nothing"
+        return [], [Flaw(f"{root}: no folder {name!r}, which holds {holds}; found {found}")]
     try:
         frames = read()
     except DataError as error:
@@ -155,11 +151,13 @@ def check_frames(
     names = {parent: names_in(parent) for parent in {path.parent for path in frames.files}}
     missing = [path for path in frames.files if path.name not in names[path.parent]]
     count = len(frames)
-    flaws = whole(len(frames))
+    flaws = whole(count)
     if missing:
         text = f"{folder}: {len(missing)} of {count} depth frames are missing, the first is {missing[0]}"
-        found = f"; found {_shown(names[missing[0].parent])}" if len(missing) == count else ""
-        flaws.append(Flaw(text + found, fatal=len(missing) == count))
+        if len(missing) == count:
+            found = some_of(sorted(names[missing[0].parent])) or "nothing"
+            text += f"; found {found}"
+        flaws.append(Flaw(text, fatal=len(missing) == count))
     else:
         try:
             frames.depth(0)
@@ -168,10 +166,6 @@ def check_frames(
     return [
         f"{folder}: {count} labelled frames, {count - len(missing)} of their depth frames"
     ], flaws
-
-
-def _shown(names: Collection[str]) -> str:
-    return f"{', '.join(sorted(names)[:MAX_SHOWN])}{' ...' * (len(names) > MAX_SHOWN)}" or "nothing"
 
 
 def statistics(frames: PublishedFrames, index: Sequence[int]) -> str:
@@ -192,8 +186,11 @@ def statistics(frames: PublishedFrames, index: Sequence[int]) -> str:
     )
 
 
-def read_centers(path: Path, frames: int) -> Array:
-    """Crop centres (frames, 3) from a text file with ``u v d`` in each line. Raises DataError."""
+def read_centers(path: Path, frames: int) -> tuple[Array, str]:
+    """Crop centres (frames, 3) from a text file with ``u v d`` in each line, and their description.
+
+    Raises DataError.
+    """
     text = files.read_text(path, "the centres")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # NumPy's, for empty texts
@@ -208,7 +205,7 @@ def read_centers(path: Path, frames: int) -> Array:
         raise DataError(
             f"{path}: found centres of shape {found.shape}, expected ({frames}, 3): u v d for each frame"
         )
-    return found
+    return found, f"centres of {path.name}"
 
 
 # ---------------------------------------------------------------------------------------- the files
@@ -269,13 +266,7 @@ class PreparedSplit:
                     index = self._write_part(part, pool, advance, report)
                     self.made += len(index)
                 else:
-                    with hdf5.opened(part.path, "the data") as file:
-                        index = file["index"][...].tolist()
-                        left_out = json.loads(file.attrs["bad"])
-                    for i, kind in [
-                        (i, kind) for kind, indices in left_out.items() for i in indices
-                    ]:
-                        report(i, BadFrameError(self.frames.files[i], kind))
+                    index = self._read_part(part, report)
                 self.index += index
         finally:
             pool.shutdown(cancel_futures=True)
@@ -283,6 +274,16 @@ class PreparedSplit:
             atomic.replace_text(self.bad, "".join(named))
         else:
             self.bad.unlink(missing_ok=True)
+
+    def _read_part(self, part: Part, on_bad: Callable[[int, BadFrameError], None]) -> list[int]:
+        """The numbers of the frames of a part that was kept."""
+        with hdf5.opened(part.path, "the data") as file:
+            index: list[int] = file["index"][...].tolist()
+            bad = json.loads(file.attrs["bad"])
+        for kind, left_out in bad.items():
+            for i in left_out:
+                on_bad(i, BadFrameError(self.frames.files[i], kind))
+        return index
 
     def _write_part(
         self,

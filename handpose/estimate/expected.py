@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from handpose.body.render import Capsules, in_front, normalise_depth, render_crop
+from handpose.body.render import Capsules, shown_in_crop
 from handpose.body.sides import SideView
 from handpose.estimate.palm import recenter
 from handpose.fit.body import CapsuleModel, WorldPose, crop_variables, world_pose
@@ -78,10 +78,7 @@ class ExpectedBodies:
 
     def _rendered(self, capsules: Capsules, center_uvd: Array, camera: Camera) -> Floats:
         """What a crop (S, S) about a centre (3,) would show of capsules; 1 without a surface."""
-        d = center_uvd[2:]
-        cube = self.cube_mm
-        image = render_crop(in_front(capsules, d - cube / 2), center_uvd[None], cube, camera)
-        return normalise_depth(image, d, cube)[0]
+        return shown_in_crop(capsules, center_uvd, self.cube_mm, camera)
 
     def _middle_of_crops(self) -> Array:
         """The crop centre (3,) in mm, from the root's position and in its axes."""

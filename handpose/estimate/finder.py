@@ -113,16 +113,12 @@ class Finder:
         small = _scaled(image, scale)
         slopes = _slopes(camera, scale, small.shape)
         focal = float(camera.fx * scale[0])
-        said = self.net.forward(blobs=["votes", "class"], frame=channels_of(small[None], focal))
-        if not all(np.isfinite(said[name]).all() for name in OUTPUTS):
-            raise NetlibError(f"{self.net.source}: answers that are not finite; check its weights")
-        chances = said["class"][0, 1], said["presence"][0, 0]
-        hand, presence = (rounded(values, CHANCE_STEP).astype(np.float32) for values in chances)
+        hand, presence, to_middles = self._answers(small, focal)
         z = small[::4, ::4].astype(np.float64)
         z[z >= BEYOND_MM] = 0
         rays = np.concatenate([slopes[::4, ::4], np.ones((*z.shape, 1))], axis=-1)
         points = rays * z[..., None]
-        votes = points + rounded(VOTE_MM * np.moveaxis(said["votes"][0], 0, -1), PLACE_STEP_MM)
+        votes = points + to_middles
         weight = (z > 0) * np.maximum(hand[::2, ::2], 1e-3)
         peaks = [
             (chance, middle)
@@ -138,6 +134,21 @@ class Finder:
         masks = self._masks(image, camera, scale, in_frame, owner, middles)
         rough = [rounded(weight, WEIGHT_STEP).astype(np.float32) for weight in weights]
         return [FoundHand(*peak, *pixels) for peak, *pixels in zip(peaks, masks, rough)]
+
+    def _answers(self, frame: Floats, focal: float) -> tuple[Floats, Floats, Array]:
+        """The net's answers to a frame (H, W) in mm with a focal length in px: the probability of
+        hands (H/2, W/2), the presence (H/4, W/4) of middles, and the ways (H/4, W/4, 3) in mm from
+        the points to the middles of their hands.
+
+        Raises NetlibError for answers that are not finite.
+        """
+        said = self.net.forward(blobs=["votes", "class"], frame=channels_of(frame[None], focal))
+        if not all(np.isfinite(said[name]).all() for name in OUTPUTS):
+            raise NetlibError(f"{self.net.source}: answers that are not finite; check its weights")
+        chances = said["class"][0, 1], said["presence"][0, 0]
+        hand, presence = (rounded(values, CHANCE_STEP).astype(np.float32) for values in chances)
+        ways = rounded(VOTE_MM * np.moveaxis(said["votes"][0], 0, -1), PLACE_STEP_MM)
+        return hand, presence, ways
 
     def _peaks(
         self, presence: Floats, votes: Array, weight: Array, min_presence: float, most: int
@@ -170,7 +181,7 @@ class Finder:
         half = weight[order].cumsum(axis=0) >= weight.sum() / 2
         median = np.take_along_axis(votes, order, axis=0)[half.argmax(axis=0), range(3)]
         near = weight * (np.linalg.norm(votes - median, axis=1) < self.settings.apart_mm)
-        return np.asarray(near @ votes / near.sum()) if near.any() else median
+        return near @ votes / near.sum() if near.any() else median
 
     def _weights(self, hand: Floats, owner: NDArray[np.intp], hands: int) -> list[Floats]:
         """The weights (H/2, W/2) of the pixels of each hand.
@@ -249,7 +260,7 @@ def _scale(camera: Camera) -> Array:
     """Factors of columns and rows from the camera's frames to the net's."""
     scale = FINDER_FOCAL_PX / np.array([camera.fx, camera.fy])
     pixels = camera.width * camera.height * scale.prod()
-    return np.asarray(scale * min(1.0, (MAX_PIXELS / pixels) ** 0.5))
+    return scale * min(1.0, (MAX_PIXELS / pixels) ** 0.5)
 
 
 def _scaled(image: Floats, scale: Array) -> Floats:

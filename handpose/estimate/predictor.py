@@ -30,6 +30,7 @@ from handpose.frames.cameras import NYU, Camera
 from handpose.frames.crops import CUBES_MM, SIZE, numbers
 from handpose.frames.images import check_unit, depth_image, without_dropouts
 from handpose.frames.recording import sized
+from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError, did_you_mean
 from netlib.net import Net
@@ -86,27 +87,21 @@ class Predictor:
         if not isinstance(camera, Camera):
             what = type(camera).__name__
             raise NetlibError(f"camera is a {what}; expected a Camera, such as handpose.NYU")
-        for name in ("depth", "pred"):
-            if name not in net.blobs:
-                raise NetlibError(
-                    f"{net.source}: no blob {name!r}; expected a net with the input depth and the output pred"
-                )
-        layer = the_hand_layer(net)
+        self.net, self.skeleton, self.camera = net, _skeleton_of(net), camera
         if hand == "either" and fit == "no":
             raise NetlibError(
                 "only a fit can tell which hand it is; expected fit fast or accurate, or left or right"
             )
-        self.net, self.skeleton, self.camera = net, layer.skeleton, camera
-        self.is_hand = is_hand(layer.skeleton)
+        self.is_hand = is_hand(self.skeleton)
         if hand == "left" and not self.is_hand:
             raise NetlibError(
                 f"skeleton {self.skeleton.name!r} is not a hand, so there is no left one"
             )
         self.cube_mm = cube_of(self.skeleton, cube_mm)
         self.refine = refine if self.is_hand else 0
-        self.sides: tuple[Side, ...] = (
-            (hand,) if hand != "either" else SIDES if self.is_hand else ("right",)
-        )
+        self.sides: tuple[Side, ...] = (hand,) if hand != "either" else SIDES
+        if not self.is_hand:
+            self.sides = ("right",)
         self.settings = fitter.settings if fitter else settings
         self.plan = self.settings.search.plans.get(fit)
         self.fitter = None
@@ -213,6 +208,16 @@ class Predictor:
         image = depth_image(depth)
         check_unit(image)
         return without_dropouts(self.camera.in_range(image))
+
+
+def _skeleton_of(net: Net) -> Skeleton:
+    """The hand of a net that estimates it from crops. Raises NetlibError for another net."""
+    for name in ("depth", "pred"):
+        if name not in net.blobs:
+            raise NetlibError(
+                f"{net.source}: no blob {name!r}; expected a net with the input depth and the output pred"
+            )
+    return the_hand_layer(net).skeleton
 
 
 def check_options(

@@ -324,7 +324,7 @@ class RootMotion:
         x = np.concatenate([place, self._angles(R)], axis=1) / self._signs - self._initial
         angles = x[:, 3:]
         x[:, 3:] = (angles + np.pi) % (2 * np.pi) - np.pi
-        return np.asarray(x)
+        return x
 
     def _angles(self, R: Array) -> Array:
         """The angles (N, 3) of R = R_i(a) R_j(b) R_k(c) with the root's axes i, j, k."""

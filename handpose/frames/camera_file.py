@@ -66,13 +66,12 @@ from handpose.frames.lens import Lens, lens_of
 from handpose.frames.recording import CameraInfo
 from handpose.frames.time_units import TIME_UNITS
 from netlib import files
-from netlib.errors import DataError, reason_of
+from netlib.errors import DataError, reason_of, some_of
 from netlib.files import atomic
 
 NAME = "camera.json"
 WIDE_BOMS = (b"\xff\xfe", b"\xfe\xff")
 MAX_BYTES = 1 << 22  # of a file; calibrations have some 10,000
-MAX_NAMES = 8  # of unused keys that are named
 MAX_SHOWN_CHARACTERS = 40  # characters of a value in a message
 
 
@@ -242,8 +241,7 @@ class FoundCamera:
         used = ", ".join(self.fields)
         if not self.unused:
             return used
-        more = " ..." if len(self.unused) > MAX_NAMES else ""
-        return f"{used}; not used: {', '.join(self.unused[:MAX_NAMES])}{more}"
+        return f"{used}; not used: {some_of(self.unused)}"
 
     def _refuse(self, what: str) -> NoReturn:
         raise DataError(f"{self._where}: {what}")

@@ -116,12 +116,15 @@ def _best(places: list[Path], doubts: list[str]) -> list[CameraInfo]:
         rank = rank_of(path.parent.name, path.stem)
         try:
             info = read(path)
-            if info.camera is None or rank == COLOUR:
-                what = "the camera of colours" if info.camera else "no camera"
-                raise DataError(f"{path}: {what}")
-            ranked.setdefault(rank, []).append(info)
         except DataError as error:
             doubts.append(str(error))
+            continue
+        if info.camera is None:
+            doubts.append(f"{path}: no camera")
+        elif rank == COLOUR:
+            doubts.append(f"{path}: the camera of colours")
+        else:
+            ranked.setdefault(rank, []).append(info)
     best = ranked.get(min(ranked, default=COLOUR), [])
     if len({replace(info, origin="") for info in best}) > 1:
         origins = " and ".join(info.origin for info in best)

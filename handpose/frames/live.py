@@ -79,26 +79,33 @@ class CaptureThread:
         self._thread: threading.Thread | None = None
 
     def _capture(self) -> None:
+        """Read frames until the device ends, fails or is closed."""
         count = 0
-        while not self._is_closed:
-            try:
-                frame = self._device.read()
-                if frame is not None:
-                    number = count if frame.number is None else frame.number
-                    frame = frame._replace(values=np.array(frame.values), number=number)
-            except Exception as error:  # of any SDK; it is raised where the frames are read
-                with self._changed:
-                    self._failure = error
-                    self._changed.notify()
-                if not isinstance(error, TimeoutError):
-                    return
+        failure: Exception | None = None
+        while not self._is_closed and (failure is None or isinstance(failure, TimeoutError)):
+            frame, failure = self._next(count)
+            if frame is None and failure is None:
                 continue
-            if frame is not None:
-                count += 1
-                with self._changed:
+            with self._changed:
+                self._failure = failure
+                if frame is not None:
+                    count += 1
                     self._newest = frame
-                    self._failure = None
-                    self._changed.notify()
+                self._changed.notify()
+
+    def _next(self, count: int) -> tuple[DeviceFrame | None, Exception | None]:
+        """The next frame of the device, if there is one, or its exception.
+
+        count  the number of a frame without one
+        """
+        try:
+            frame = self._device.read()
+            if frame is None:
+                return None, None
+            number = count if frame.number is None else frame.number
+            return frame._replace(values=np.array(frame.values), number=number), None
+        except Exception as error:  # of any SDK; it is raised where the frames are read
+            return None, error
 
     def read(self) -> DeviceFrame | None:
         """The newest frame that was not returned yet; the device's exceptions after its last frame.
@@ -165,21 +172,22 @@ class LiveRecording(Recording):
         self.cut = ""
         self.remarks = self._decode.remarks
         clock = _Clock(1 / (self.rate or RATE))
-        last = -1
+        number = -1
         lost = 0
-        before: int | None = None
+        before: int | None = None  # the number of the last frame by the device's count
         try:
             while (frame := self._next()) is not None:
-                counted = last + 1 if frame.number is None else frame.number
+                counted = number + 1 if frame.number is None else frame.number
                 step = 1 if before is None or counted < before else counted - before
                 before = counted
                 if step == 0:  # the same frame again
                     continue
-                last, lost = last + step, lost + step - 1
+                number += step
+                lost += step - 1
                 if not isinstance(frame.time, Real) or not math.isfinite(frame.time):
                     raise DataError(f"{self.name}: a frame's time is {frame.time}; expected s")
                 time = clock(frame.time, frame.clock, step)
-                yield DepthFrame(last, time, self._decode(frame.values))
+                yield DepthFrame(number, time, self._decode(frame.values))
         finally:
             if lost:
                 self.remarks += (f"frames lost because they were not taken in time: {lost}",)

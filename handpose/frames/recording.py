@@ -202,13 +202,9 @@ class DepthDecoder:
             )
         self.unit_mm = unit
         self._unit = np.float32(unit)
-        self._undistort = None
-        if known.lens is not None and not known.lens.is_straight:
+        self._undistort = _undistorter(self.camera, known.lens, where)
+        if self._undistort is not None:
             remarks.append("the distortion of the lens is taken out")
-            try:
-                self._undistort = Undistorter(self.camera, known.lens)
-            except DataError as error:
-                raise DataError(f"{where}: {error}") from None
         # the user gave a camera without a lens
         elif own.lens is not None and not own.lens.is_straight:
             remarks.append(
@@ -240,6 +236,16 @@ class DepthDecoder:
                 f"{where}: a depth of {depth.min():g} mm; expected 0 where nothing was read, else more"
             )
         return depth if self._undistort is None else self._undistort(depth)
+
+
+def _undistorter(camera: Camera, lens: Lens | None, where: str) -> Undistorter | None:
+    """What removes the distortion of a lens; None without one. Raises DataError."""
+    if lens is None or lens.is_straight:
+        return None
+    try:
+        return Undistorter(camera, lens)
+    except DataError as error:
+        raise DataError(f"{where}: {error}") from None
 
 
 def _unknown_camera(known: CameraInfo, where: str) -> DataError:

@@ -60,9 +60,10 @@ class RecordingWriter:
         if self._kind is _Stack and suffix != ".npz":
             raise NetlibError(f"{path}: cannot write {suffix}; expected a folder or FILE.npz")
         refuse_existing(path)
-        self.path, self.camera, self.unit_mm, self.count = path, camera, unit_mm, 0
+        self.path, self.camera, self.unit_mm = path, camera, unit_mm
+        self.count = 0
         self._rate = rate
-        self._last = -1
+        self._last = -1  # microseconds, the time of the last frame
 
     def __enter__(self) -> RecordingWriter:
         self._writer = self._kind(

@@ -100,37 +100,44 @@ def predict_all(net: Net, progress: Callable[[int], None] = lambda done: None) -
         )
     data.rewind()
     wanted = ["pred", "joint", *((hand.spec.bottom[0], hand.spec.top[0]) if hand else ())]
+    arrays, outputs = _run_over(net, data, wanted, progress)
+    _check_annotated(arrays["joint"], data.files)
+    origins = {printable(file.made_from) for file in data.files}
+    return Predictions(
+        joints=arrays["pred"].reshape(data.rows, -1, 3),
+        truth=arrays["joint"].reshape(data.rows, -1, 3),
+        dof=arrays[hand.spec.bottom[0]] if hand else None,
+        skeleton=arrays[hand.spec.top[0]].reshape(data.rows, -1, 3) if hand else None,
+        half_cube=np.concatenate([labels.read_half_cubes(file) for file in data.files]),
+        outputs=outputs,
+        made_from=", ".join(sorted(origins)),
+    )
+
+
+def _run_over(
+    net: Net, data: HDF5Data, wanted: Sequence[str], progress: Callable[[int], None]
+) -> tuple[dict[str, Array], dict[str, float]]:
+    """The blobs ``wanted`` (N, values) of all N rows of the data, each read once, by name; and the
+    mean of every scalar output.
+    """
     found: dict[str, list[Array]] = {name: [] for name in wanted}
-    sums: dict[str, list[float]] = {name: [] for name in net.outputs if net.blobs[name].count == 1}
+    scalars: dict[str, list[float]] = {
+        name: [] for name in net.outputs if net.blobs[name].count == 1
+    }
     # the last batch would wrap around to the first rows and count them twice
     if data.rows % data.param.batch_size:
         data.use_batch_size(math.gcd(data.rows, data.param.batch_size))
         net.reshape()
-    done = 0
-    while done < data.rows:
+    size = data.batch_size
+    for done in range(size, data.rows + 1, size):
         net.run_forward()
-        take = data.batch_size
-        for name in found:
-            found[name].append(net.blobs[name].data[:take].reshape(take, -1).copy())
-        for name, values in sums.items():
+        for name, batches in found.items():
+            batches.append(net.blobs[name].data[:size].reshape(size, -1).copy())
+        for name, values in scalars.items():
             values.append(float(net.blobs[name].data.sum()))
-        done += take
         progress(done)
-    arrays = {name: np.concatenate(parts) for name, parts in found.items()}
-    _check_annotated(arrays["joint"], data.files)
-    skeleton = arrays[hand.spec.top[0]].reshape(done, -1, 3) if hand else None
-    half_cube = np.concatenate([labels.read_half_cubes(file) for file in data.files])
-    outputs = {name: float(np.mean(values)) for name, values in sums.items()}
-    origins = {printable(file.made_from) for file in data.files}
-    return Predictions(
-        joints=arrays["pred"].reshape(done, -1, 3),
-        truth=arrays["joint"].reshape(done, -1, 3),
-        dof=arrays[hand.spec.bottom[0]] if hand else None,
-        skeleton=skeleton,
-        half_cube=half_cube,
-        outputs=outputs,
-        made_from=", ".join(sorted(origins)),
-    )
+    arrays = {name: np.concatenate(batches) for name, batches in found.items()}
+    return arrays, {name: float(np.mean(values)) for name, values in scalars.items()}
 
 
 def _check_annotated(joints: Array, files: Sequence[File]) -> None:

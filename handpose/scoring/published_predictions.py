@@ -107,30 +107,7 @@ def read_frames(
     text = files.read_text(path, "the joints", limit=files.MAX_BYTES)
     if not text.strip():
         raise DataError(f"{path}: empty, expected the numbers of a frame on each line")
-    lines = text.rstrip().split("\n")
-    has_names = IMAGE_NAME.match(lines[0]) is not None
-    names: list[str] = []
-    rows = []
-    for number, line in enumerate(lines, 1):
-        where = f"{path}:{number}"
-        start = 0
-        if has_names:
-            named = IMAGE_NAME.match(line)
-            if named is None:
-                raise DataError(f"{where}: no name of an image, as the lines before have")
-            start = named.end()
-            names.append(PurePosixPath(named[1].replace("\\", "/")).name)
-        row = _numbers(line, start, where)
-        if len(row) != 3 * joints:
-            raise DataError(
-                f"{where}: found {len(row)} number{'s' * (len(row) != 1)}, "
-                f"expected {3 * joints} = {joints} joints x 3"
-            )
-        rows.append(row)
-    if len(set(names)) < len(names):
-        twice = next(name for name, count in Counter(names).items() if count > 1)
-        raise DataError(f"{path}: has {twice} twice")
-    found = np.array(rows).reshape(-1, joints, 3)
+    names, found = _parsed(text.rstrip().split("\n"), joints, str(path))
     usual = float(np.median(np.abs(found[..., 2])))
     if usual < NEAREST_MM:
         raise DataError(
@@ -147,6 +124,32 @@ def read_frames(
             f"({(depth <= 0).sum()} of {len(depth)} frames have such joints)"
         )
     return names, camera.unproject(found)
+
+
+def _parsed(lines: list[str], joints: int, where: str) -> tuple[list[str], Array]:
+    """The names of the images, or none, and the numbers (N, K, 3) in lines. Raises DataError."""
+    has_names = IMAGE_NAME.match(lines[0]) is not None
+    names: list[str] = []
+    rows = []
+    for number, line in enumerate(lines, 1):
+        start = 0
+        if has_names:
+            named = IMAGE_NAME.match(line)
+            if named is None:
+                raise DataError(f"{where}:{number}: no name of an image, as the lines before have")
+            start = named.end()
+            names.append(PurePosixPath(named[1].replace("\\", "/")).name)
+        row = _numbers(line, start, f"{where}:{number}")
+        if len(row) != 3 * joints:
+            raise DataError(
+                f"{where}:{number}: found {len(row)} number{'s' * (len(row) != 1)}, "
+                f"expected {3 * joints} = {joints} joints x 3"
+            )
+        rows.append(row)
+    if len(set(names)) < len(names):
+        twice = next(name for name, count in Counter(names).items() if count > 1)
+        raise DataError(f"{where}: has {twice} twice")
+    return names, np.array(rows).reshape(-1, joints, 3)
 
 
 def _numbers(line: str, start: int, where: str) -> Array:

@@ -30,7 +30,7 @@ from handpose.sequences.acts import Act, Actor, Volume
 from handpose.sequences.movements import Movement, Person
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
-from handpose.synthetic.prior_file import PoseParameter
+from handpose.synthetic.prior_file import PoseParameter, PosePrior
 from handpose.synthetic.sensor import sense, sensor_of
 from handpose.tracking.track import LEFT, PARTLY, TrackedFrame, TrackedHand, TrackHeader
 from netlib.blob import Array
@@ -137,6 +137,29 @@ def render_image(capsules: Capsules, camera: Camera = NYU, background: float = n
 MAX_IMAGE_PX = 1 << 14  # pixels either way, as in a camera.json
 
 
+def _sized(camera: Camera | View) -> Camera:
+    """The camera with a size (``SyntheticRecording``). Raises DataError for images too large."""
+    if isinstance(camera, View):
+        camera = camera.at(640, 480)
+    elif not camera.width:
+        camera = replace(camera, width=round(2 * camera.u0), height=round(2 * camera.v0))
+    if not (0 < camera.width <= MAX_IMAGE_PX and 0 < camera.height <= MAX_IMAGE_PX):
+        raise DataError(
+            f"camera {camera.name}: images of {camera.width} x {camera.height} pixels; expected 1 to "
+            f"{MAX_IMAGE_PX} each way (u0 and v0 are taken for half of it)"
+        )
+    return camera
+
+
+def _prior_of(script: Script) -> PosePrior:
+    """The poses of a script's hands, whose palms or backs mostly face the camera."""
+    prior = prior_file.load(prior_file.PEOPLE_PRIOR).turned("palm_rot_z", any=0.0)
+    prior = prior.turned("palm_rot_x", any=None, most=85.0).turned("palm_rot_y", any=0.1)
+    own = [pose.name for pose in script.poses]
+    others = (pose for pose in prior.pose if pose.name not in own)
+    return prior.but(pose=(*others, *script.poses))
+
+
 class SyntheticRecording(Recording):
     """A script recorded by a camera.
 
@@ -173,25 +196,12 @@ class SyntheticRecording(Recording):
             )
         self.name = f"synthetic {script if isinstance(script, str) else 'script'}, seed {seed}"
         length = self.script.seconds if seconds is None else seconds
-        if isinstance(camera, View):
-            camera = camera.at(640, 480)
-        elif not camera.width:
-            camera = replace(camera, width=round(2 * camera.u0), height=round(2 * camera.v0))
-        if not (0 < camera.width <= MAX_IMAGE_PX and 0 < camera.height <= MAX_IMAGE_PX):
-            raise DataError(
-                f"camera {camera.name}: images of {camera.width} x {camera.height} pixels; expected 1 to "
-                f"{MAX_IMAGE_PX} each way (u0 and v0 are taken for half of it)"
-            )
-        self.camera, self.rate, self.seed = camera, rate, seed
+        self.camera, self.rate, self.seed = _sized(camera), rate, seed
         self.count = max(1, round(length * rate))
         self.unit_mm = UNIT_MM.get(camera.name, 1.0)
-        self.sensor = None if clean else sensor_of(camera).settled(self._numbers(FAULTS_STREAM))
-        # Palm or back mostly face the camera.
-        prior = prior_file.load(prior_file.PEOPLE_PRIOR).turned("palm_rot_z", any=0.0)
-        prior = prior.turned("palm_rot_x", any=None, most=85.0).turned("palm_rot_y", any=0.1)
-        own = self.script.poses
-        others = [pose for pose in prior.pose if pose.name not in [one.name for one in own]]
-        self.sampler = BodySampler(prior.but(pose=(*others, *own)) if own else prior)
+        sensor = sensor_of(self.camera)
+        self.sensor = None if clean else sensor.settled(self._numbers(FAULTS_STREAM))
+        self.sampler = BodySampler(_prior_of(self.script))
         self.person = Person.draw(self._numbers(PERSON_STREAM, 0), self.sampler)
         volumes = [self._volume(side) for side in self.script.acts]
         self.movements: list[Movement] = []
@@ -204,7 +214,7 @@ class SyntheticRecording(Recording):
             self.movements.append(actor.act(acts, length))
         farthest = max(volume.far for volume, _ in volumes)
         self._behind, self._middle = draw_surroundings(
-            self._numbers(SURROUNDINGS_STREAM), camera, farthest, self.script.body
+            self._numbers(SURROUNDINGS_STREAM), self.camera, farthest, self.script.body
         )
         self._unseen = functools.cache(self._unseen_at)
 

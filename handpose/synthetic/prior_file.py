@@ -297,7 +297,6 @@ def _check_sizes(prior: PosePrior, skeleton: Skeleton) -> None:
     _check_above_zero(prior, "bone_std", 1.0, prior)
     for group in prior.proportion:
         _check_above_zero(group, "std", 1.0, prior)
-    for group in prior.proportion:
         for joint in group.joint:
             _expect_known(group, "joint", joint, skeleton.joint_names)
 

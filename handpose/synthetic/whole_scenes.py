@@ -69,18 +69,6 @@ class Scenes(NamedTuple):
     slopes: Floats
 
 
-class Clean(NamedTuple):
-    """Scenes without errors of a sensor (depth infinite where there is nothing).
-
-    focal     (N,) px
-    reflects  (N, H, W) the part of the light that the surfaces send back
-    """
-
-    scenes: Scenes
-    focal: Array
-    reflects: Floats
-
-
 class SceneGenerator:
     """Draws scenes for a seed and a split, block by block.
 
@@ -99,44 +87,31 @@ class SceneGenerator:
     def block(self, number: int) -> Scenes:
         """Scenes ``number * SCENES_PER_BLOCK`` and following, as a camera measures them."""
         rng = rng_of(self.seed, self.split, number, STREAM)
-        scenes, focal, reflects = draw_scenes(
-            rng, self.prior, self.sampler, SCENES_PER_BLOCK, self.finer
+        cameras = draw_cameras(rng, self.prior.view, SCENES_PER_BLOCK)
+        rays = cameras.rays(self.finer)
+        people = draw_people(rng, self.prior, self.sampler, cameras)
+        sight = sight_of(rng, self.prior, people, rays)
+        focal = self.finer * cameras.focal
+        clean = zip(sight.depth, sight.which > 0, focal, sight.reflects)
+        depth = np.stack([measure_frame(rng, *frame) for frame in clean])
+        what_of_number = np.array([*range(THINGS - 1), THINGS - 2, *(THINGS - 1 + sight.of)])
+        what = what_of_number[sight.number]
+        classes = np.select([sight.which > 0, what == PERSON_OBJECT], [HAND, PERSON], OTHER)
+        middles = np.stack([hand.middle for hand in people.hands], axis=1)
+        scenes = Scenes(
+            depth=depth,
+            classes=classes.astype(np.int8),
+            which=sight.which,
+            what=what.astype(np.int16),
+            joints=np.stack([hand.joints for hand in people.hands], axis=1),
+            is_right=np.stack([hand.side > 0 for hand in people.hands], axis=1),
+            middle=middles,
+            middle_px=self.finer * cameras.pixels(middles),
+            present=people.there & (sight.share > SEEN),
+            doubtful=people.there,
+            slopes=slopes_of(rays),
         )
-        depth = np.stack(
-            [
-                measure_frame(rng, *scene)
-                for scene in zip(scenes.depth, scenes.which > 0, focal, reflects)
-            ]
-        )
-        return _judged(scenes._replace(depth=depth), self.finer)
-
-
-def draw_scenes(
-    rng: np.random.Generator, prior: ScenePrior, sampler: BodySampler, count: int, finer: int = 1
-) -> Clean:
-    """``count`` scenes."""
-    cameras = draw_cameras(rng, prior.view, count)
-    rays = cameras.rays(finer)
-    people = draw_people(rng, prior, sampler, cameras)
-    sight = sight_of(rng, prior, people, rays)
-    what_of_number = np.array([*range(THINGS - 1), THINGS - 2, *(THINGS - 1 + sight.of)])
-    what = what_of_number[sight.number]
-    classes = np.select([sight.which > 0, what == PERSON_OBJECT], [HAND, PERSON], OTHER)
-    middles = np.stack([hand.middle for hand in people.hands], axis=1)
-    scenes = Scenes(
-        depth=sight.depth,
-        classes=classes.astype(np.int8),
-        which=sight.which,
-        what=what.astype(np.int16),
-        joints=np.stack([hand.joints for hand in people.hands], axis=1),
-        is_right=np.stack([hand.side > 0 for hand in people.hands], axis=1),
-        middle=middles,
-        middle_px=finer * cameras.pixels(middles),
-        present=people.there & (sight.share > SEEN),
-        doubtful=people.there,
-        slopes=slopes_of(rays),
-    )
-    return Clean(scenes, finer * cameras.focal, sight.reflects)
+        return _judged(scenes, self.finer)
 
 
 def _pixels_of_hands(which: Array) -> Array:

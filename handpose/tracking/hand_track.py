@@ -237,7 +237,7 @@ class HandTrack:
     @property
     def place(self) -> Array:
         """The mean (3,) of its joints in mm, camera axes."""
-        return np.asarray(self.best.estimate.xyz.mean(axis=0))
+        return self.best.estimate.xyz.mean(axis=0)
 
     def asks_network(self, time: float, before: float) -> bool:
         """Whether the network predicts the hand in the frame at a time, after one at ``before``."""
@@ -336,7 +336,7 @@ class HandTrack:
 
 def _mean_joint(estimate: HandEstimate) -> Array:
     """The mean (3,) of the joints in mm, in the view of its side."""
-    return np.asarray((estimate.view_center_mm + estimate.view_joints_mm).mean(axis=0))
+    return (estimate.view_center_mm + estimate.view_joints_mm).mean(axis=0)
 
 
 def _best(estimates: Sequence[HandEstimate]) -> dict[Side, HandEstimate]:

@@ -136,17 +136,9 @@ class PresentHands:
         ]
         self.places = []
         for hand in hands:
-            if self._is_taken(hand, taken):
-                continue
-            place = next(
-                (
-                    one
-                    for one in before
-                    if np.linalg.norm(one.hand.middle - hand.middle) < s.same_mm
-                ),
-                None,
-            )
-            if place is None and hand.presence < self.min_presence:
+            place = next((one for one in before if self._is_same(hand, one.hand.middle)), None)
+            is_weak = place is None and hand.presence < self.min_presence
+            if is_weak or self._is_taken(hand, taken):
                 continue
             presence, changed = hand.presence, changes.share_at(hand.middle)
             if place is None:
@@ -186,7 +178,10 @@ class PresentHands:
 
     def _is_taken(self, hand: FoundHand, taken: Sequence[Taken]) -> bool:
         return any(
-            np.linalg.norm(hand.middle - place) < self.settings.same_mm
-            and hand.presence <= hand_chance
+            self._is_same(hand, place) and hand.presence <= hand_chance
             for place, hand_chance in taken
         )
+
+    def _is_same(self, hand: FoundHand, place: Array) -> bool:
+        """Whether a hand may be the one that was at a place (3,) in mm."""
+        return bool(np.linalg.norm(hand.middle - place) < self.settings.same_mm)

@@ -16,20 +16,17 @@ from netlib.blob import Array
 from netlib.errors import DataError
 
 NO_HAND, NO_POSE = "the object there does not look like a hand", "no pose was found there"
+MIN_VISIBLE = 0.03  # minimum share of foreground in a crop
+# A reason is given from this share on: of the hand's own surface or its crop that is behind nearer
+# objects or without a reading, or of its joints that are outside the image.
+PART = 0.25
+# from this share of its surface outside the image on, any such joint gives the reason
+MIN_OUTSIDE = 0.05
 
 
 def uncertain(confidence: float) -> str:
     """The reason for which a pose is not given."""
     return f"the pose is uncertain (confidence {confidence:.0%})"
-
-
-MIN_VISIBLE = 0.03  # minimum share of foreground in a crop
-# A reason is given from this share on: of the hand's own surface or its crop that is behind nearer
-# objects or without a reading, or of its joints that are outside the image.
-PART = 0.25
-MIN_OUTSIDE = (
-    0.05  # from this share of its surface outside the image on, any such joint gives the reason
-)
 
 
 def why_missing(
@@ -68,9 +65,8 @@ def reason(
     """
     if not (depth > 0).any():
         return "no depth in this frame"
-    edges = _edges_left(camera, xyz)
-    if edges is not None:
-        return f"{LEFT}{edges}"
+    if left := _left(camera, xyz, PART):
+        return left
     try:
         shown = crop(depth, center_uvd, cube_mm, camera)
     except DataError:
@@ -80,21 +76,19 @@ def reason(
     d = center_uvd[2]
     if (np.abs(shown) < FAR_FACE).mean() < MIN_VISIBLE:
         return f"only background at its last position, {d:.0f} mm away"
-    edges = _edges_left(camera, xyz, 0.0) if support.outside[0] > MIN_OUTSIDE else None
-    if edges:
-        return f"{LEFT}{edges}"
+    if support.outside[0] > MIN_OUTSIDE and (left := _left(camera, xyz, 0.0)):
+        return left
     if support.missing[0] > PART:
         return f"no depth at its last position, {d:.0f} mm away"
     return f"{NO_HAND} (confidence {confidence:.0%})"
 
 
-def _edges_left(camera: Camera, xyz: Array, share: float = PART) -> str | None:
-    """The edges of the image beyond which joints (K, 3) are, in words; None if no more than this
-    share is outside.
+def _left(camera: Camera, xyz: Array, share: float) -> str:
+    """The reason that joints (K, 3) in mm are outside the image, with its edges; empty if no more
+    than this share of them is.
     """
-    before = xyz[:, 2] > 0
-    if not before.all():
-        return ""
+    if not (xyz[:, 2] > 0).all():  # at or behind the camera
+        return LEFT
     u, v, _ = camera.project(xyz).T
     beyond = {
         "left": u < 0,
@@ -103,6 +97,6 @@ def _edges_left(camera: Camera, xyz: Array, share: float = PART) -> str | None:
         "lower": v > camera.height - 1,
     }
     if not np.any(list(beyond.values()), axis=0).mean() > share:
-        return None
+        return ""
     edges = [edge for edge, joints in beyond.items() if joints.mean() > share / 2]
-    return f" at the {' '.join(edges)} edge" if edges else ""
+    return f"{LEFT} at the {' '.join(edges)} edge" if edges else LEFT

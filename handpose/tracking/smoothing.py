@@ -123,4 +123,4 @@ def _sizes(step: Array) -> Array:
     sizes = np.abs(step)
     sizes[:3] = np.linalg.norm(step[:3])
     sizes[3:6] = np.linalg.norm(step[3:6])
-    return np.asarray(sizes)
+    return sizes

@@ -250,4 +250,4 @@ def joints_of(
     posed = kinematics_of(skeleton).joints(
         np.asarray(inputs, np.float64)[None], np.asarray(bones, np.float64)[None]
     )[0]
-    return np.asarray(posed * unit_mm * mirror_of(hand) + np.asarray(origin_mm, np.float64))
+    return posed * unit_mm * mirror_of(hand) + np.asarray(origin_mm, np.float64)

@@ -222,14 +222,13 @@ class Tracker:
         the worse one.
         """
         apart_mm = self.predictor.settings.finder.apart_mm
-        for track in sorted(
+        best_first = sorted(
             self.tracks, key=lambda one: (-one.time, one.best.estimate.selection_cost)
-        ):
-            for other in self.tracks if track.is_tracked else []:
-                if (
-                    other is not track
-                    and np.linalg.norm(self._middle(track) - self._middle(other)) < apart_mm
-                ):
+        )
+        for track in best_first:
+            others = [one for one in self.tracks if track.is_tracked and one is not track]
+            for other in others:
+                if np.linalg.norm(self._middle(track) - self._middle(other)) < apart_mm:
                     other.end("another hand is tracked at its position")
                     if track.decided == other.decided or None in (track.decided, other.decided):
                         self._merge(track, other)
@@ -367,7 +366,7 @@ class Tracker:
         estimate = track.best.estimate
         camera = estimate.view_camera
         place = camera.unproject(self.estimator.expected.center_of(estimate.body, camera))
-        return np.asarray(place * mirror_of(estimate.hand))
+        return place * mirror_of(estimate.hand)
 
 
 def _present(id: int, hand: FoundHand, presence: float) -> TrackedHand:
@@ -390,4 +389,4 @@ def _arm(hand: HandEstimate) -> Array:
     a, b = capsules.a[0, limbs], capsules.b[0, limbs]
     shares = np.linspace(0, 1, ARM_PLACES)[:, None]
     places = a[:, None] + shares * (b - a)[:, None]
-    return np.asarray(places.reshape(-1, 3))
+    return places.reshape(-1, 3)

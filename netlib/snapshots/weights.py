@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from netlib.blob import Array, Blob, Blobs
-from netlib.errors import LayerError, WeightsError
+from netlib.errors import LayerError, WeightsError, some_of
 from netlib.files import Content
 from netlib.files.paths import find
 from netlib.graph import Graph
@@ -86,10 +86,11 @@ def fitting(
     found = _without_scales(net, found, what)
     ignored = [name for name, arrays in found.items() if name not in net.layer_dict and arrays]
     shared = {name: arrays for name, arrays in found.items() if name in net.layer_dict and arrays}
+    known = some_of(found) or "no layers"
     if not shared and net.params:
         raise WeightsError(
-            f"{what}: it has no layer of net {net.name!r}; it has {_some(found)}, "
-            f"the net has {_some(net.params)}"
+            f"{what}: it has no layer of net {net.name!r}; it has {known}, "
+            f"the net has {some_of(net.params)}"
         )
     own: dict[str, list[int]] = {}
     for param in net.learnable:
@@ -97,13 +98,11 @@ def fitting(
     missing_layers = [name for name in own if name not in shared]
     if strict and missing_layers:
         raise WeightsError(
-            f"{what}: no weights for layer {missing_layers[0]!r} of net {net.name!r}; "
-            f"it has {_some(found)}"
+            f"{what}: no weights for layer {missing_layers[0]!r} of net {net.name!r}; it has {known}"
         )
     writes: Writes = []
     for name, arrays in shared.items():
-        blobs = net.layer_dict[name].blobs
-        writes += _writes(name, blobs, own.get(name, []), arrays, what)
+        writes += _writes(name, net.layer_dict[name].blobs, own.get(name, []), arrays, what)
     return writes, ignored, missing_layers
 
 
@@ -232,8 +231,3 @@ def share(net: Graph, other: Graph) -> None:
         pairs += zip(mine, theirs)
     for blob, owner in pairs:
         blob.share_data(owner)
-
-
-def _some(names: Iterable[str]) -> str:
-    names = list(names)
-    return ", ".join(names[:8]) + (" ..." if len(names) > 8 else "") or "no layers"

@@ -340,7 +340,7 @@ def _check_histories(solver: Training, path: str | Path, state: SolverState) -> 
 def _changes(solver: Training, state: SolverState) -> Iterator[str]:
     """Describe the changes since the state was written that affect the course of the training."""
     old_states = state.extra.get("layers", [])
-    if any(_reads_other_files(net, old) for net, old in zip(solver.nets, old_states)):
+    if any(map(_reads_other_files, solver.nets, old_states)):
         yield "the data files; reading starts at the first row"
     for net, old in zip(solver.nets, chain(old_states, repeat({}))):
         new_layers = [layer.name for layer in net.layers if layer.name not in old]

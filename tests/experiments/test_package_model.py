@@ -28,13 +28,19 @@ from tests.support.running import run_tool
 @example(1.25, 1, False)
 @given(st.floats(2.0**-100, 2.0**100, width=32), st.integers(0, 23), st.booleans())
 def test_rounding(value: float, bits: int, negative: bool) -> None:
-    """Mantissas are rounded to nearest, ties to even, as by NumPy's rounding; the
-    shape is unchanged.
+    """A mantissa becomes the nearest one whose last bits are 0, ties to even; the shape is
+    unchanged.
     """
-    number = np.float32(-value if negative else value)
-    mantissa, exponent = np.frexp(np.float64(number))
-    expected = np.ldexp(np.rint(mantissa * 2 ** (bits + 1)), exponent - bits - 1)
-    assert_array_equal(rounded(np.array([[number, 0]]), bits), np.float32([[expected, 0]]))
+    drop = 23 - bits
+    kept = int(np.float32(value).view(np.uint32)) >> drop
+    both = np.array([kept << drop, kept + 1 << drop], np.uint32)
+    below, above = both.view(np.float32).tolist()
+    is_odd = not bits or kept % 2 == 1  # without bits, the leading one, which is not stored
+    middle = (below + above) / 2
+    expected = above if value > middle or (value == middle and is_odd) else below
+    sign = -1 if negative else 1
+    number = np.float32([[sign * value, 0]])
+    assert_array_equal(rounded(number, bits), np.float32([[sign * expected, 0]]))
 
 
 def test_a_model_file(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from netlib.errors import NetlibError, did_you_mean
+from netlib.errors import NetlibError, did_you_mean, some_of
 from netlib.net import Net
 from netlib.proto import prototxt, schema
 from netlib.proto.messages import LayerParameter, NetParameter, NetState
@@ -26,7 +26,6 @@ from tools.common.commands import command
 from tools.common.deploy_inputs import DeployInput, Shape
 
 STAGE = "deploy"  # of the layers that DIGITS puts into deploy nets only
-MAX_NAMED = 3  # layers in a comment
 # What SSD's scripts write after the layers of its loss, MultiBoxLoss; options with their defaults
 SSD_DEFAULTS = {
     "num_classes": "21",
@@ -121,9 +120,8 @@ def deploy_net(model: str, out: Path, shapes: Mapping[str, Shape]) -> DeployNet:
         comments += one.comments(out)
     unchecked = [spec for spec in kept if spec.type == "Python" or spec.type not in layer_types()]
     if unchecked:
-        others = ", ".join(f"{spec.name!r} ({spec.type})" for spec in unchecked[:MAX_NAMED])
-        more = " ..." if len(unchecked) > MAX_NAMED else ""
-        comments.append(f"Not built here, because of layers of other programs: {others}{more}")
+        others = some_of(f"{spec.name!r} ({spec.type})" for spec in unchecked)
+        comments.append(f"Not built here, because of layers of other programs: {others}")
     else:
         Net(deployed)  # raises an error if the shapes do not fit
     return DeployNet(deployed, comments)

@@ -60,13 +60,12 @@ def flips(skeleton: Skeleton) -> list[Flip]:
     found = []
     driven = skeleton.driven.tolist()
     for joint, motions in enumerate(skeleton.motions):
-        turns = tuple(motion for motion in motions if motion.kind == "rotate" and motion.row >= 0)
+        all_turns = tuple(motion for motion in motions if motion.kind == "rotate")
+        turns = tuple(motion for motion in all_turns if motion.row >= 0)
         # a DoF of several joints cannot flip in one
         if any(driven.count(motion.dof) > 1 for motion in turns):
             continue
-        if len(turns) == 3 and turns == tuple(
-            motion for motion in motions if motion.kind == "rotate"
-        ):
+        if len(turns) == 3 and turns == all_turns:
             a, b, c = turns
             if len({a.axis, b.axis, c.axis}) == 3:
                 found.append(Flip((a.dof, c.dof), b.dof, (), whole=True))
@@ -141,7 +140,7 @@ def canonical(skeleton: Skeleton, inputs: ArrayLike, *, limits: bool = False) ->
         else wrapped
     )
     result[:, skeleton.fixed] = 0
-    return np.asarray(result)
+    return result
 
 
 def angle_errors(skeleton: Skeleton, inputs: ArrayLike, truth: ArrayLike) -> Array:

@@ -127,22 +127,7 @@ def fit_file(
 
     An existing companion of the same file and options is kept.
     """
-    hand = sha256(repr(skeleton.param).encode()).hexdigest()
-    with opened(path, "the joints") as stream:
-        stat = os.fstat(stream.fileno())
-    recipe = json.dumps(
-        {
-            "version": ANGLES_VERSION,
-            "skeleton": hand,
-            "limits": limits,
-            "ridge": ridge,
-            "starts": STARTS,
-            "source": path.name,
-            "size": stat.st_size,
-            "changed": stat.st_mtime_ns,
-        },
-        sort_keys=True,
-    )
+    recipe = _recipe_of(path, skeleton, limits, ridge)
     kept = parts.attributes(target)
     if kept is not None and kept.get("recipe") == recipe:
         progress(hdf5.File(target, ("dof",)).rows)
@@ -166,3 +151,20 @@ def fit_file(
             file.attrs.update(recipe=recipe, made_from=found_labels.made_from, rest_in=rest)
     except OSError as error:
         raise DataError(f"{target}: {reason_of(error)}") from None
+
+
+def _recipe_of(path: Path, skeleton: Skeleton, limits: bool, ridge: float) -> str:
+    """All that the companion of a file depends on, as JSON. Raises DataError."""
+    with opened(path, "the joints") as stream:
+        stat = os.fstat(stream.fileno())
+    values = {
+        "version": ANGLES_VERSION,
+        "skeleton": sha256(repr(skeleton.param).encode()).hexdigest(),
+        "limits": limits,
+        "ridge": ridge,
+        "starts": STARTS,
+        "source": path.name,
+        "size": stat.st_size,
+        "changed": stat.st_mtime_ns,
+    }
+    return json.dumps(values, sort_keys=True)

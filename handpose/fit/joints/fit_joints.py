@@ -34,6 +34,7 @@ from netlib.engine import for_each
 from netlib.errors import DataError
 
 CHUNK = 256  # frames per job of a thread
+SEED = 0  # of the random starts
 GRID_STEP = np.pi / 6  # angle between the rotations of the grid
 MAX_ITERATIONS = 100  # maximum number per start
 COST_TOLERANCE = 1e-7  # relative; a frame whose cost decreases by less is finished
@@ -127,7 +128,6 @@ def fit_joints(
     limits: bool = True,
     ridge: float = 0.0,
     starts: int = 8,
-    seed: int = 0,
     progress: Callable[[int], None] = lambda done: None,
 ) -> JointFit:
     """Fit every frame independently.
@@ -140,18 +140,15 @@ def fit_joints(
     ridge     weight of the squared inputs (rotations of limbs) relative to the squared distances:
               pulls angles that the joints hardly determine towards the initial pose
     starts    number of starts; a frame that fits exactly is not started again
-    seed      of the random starts
     progress  called by any thread with the number of further frames that are done
     """
     goal, chosen = checked(skeleton, targets, joints)
     problem = PoseProblem(skeleton, chosen, limits, ridge)
-    grids = [
-        RotationGrid(problem, limbs) for limbs in _limb_poses(problem, 1 + (starts - 1) // 2, seed)
-    ]
+    grids = [RotationGrid(problem, limbs) for limbs in _limb_poses(problem, 1 + (starts - 1) // 2)]
     inputs = np.zeros((len(goal), len(skeleton.initial)))
 
     def job(rows: slice) -> None:
-        rng = np.random.default_rng([seed, rows.start])
+        rng = np.random.default_rng([SEED, rows.start])
         inputs[rows] = _best(problem, grids, goal[rows], starts, rng)
         progress(rows.stop - rows.start)
 
@@ -283,12 +280,12 @@ class RotationGrid:
         for motion in problem.root_moves:
             inputs[:, motion.dof] += motion.sign * (centre - self.centroids[best])[:, motion.axis]
         inputs[:, problem.free] = np.clip(inputs[:, problem.free], problem.lower, problem.upper)
-        return np.asarray(inputs)
+        return inputs
 
 
-def _limb_poses(problem: PoseProblem, count: int, seed: int) -> Array:
+def _limb_poses(problem: PoseProblem, count: int) -> Array:
     """Inputs (count, D): the initial pose, then random ones within the limits."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(SEED)
     poses = np.zeros((count, len(problem.skeleton.initial)))
     poses[1:, problem.limb_turns] = _drawn(problem.skeleton, problem.limb_turns, count - 1, rng)
     return poses

@@ -62,7 +62,7 @@ from handpose.frames.recording import (
 )
 from handpose.frames.time_units import FRAME_UNIT, TICKS, since_1970
 from netlib import files
-from netlib.errors import DataError, did_you_mean, system_error_of
+from netlib.errors import DataError, did_you_mean, some_of, system_error_of
 from netlib.files.paths import exists, list_folder, names_in
 
 
@@ -93,15 +93,7 @@ class FolderRecording(Recording):
         own = UNKNOWN
         taken: list[str] = []
         if path.suffix.lower() in STACKS:
-            first = arrays_in(path, is_single=True)
-            own, fields, taken = parameters_in(first.others, where, given)
-            timed = name_of_times(first.others, 1)
-            self.warnings = not_used(first.names, fields, timed)
-            if timed is not None:
-                in_names = in_order(names, str(self.folder))  # a given unit is that of the arrays
-                if not in_names[1].ticks:
-                    self._names, self._reading = in_names
-                    self._reading = self._timed_by(timed, given, own, camera_json)
+            own, taken = self._parameters_of(path, given, camera_json)
         self._decode_by(DepthDecoder(raw.shape, raw.dtype, where, given, own, camera_json))
         self.name = str(source)
         self.count = len(names)
@@ -109,6 +101,24 @@ class FolderRecording(Recording):
         if not self._reading.ticks and len(names) > 1:
             self._assume_rate()
         self._remarks = self.remarks
+
+    def _parameters_of(
+        self, first: Path, given: CameraInfo, camera_json: CameraInfo
+    ) -> tuple[CameraInfo, list[str]]:
+        """The parameters in the first of several archives, and a remark about them; takes the times
+        in the archives unless the names have them. Raises DataError.
+        """
+        arrays = arrays_in(first, is_single=True)
+        own, fields, taken = parameters_in(arrays.others, str(first), given)
+        timed = name_of_times(arrays.others, 1)
+        self.warnings = not_used(arrays.names, fields, timed)
+        if timed is not None:
+            # a given unit is that of the arrays
+            by_names, reading = in_order(self._names, str(self.folder))
+            if not reading.ticks:
+                self._names, self._reading = by_names, reading
+                self._reading = self._timed_by(timed, given, own, camera_json)
+        return own, taken
 
     def _timed_by(
         self, name: str, given: CameraInfo, own: CameraInfo, camera_json: CameraInfo
@@ -274,7 +284,7 @@ def _may_be_depth(folder: Path, group: list[str]) -> bool:
 def _no_frames(folder: Path) -> str:
     """The error for a folder without frames, with what it contains."""
     names = sorted(name for name in names_in(folder) if not name.startswith("."))
-    shown = f"{', '.join(names[:MAX_SHOWN])}{' ...' * (len(names) > MAX_SHOWN)}" or "nothing"
+    shown = some_of(names) or "nothing"
     paths = [folder / name for name in names]
     inner = next((path for path in paths if "depth" in path.name.lower() and path.is_dir()), None)
     other = next((path for path in paths if path.suffix.lower() in CONVERTED), None)
@@ -297,7 +307,6 @@ DIGITS, DECIMAL = re.compile(r"\d+"), re.compile(r"\d+(?:[.,]\d+)?")
 SPARSE = 10  # times as many numbers as frames are no count if the names have a date
 MIN_SIDE = 16  # px of a frame; labels and matrices have fewer rows or columns
 BYTES = 2  # of a value without a header
-MAX_SHOWN = 6  # maximum number of names or sequences in a message
 
 
 class Reading(NamedTuple):
@@ -332,12 +341,11 @@ def in_order(
     sequences = sorted(
         (_pattern(part), len(part)) for group in groups.values() for part in _sequences(group, unit)
     )
-    more = f" and {len(sequences) - MAX_SHOWN} more" if len(sequences) > MAX_SHOWN else ""
-    shown = ", ".join(f"{pattern} ({count})" for pattern, count in sequences[:MAX_SHOWN])
+    shown = some_of(f"{pattern} ({count})" for pattern, count in sequences)
     # a name with depth before the others, of these the longest sequence
     example, _ = min(sequences, key=lambda one: ("depth" not in one[0].lower(), -one[1]))
     raise DataError(
-        f"{where}: holds {len(sequences)} sequences: {shown}{more}; name one, as '{where}/{example}'"
+        f"{where}: holds {len(sequences)} sequences: {shown}; name one, as '{where}/{example}'"
     )
 
 

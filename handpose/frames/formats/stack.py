@@ -28,7 +28,6 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from handpose.frames import camera_file
-from handpose.frames.camera_file import MAX_NAMES
 from handpose.frames.camera_keys import SIZE, has_camera, is_known
 from handpose.frames.camera_places import next_to
 from handpose.frames.images import errors_of
@@ -44,7 +43,7 @@ from handpose.frames.recording import (
 )
 from handpose.frames.time_units import TICKS, since_1970
 from netlib import files
-from netlib.errors import DataError
+from netlib.errors import DataError, some_of
 from netlib.files.pictures import MAX_PIXELS
 
 CONTENT = "the depth frames"  # in errors
@@ -221,8 +220,7 @@ def _name_of_depth(headers: Mapping[str, _Header], where: str, is_single: bool) 
         if len(candidates) == 1:
             return candidates[0]
     shown = [f"{name} {header.shape}" for name, header in headers.items()]
-    more = f" and {len(shown) - MAX_NAMES} more" if len(shown) > MAX_NAMES else ""
-    content = f"{', '.join(shown[:MAX_NAMES]) or 'nothing'}{more}"
+    content = some_of(shown) or "nothing"
     raise NotDepthError(
         f"{where}: holds {content}; expected an array depth {EXPECTED_AXES[is_single]}"
     )
@@ -288,9 +286,8 @@ def not_used(others: Sequence[str], fields: Collection[str], timed: str | None) 
     names = [name for name in others if _base_name(name) not in fields and name != timed]
     if not names:
         return ()
-    shown = ", ".join(map(repr, names[:MAX_NAMES]))
-    more = f" and {len(names) - MAX_NAMES} more" if len(names) > MAX_NAMES else ""
-    what = f"array {shown} is" if len(names) == 1 else f"arrays {shown}{more} are"
+    shown = some_of(map(repr, names))
+    what = f"array {shown} is" if len(names) == 1 else f"arrays {shown} are"
     return (
         f"{what} not used; known names are time, timestamps and the like, K, fx, fy, cx, cy, depth_scale, "
         "fps and all keys of a camera.json (docs/camera.md)",

@@ -8,6 +8,7 @@ from the camera.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
+from typing import Any
 
 import cv2
 import numpy as np
@@ -95,8 +96,12 @@ def picture(crop: NDArray[np.floating], zoom: int = 1) -> Image:
     """
     nearness = (1 - np.clip(crop, -1, 1)) * 0.5
     grey = np.rint(nearness * _NEAREST_GREY).astype(np.uint8)
-    large = cv2.resize(grey, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_NEAREST)
-    return np.asarray(cv2.cvtColor(large, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+    return np.asarray(cv2.cvtColor(enlarged(grey, zoom), cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+
+
+def enlarged(image: NDArray[Any], zoom: int, how: int = cv2.INTER_NEAREST) -> NDArray[Any]:
+    """An image enlarged ``zoom`` times, by OpenCV's interpolation ``how``."""
+    return cv2.resize(image, None, fx=zoom, fy=zoom, interpolation=how)
 
 
 def view_3d(

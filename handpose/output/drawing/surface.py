@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from handpose.body.render import Capsules, in_front, normalise_depth, render, render_crop
+from handpose.body.render import Capsules, in_front, render, shown_in_crop
 from handpose.frames.cameras import Camera
 from handpose.frames.crops import FAR_FACE
 from handpose.output.drawing import hands
@@ -20,6 +20,7 @@ _STEEP = 5.0  # maximum slope; a steeper one is an edge
 _SAMPLES = 144  # maximum number of rendered pixels along the longer side of a hand's rectangle
 _OBLIQUE = 1.3  # elongation of a sphere at the image's edge
 _NOTHING = 1e5  # mm: depth of rays without a surface
+_OPACITY = np.float32(0.5)  # of a surface on an image
 
 
 def over_crop(
@@ -34,30 +35,19 @@ def over_crop(
 
     capsules  of one body, in mm from the crop's centre
     """
-    uvd = np.asarray(center_uvd, dtype=np.float64).reshape(1, 3)
-    center = camera.unproject(uvd)
-    # parts nearer to the camera are not in the crop
-    near = in_front(capsules.moved(center), uvd[:, 2] - cube_mm / 2)
-    drawn = normalise_depth(render_crop(near, uvd, cube_mm, camera, len(crop)), uvd[:, 2], cube_mm)[
-        0
-    ]
+    uvd = np.asarray(center_uvd, dtype=np.float64).reshape(3)
+    in_camera = capsules.moved(camera.unproject(uvd))
+    drawn = shown_in_crop(in_camera, uvd, cube_mm, camera, len(crop))
     canvas = hands.picture(crop, zoom)
-    large = cv2.resize(drawn, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_NEAREST)
-    shown = large < FAR_FACE
-    light = cv2.resize(
-        _shade(drawn, 2 / len(drawn)), None, fx=zoom, fy=zoom, interpolation=cv2.INTER_LINEAR
-    )
-    seen = (crop < FAR_FACE).astype(np.uint8)
-    behind = cv2.resize(seen, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_NEAREST) > 0
-    colour = (
-        np.where(behind[..., None], np.array(SKIN_COLOUR), np.array(MISSING_COLOUR))
-        * light[..., None]
-    )
-    mixed = np.where(shown[..., None], 0.75 * colour + 0.25 * canvas, canvas)
+    shown = hands.enlarged(drawn, zoom) < FAR_FACE
+    light = hands.enlarged(_shade(drawn, 2 / len(drawn)), zoom, cv2.INTER_LINEAR)
+    has_depth = hands.enlarged((crop < FAR_FACE).astype(np.uint8), zoom) > 0
+    surface = np.where(has_depth[..., None], SKIN_COLOUR, MISSING_COLOUR) * light[..., None]
+    mixed = np.where(shown[..., None], 0.75 * surface + 0.25 * canvas, canvas)
     return np.asarray(np.clip(np.rint(mixed), 0, 255), np.uint8)
 
 
-def paint(canvas: Image, capsules: Capsules, camera: Camera, opacity: float = 0.5) -> None:
+def paint(canvas: Image, capsules: Capsules, camera: Camera) -> None:
     """The shaded surface on an image (height, width, 3) whose pixels are the camera's.
 
     capsules  of one body, in mm, camera axes
@@ -76,7 +66,7 @@ def paint(canvas: Image, capsules: Capsules, camera: Camera, opacity: float = 0.
     shaded = light[..., None] * np.array(SKIN_COLOUR, np.float32)
     skin = cv2.resize(shaded.astype(np.uint8), (width, height))
     shown = cv2.resize((depth < _NOTHING).astype(np.float32), (width, height))
-    cover = cv2.blur(shown, (3, 3)) * np.float32(opacity)  # blurred: smooth outlines
+    cover = cv2.blur(shown, (3, 3)) * _OPACITY  # blurred: smooth outlines
     part[...] = cv2.blendLinear(np.ascontiguousarray(part), skin, 1 - cover, cover)
 
 

@@ -92,7 +92,7 @@ class LiveServer:
         self.token = secrets.token_urlsafe(16) if token is None else checked_token(token)
         self._clients: dict[str, set[_Newest]] = {LINES_PATH: set(), VIEWS_PATH: set()}
         self._handlers: dict[asyncio.Task[Any], Any] = {}  # with the connection of each
-        self._was_asked = threading.Event()
+        self._has_client = threading.Event()
         self._ready: Future[None] = Future()
 
     def __enter__(self) -> LiveServer:
@@ -126,7 +126,7 @@ class LiveServer:
 
     def wait_for_client(self, seconds: float) -> bool:
         """Wait for the first client, at most this long; True if one has connected."""
-        return self._was_asked.wait(seconds)
+        return self._has_client.wait(seconds)
 
     def put(self, path: str, message: str | bytes) -> None:
         """Send the message of a frame to all clients of this path."""
@@ -166,8 +166,8 @@ class LiveServer:
         self.port = server.sockets[0].getsockname()[1]
         self._ready.set_result(None)
         await self._end.wait()
-        for waiting in itertools.chain(*self._clients.values()):
-            waiting.put_nowait(None)
+        for queue in itertools.chain(*self._clients.values()):
+            queue.put_nowait(None)
         if self._handlers:
             await asyncio.wait(self._handlers, timeout=GRACE_S)
         server.close()
@@ -177,29 +177,29 @@ class LiveServer:
             await asyncio.wait_for(server.wait_closed(), CLOSE_S)
 
     def _put(self, path: str, message: str | bytes) -> None:
-        for waiting in self._clients[path]:
-            while not waiting.empty():
-                waiting.get_nowait()
-            waiting.put_nowait(message)
+        for queue in self._clients[path]:
+            while not queue.empty():
+                queue.get_nowait()
+            queue.put_nowait(message)
 
     async def _client(self, connection: Any) -> None:
         """Serve one client until it leaves or the track ends."""
         path = urlsplit(connection.request.path).path
-        waiting = _Newest()
+        queue = _Newest()
         if self._end.is_set():
-            waiting.put_nowait(None)
+            queue.put_nowait(None)
         connection.transport.get_extra_info("socket").setsockopt(
             socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER
         )
         task = asyncio.current_task()
         assert task is not None
         self._handlers[task] = connection
-        self._clients[path].add(waiting)
+        self._clients[path].add(queue)
         try:
             if path == LINES_PATH:
                 await connection.send(self._header)
-            self._was_asked.set()
-            while (message := await waiting.get()) is not None:
+            self._has_client.set()
+            while (message := await queue.get()) is not None:
                 await connection.send(message)
                 if path == VIEWS_PATH:
                     await connection.recv()  # it has the frame, and requests the next one
@@ -207,7 +207,7 @@ class LiveServer:
         except self._websockets.exceptions.ConnectionClosed:
             pass
         finally:
-            self._clients[path].discard(waiting)
+            self._clients[path].discard(queue)
             self._handlers.pop(task)
 
     def _answer(self, connection: Any, request: Any) -> Any:

@@ -15,7 +15,7 @@ from netlib.blob import Array
 from netlib.errors import DataError
 
 MAX_MAGNITUDE = 1e12  # maximum of a number; sums and products of larger ones may overflow
-
+MIN_POSITIVE = 1e-6  # smaller numbers are no lengths, in px or mm
 
 T = TypeVar("T", bound=str)
 
@@ -80,10 +80,10 @@ class Fields:
         return math.nan if self._value(name) is None else self.number(name)
 
     def positive(self, name: str) -> float:
-        """The field is a number above 0."""
+        """The field is a number above ``MIN_POSITIVE``."""
         value = self.number(name)
-        if value < 1 / MAX_MAGNITUDE:
-            raise self._wrong(name, "a number above 0")
+        if value <= MIN_POSITIVE:
+            raise self._wrong(name, f"a number above {MIN_POSITIVE:g}")
         return value
 
     def numbers(self, name: str, *shape: int) -> Array:

@@ -20,8 +20,8 @@ from handpose.synthetic.scenes.solids import (
     Layer,
     Rays,
     capsule_depth,
+    layer_of,
     nearest,
-    one,
     only,
     solid_layer,
 )
@@ -63,7 +63,7 @@ def sight_of(rng: np.random.Generator, prior: ScenePrior, people: People, rays: 
     ]
     hand = np.minimum(*hands)
     solids, of = _surroundings(rng, prior, people, rays, hands[0])
-    others = [one(_arms(rng, prior, people, rays), PERSON_OBJECT), *solids]
+    others = [layer_of(_arms(rng, prior, people, rays), PERSON_OBJECT), *solids]
     behind = nearest(others)
     far = _farthest(rng, prior.light, people.palms[:, 0])[:, None, None]
     is_hand = np.isfinite(hand) & (hand <= behind.depth + TOLERANCE_MM) & (hand < far)
@@ -112,10 +112,10 @@ def _surroundings(
     held = draw_held(rng, prior.held, people.hands[0], palms[:, 0], people.there[:, 0])
     with_body = rng.random(count) < prior.body.share
     layers = {
-        "body": one(body, PERSON_OBJECT).only(with_body),
+        "body": layer_of(body, PERSON_OBJECT).only(with_body),
         "table": solid_layer(table.board, TABLE_OBJECT, rays),
         "things": solid_layer(things, THINGS, rays),
-        "planes": one(planes, PLANE_OBJECT),
+        "planes": layer_of(planes, PLANE_OBJECT),
     }
     kept = [
         layer.only(_hidden(layer.depth, first) <= getattr(prior.hidden, name))
@@ -150,4 +150,4 @@ def _light(rng: np.random.Generator, light: LightParameter, count: int, objects:
 
 def _seen_share(whole: Floats, seen: NDArray[np.bool_]) -> Array:
     """The part (N,) that is seen of hands with depths (N, H, W)."""
-    return np.asarray(seen.sum((1, 2)) / np.maximum(np.isfinite(whole).sum((1, 2)), 1))
+    return seen.sum((1, 2)) / np.maximum(np.isfinite(whole).sum((1, 2)), 1)

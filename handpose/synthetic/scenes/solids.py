@@ -61,7 +61,7 @@ class Layer(NamedTuple):
         return self._replace(depth=only(self.depth, there))
 
 
-def one(depth: Floats, number: int) -> Layer:
+def layer_of(depth: Floats, number: int) -> Layer:
     """The layer of one object in each frame."""
     return Layer(depth, np.full(depth.shape, number, np.int16))
 
@@ -136,20 +136,22 @@ def _entry(kind: int, center: Array, axes: Array, half: Array, x: Floats, y: Flo
     """Depth (h, w) at which rays enter a solid, computed where it is a cube, cylinder or sphere of
     half length 1.
     """
-    turned = (axes / half).T.astype(np.float32)
-    o = -(turned @ center.astype(np.float32))
-    d = [t[0] * x[None, :] - t[1] * y[:, None] + t[2] for t in turned]
-    flat, round_ = FORMS[kind]
+    to_solid = (axes / half).T.astype(np.float32)
+    # the camera o and the directions d of the rays, in the axes of the solid
+    o = -(to_solid @ center.astype(np.float32))
+    d = [t[0] * x[None, :] - t[1] * y[:, None] + t[2] for t in to_solid]
+    flat, rounded = FORMS[kind]
     enter, leave = np.full(d[0].shape, -NOTHING), np.full(d[0].shape, NOTHING)
     with np.errstate(divide="ignore", invalid="ignore"):
         for k in flat:
-            one = (-1 - o[k]) / d[k]
-            two = (1 - o[k]) / d[k]
-            enter, leave = np.fmax(enter, np.fmin(one, two)), np.fmin(leave, np.fmax(one, two))
-        if round_:
-            dd = sum(d[k] * d[k] for k in round_)
-            do = sum(d[k] * o[k] for k in round_)
-            beyond = sum(o[k] * o[k] for k in round_) - 1
+            lower = (-1 - o[k]) / d[k]
+            upper = (1 - o[k]) / d[k]
+            enter = np.fmax(enter, np.fmin(lower, upper))
+            leave = np.fmin(leave, np.fmax(lower, upper))
+        if rounded:
+            dd = sum(d[k] * d[k] for k in rounded)
+            do = sum(d[k] * o[k] for k in rounded)
+            beyond = sum(o[k] * o[k] for k in rounded) - 1
             root = np.sqrt(do * do - dd * beyond)  # NaN where the ray misses
             enter = np.maximum(enter, (-do - root) / dd)
             leave = np.minimum(leave, (-do + root) / dd)

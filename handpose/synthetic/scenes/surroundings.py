@@ -149,14 +149,13 @@ class _Places:
         angle = _any_angle(self.rng, len(frame))
         if thing.stands == "ROOM":
             return self._in_room(frame)
-        in_air = self._in_air(frame)
+        origin, axes = self._in_air(frame)
         if thing.stands == "AIR":
-            return in_air
-        origin, axes = self._on_table(frame, angle, thing.lies)
-        on = self._table.there[frame]
-        return np.where(on[:, None], origin, in_air[0]), np.where(
-            on[:, None, None], axes, in_air[1]
-        )
+            return origin, axes
+        on_table, upright = self._on_table(frame, angle, thing.lies)
+        has_table = self._table.there[frame]
+        origin = np.where(has_table[:, None], on_table, origin)
+        return origin, np.where(has_table[:, None, None], upright, axes)
 
     def _in_room(self, frame: NDArray[np.int_]) -> tuple[Array, Array]:
         """Upright, anywhere."""

@@ -64,9 +64,9 @@ def test_folders_without_the_data_set_are_reported(tmp_path: Path) -> None:
     assert flaws(tmp_path / "no") == [(f"{tmp_path}/no: no such folder", True)]
     expected = f"{tmp_path}: no folder 'test', which holds depth_1_0000001.png ... and joint_data.mat; found "
     assert flaws(tmp_path) == [(f"{expected}nothing", True)]
-    for name in "hgfedcba":
+    for name in "jihgfedcba":
         (tmp_path / name).touch()
-    assert flaws(tmp_path) == [(f"{expected}a, b, c, d, e, f ...", True)]
+    assert flaws(tmp_path) == [(f"{expected}a, b, c, d, e, f, g, h and 2 more", True)]
 
 
 def write_matlab(path: Path, version: str = "5", **variables: np.ndarray) -> None:

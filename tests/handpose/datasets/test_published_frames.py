@@ -87,7 +87,9 @@ def test_recipe(tmp_path: Path) -> None:
 
 def test_a_file_of_centres(here: Path) -> None:
     Path("centers.txt").write_text("0 1 2\n3, 4, 5\n")
-    assert_array_equal(read_centers("centers.txt", 2), np.arange(6.0).reshape(2, 3))
+    centers, what = read_centers(Path("centers.txt"), 2)
+    assert_array_equal(centers, np.arange(6.0).reshape(2, 3))
+    assert what == "centres of centers.txt"
 
 
 @bad_inputs(

@@ -11,6 +11,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+import pytest
 
 from handpose.frames import camera_file, images
 from handpose.frames.cameras import KINECT2, NYU, SR305, Camera
@@ -46,22 +47,34 @@ def undistort(model: str, *coefficients: float) -> Callable[[], object]:
     return lambda: Undistorter(WIDE, lens_of(model, coefficients, "x"))
 
 
+@pytest.mark.parametrize("value", [0, -587.0, 1e-320, np.nan, np.inf])
+@pytest.mark.parametrize("field", ["fx", "fy"])
+def test_invalid_focal_lengths_are_rejected(field: str, value: float) -> None:
+    line = f"camera 'nyu': {field} is {value}, expected more than 1e-06 px"
+    with pytest.raises(ValueError, match=line):
+        replace(NYU, **{field: value})
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize("field", ["u0", "v0"])
+def test_invalid_principal_points_are_rejected(field: str, value: float) -> None:
+    line = f"camera 'nyu': {field} is {value}, expected a finite number of px"
+    with pytest.raises(ValueError, match=line):
+        replace(NYU, **{field: value})
+
+
+@pytest.mark.parametrize("depth", [65535.6, -0.6, np.nan])
+def test_depths_that_do_not_fit_are_not_clipped(depth: float) -> None:
+    line = (
+        r"take: depth from .* mm does not fit into 16 bits of 1 mm; expected 0 to 65535, or take a"
+    )
+    with pytest.raises(DataError, match=line):
+        stored(np.array([[5, depth]], np.float32), 1.0, "take")
+
+
 @bad_inputs(
     DataError,
     {
-        **{
-            f"{field} of {value}": (
-                lambda field=field, value=value: replace(NYU, **{field: value}),
-                ValueError,
-                f"camera 'nyu': {field} is {value}, expected {expected} px",
-            )
-            for field, value, expected in (
-                *(("fx", value, "more than 1e-06") for value in (0, -587.0, 1e-320, np.nan)),
-                ("fy", np.inf, "more than 1e-06"),
-                ("u0", np.nan, "a finite number of"),
-                ("v0", np.inf, "a finite number of"),
-            )
-        },
         "crop at no depth": (cut(320, 240, 0), CROP.format(320, 0, 300)),
         "crop at no column": (cut(np.nan, 240, 800), CROP.format("nan", 800, 300)),
         "crop of a negative cube": (cut(320, 240, 800, cube=-1), CROP.format(320, 800, -1)),
@@ -163,21 +176,6 @@ def undistort(model: str, *coefficients: float) -> Callable[[], object]:
                 "take: a depth of -1 mm; expected 0 where nothing was read, else more",
             )
             for kind in ("int16", "float64")
-        },
-        **{
-            f"to store {depth}": (
-                lambda depth=depth: stored(np.array([[5, depth]], np.float32), 1.0, "take"),
-                (
-                    f"take: depth from {least} to {most} mm does not fit into 16 bits of 1 mm; "
-                    "expected 0 to 65535, or take a ..."
-                ),
-            )
-            # not clipped
-            for depth, least, most in (
-                (65535.6, 5, 65535.6),
-                (-0.6, -0.6, 5),
-                (np.nan, np.nan, np.nan),
-            )
         },
         "no camera": (
             lambda: DepthDecoder((48, 64), U16, "take", UNKNOWN),

@@ -163,17 +163,15 @@ def write_video(
             stream.metadata["title"] = title
             streams.append(stream)
         for number, millisecond in enumerate(milliseconds):
+            frames = {
+                "COLOR": (np.full((48, 64), 90, np.uint8), "gray"),
+                "IR": (hand_sized(distance=3000 + number), "gray16le"),
+            }
+            depth = (hand_sized(distance=1000 + number), "gray16le")
             for title, stream in zip(titles, streams):
-                if title == "COLOR":
-                    frame = av.VideoFrame.from_ndarray(
-                        np.full((48, 64, 3), 90, np.uint8), format="rgb24"
-                    )
-                    frame = frame.reformat(format="yuvj420p")
-                else:
-                    distance = (1000 if title != "IR" else 3000) + number
-                    frame = av.VideoFrame.from_ndarray(
-                        hand_sized(distance=distance), format="gray16le"
-                    )
+                values, kind = frames.get(title, depth)
+                frame = av.VideoFrame.from_ndarray(values, format=kind)
+                frame = frame.reformat(format=stream.pix_fmt)
                 frame.pts = millisecond
                 frame.time_base = Fraction(1, 1000)
                 video.mux(stream.encode(frame))

@@ -45,9 +45,8 @@ def test_a_guessed_finger_is_drawn_hollow() -> None:
     assert hands.guessed(np.array([30.0, 31, np.nan, 60, 2])) == ["index", "ring"]
     picture = hands.overlay(EMPTY, JOINTS, SKELETON, center_uvd=CENTER, guesses=["thumb"])
     assert tuple(picture[V, U]) == hands.WHITE
-    for (
-        colour
-    ) in hands.FINGER_COLOURS.values():  # the rim is one pixel wide, between white and black
+    # the rim is one pixel wide, between white and black
+    for colour in hands.FINGER_COLOURS.values():
         assert (np.abs(picture.astype(int) - colour).max(axis=2) < 40).sum() > 20
     solid, hollow = (hands.view_3d(JOINTS, SKELETON, guesses=some) for some in ((), ["index"]))
     assert (hollow == 255).all(axis=2).sum() > (solid == 255).all(axis=2).sum() + 50

@@ -28,8 +28,13 @@ def test_moments_evenly_apart(frames: int) -> None:
     """
     sheet = ContactSheet()
     drawn = []
+
+    def draw() -> Image:
+        drawn.append(n)
+        return picture(n)
+
     for n in range(frames):
-        sheet.add(n, lambda n=n: drawn.append(n) or picture(n))
+        sheet.add(n, draw)
         assert len(sheet._kept) <= PAGES * IMAGES_PER_PAGE
     times = sheet.times()
     assert len(times) == min(frames, IMAGES_PER_PAGE) and times[0] == 0
@@ -65,29 +70,19 @@ def test_two_views(rng: np.random.Generator) -> None:
     joints = kinematics_of(SKELETON).joints(rng.normal(0, 0.1, (2, len(SKELETON.initial))))
     centers = np.array([(250.0, 200, 700), (300, 220, 800)])
     cubes = [300.0, 250.0]
-    for truth, at in ((joints[:, ::-1], centers), (joints[:, :16], None)):
-        drawn = hands.two_views(
-            CROPS,
-            joints,
-            truth,
-            SKELETON,
-            [("frame 0", "1 mm"), ("frame 7", "2 mm")],
-            at,
-            ICVL,
-            cubes,
-        )
+    titles = [("frame 0", "1 mm"), ("frame 7", "2 mm")]
+    truths, others = joints[:, ::-1], joints[:, :16]
+    for annotated, expected, at in ((truths, truths, centers), (others, [None] * 2, None)):
+        drawn = hands.two_views(CROPS, joints, annotated, SKELETON, titles, at, ICVL, cubes)
         cells = []
-        for n, (crop, hand) in enumerate(zip(CROPS, joints)):
-            true, place = (
-                (None, {}) if at is None else (truth[n], {"center_uvd": at[n], "cube_mm": cubes[n]})
-            )
-            cells += [
-                hands.overlay(crop, hand, SKELETON, true, camera=ICVL, zoom=3, **place),
-                hands.view_3d(hand, SKELETON, true, size=384),
-            ]
+        for n, (crop, hand, truth) in enumerate(zip(CROPS, joints, expected)):
+            center = None if at is None else at[n]
+            cells.append(hands.overlay(crop, hand, SKELETON, truth, center, cubes[n], ICVL, zoom=3))
+            cells.append(hands.view_3d(hand, SKELETON, truth, size=384))
         page = strokes.sheet(cells, 6, ["frame 0", "1 mm", "frame 7", "2 mm"])
         legend, below = np.split(drawn, [len(drawn) - len(page)])
-        assert np.array_equal(below, page) and 0.02 < (legend < 100).any(axis=2).mean() < 0.5
+        assert np.array_equal(below, page)
+        assert 0.02 < (legend < 100).any(axis=2).mean() < 0.5
 
 
 def test_sheet() -> None:

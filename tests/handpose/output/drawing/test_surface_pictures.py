@@ -49,7 +49,7 @@ def test_surface_is_painted_where_a_camera_sees_it(size: int) -> None:
     """
     camera = Camera("any", size, size, size / 2, size / 2, size, size)
     canvas = np.full((size, size, 3), 90, np.uint8)
-    paint(canvas, BALL, camera, opacity=1.0)
+    paint(canvas, BALL, camera)
     rows, columns = np.nonzero((canvas != 90).any(axis=2))
     u, v, _ = camera.project(BALL.a[0, 0])
     assert_allclose([columns.mean(), rows.mean()], [u, v], atol=0.004 * size + 0.5)

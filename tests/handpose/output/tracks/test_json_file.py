@@ -18,7 +18,7 @@ from handpose.frames.cameras import Camera
 from handpose.output.tracks.json_file import Track, read_track
 from handpose.output.tracks.json_values import rounded
 from handpose.output.tracks.writing import open_writer
-from handpose.tracking.track import TrackedFrame, TrackHeader, joints_of
+from handpose.tracking.track import TrackedFrame, TrackedHand, TrackHeader, joints_of
 from layers.hand.skeleton import load
 from netlib.errors import DataError, PrototxtError
 from tests.support import json_schema
@@ -53,24 +53,23 @@ def check_same(track: Track, header: TrackHeader, frames: list[TrackedFrame]) ->
             (l.id, l.hand, l.reason) for l in frame.lost
         ]
         assert [l.since for l in got.lost] == pytest.approx([l.since for l in frame.lost], abs=1e-6)
-        for a, b in zip(got.hands, frame.hands, strict=True):
-            assert (a.id, a.hand, a.pose.cube_mm) == (b.id, b.hand, b.pose.cube_mm)
-            assert (a.confidence, a.error_mm) == pytest.approx(
-                (b.confidence, b.error_mm), abs=0.006, nan_ok=True
-            )
-            for name, digits in (
-                ("xyz", 0.00501),
-                ("origin_mm", 5e-4),
-                ("center_uvd", 5e-4),
-                ("bones", 5e-6),
-            ):
-                assert np.abs(getattr(a.pose, name) - getattr(b.pose, name)).max() <= digits
-            assert np.abs(a.finger_error_mm - b.finger_error_mm).max() <= 0.0501
-            pose = a.pose
-            again = joints_of(
-                pose.skeleton, header.unit_mm, pose.side, pose.inputs, pose.bones, pose.origin_mm
-            )
-            assert np.abs(again - b.xyz).max() < 0.05
+        for got_hand, hand in zip(got.hands, frame.hands, strict=True):
+            check_same_hand(got_hand, hand, header.unit_mm)
+
+
+def check_same_hand(got: TrackedHand, hand: TrackedHand, unit_mm: float) -> None:
+    """Assert that a hand was read as written, to the digits of the file."""
+    pose = got.pose
+    assert (got.id, got.hand, pose.cube_mm) == (hand.id, hand.hand, hand.pose.cube_mm)
+    sure = got.confidence, got.error_mm
+    assert sure == pytest.approx((hand.confidence, hand.error_mm), abs=0.006, nan_ok=True)
+    assert np.abs(pose.xyz - hand.pose.xyz).max() <= 0.00501
+    assert np.abs(pose.origin_mm - hand.pose.origin_mm).max() <= 5e-4
+    assert np.abs(pose.center_uvd - hand.pose.center_uvd).max() <= 5e-4
+    assert np.abs(pose.bones - hand.pose.bones).max() <= 5e-6
+    assert np.abs(got.finger_error_mm - hand.finger_error_mm).max() <= 0.0501
+    again = joints_of(pose.skeleton, unit_mm, pose.side, pose.inputs, pose.bones, pose.origin_mm)
+    assert np.abs(again - hand.xyz).max() < 0.05
 
 
 @both

@@ -15,8 +15,8 @@ from handpose.synthetic.scenes.solids import (
     Layer,
     Solids,
     joined,
+    layer_of,
     nearest,
-    one,
     plane_depth,
     solid_layer,
 )
@@ -71,7 +71,7 @@ def test_hidden_and_too_near_solids_are_left_out() -> None:
 
 
 def test_the_nearest_layer_wins() -> None:
-    back = one(np.full((1, 2, 2), 900.0, np.float32), 3)
+    back = layer_of(np.full((1, 2, 2), 900.0, np.float32), 3)
     front = np.full((1, 2, 2), np.inf)
     front[0, 0, 0] = 400.0
     both = nearest([back, Layer(front.astype(np.float32), np.full((1, 2, 2), 5, np.int16))])
