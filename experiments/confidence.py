@@ -165,7 +165,10 @@ def evidence_of_others(frame: TrackedLabels) -> list[Evidence]:
 
 
 def poses_of_parts(source: Labelled, number: int) -> Poses:
-    """The poses at the true place of a right hand of which a part is hidden, in some frames."""
+    """The poses at the true place of a right hand of which a part is hidden, in some frames.
+
+    Raises DataError if there is none.
+    """
     rng = np.random.default_rng(number)
     labelled = np.flatnonzero(np.isfinite(source.labels).all(axis=(1, 2, 3)))
     chosen = {*labelled[:: max(len(labelled) // HIDDEN_FRAMES, 1)].tolist()}
@@ -187,6 +190,8 @@ def poses_of_parts(source: Labelled, number: int) -> Poses:
                     own = fingers.joints(found.xyz[None])[0]
                     evidence.append(found.evidence)
                     errors.append(np.linalg.norm(own - label, axis=-1).mean(axis=1))
+    if not evidence:
+        raise DataError(f"{source.name}: no pose is found in any labelled frame")
     fingers_mm = np.minimum(errors, LOST_MM)
     error_mm = fingers_mm.mean(axis=1)
     return Poses(f"{source.name} hidden", Evidence.concatenate(evidence), error_mm, fingers_mm)
@@ -408,6 +413,8 @@ def run(args: argparse.Namespace) -> int:
     apart = [*map(_recorded, args.apart)]
     with ProgressBar(2 * len(own + apart), "recordings", "tracking") as progress:
         takes, others = (_tracked(sources, args.seed, progress) for sources in (own, apart))
+    takes += [poses_of_parts(source, args.seed) for source in map(_recorded, args.recording)]
+    others += [poses_of_parts(source, args.seed) for source in map(_recorded, args.apart)]
     if args.scenes:
         takes += [poses_in_scenes(args.scenes, number) for number in SCENE_SEEDS]
     new = fitted(takes, read_weights(), args.keep)
@@ -445,5 +452,4 @@ def _tracked(sources: Sequence[Labelled], seed: int, progress: ProgressBar) -> l
                 frames = tracked_labels(recording, source.labels, seed, mirrored, min_confidence=0)
                 takes.append(poses_of(source.name, frames))
             progress(1)
-        takes.append(poses_of_parts(source, seed))
     return takes

@@ -23,6 +23,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -32,7 +33,8 @@ from handpose.frames.cameras import Camera, Floats
 from netlib.blob import Array
 
 RAYS = 24  # on each side of the grid over a hand
-AROUND = ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0))  # rows and columns from a ray's pixel
+# rows and columns from a ray's pixel
+AROUND = np.argwhere(cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))) - 1
 BEYOND_MM = 1e5  # depth from which a surface stands for one behind the camera
 
 

@@ -373,13 +373,7 @@ def _present(id: int, hand: FoundHand, presence: float) -> TrackedHand:
     """A hand that the finder saw in its last look, without a pose."""
     x, y, z = hand.middle.tolist()
     return TrackedHand(
-        id,
-        None,
-        confidence=0.0,
-        reason=NO_POSE,
-        presence=presence,
-        place=(x, y, z),
-        mask=hand.mask,
+        id, None, confidence=0.0, reason=NO_POSE, presence=presence, place=(x, y, z), mask=hand.mask
     )
 
 

@@ -57,7 +57,6 @@ def poses(name: str, weights: Regressions, seed: int, count: int = 400) -> Poses
     evidence = Evidence(
         rng.gamma(1.0, 4.0, (count, len(SIGNS))),
         rng.uniform(0, 2, count),
-        np.zeros(count),
         *lengths,
         rng.random((count, 5)),
     )

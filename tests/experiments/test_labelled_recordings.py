@@ -47,14 +47,14 @@ PLACE = np.array([10.0, 20.0, 700.0])
 def test_numbers_are_counted() -> None:
     """Those of groups and of tables one by one; a name is none."""
     plan = Plan("fast", 300, 6, Trials(4, 6, 4, Stage(15.0, 5), 2))
-    found = numbers_of((plan, JudgeSettings(unseen_error=(1, 2, 3))))
-    assert found["0.trials.stage.robust"] == 15 and found["1.unseen_error.2"] == 3
-    assert len(found) == 2 + 6 + 11
+    found = numbers_of((plan, JudgeSettings(max_ratio=3), (1, 2)))
+    assert found["0.trials.stage.robust"] == 15 and found["1.max_ratio"] == 3 and found["2.1"] == 2
+    assert len(found) == 2 + 6 + 2 + 2
 
 
 def test_few_numbers_are_tuned() -> None:
     """A new one replaces another."""
-    assert len(numbers_of(Settings())) <= 120
+    assert len(numbers_of(Settings())) <= 111
 
 
 def test_few_numbers_are_constants_of_modules() -> None:
@@ -108,14 +108,7 @@ def test_numbers_that_cannot_be_set(text: str, line: str) -> None:
 
 
 # tables of which all entries are read together
-WHOLE = {
-    "fit.sign_weights",
-    "fit.judge.unseen_confidence",
-    "fit.judge.unseen_error",
-    "track.smooth.place",
-    "track.smooth.rotation",
-    "track.smooth.others",
-}
+WHOLE = {"fit.sign_weights", "track.smooth.place", "track.smooth.rotation", "track.smooth.others"}
 
 
 def names_of(settings: object, name: str = "") -> dict[int, str]:
@@ -205,7 +198,8 @@ def test_a_recording_is_scored(tmp_path: Path, mirrored: bool) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["track.smooth.place.min_hz=0.01", "fit.search.step_factor=1", "fit.judge.unseen=0"]
+    "text",
+    ["track.smooth.place.min_hz=0.01", "fit.search.step_factor=1", "fit.support.tolerance_mm=1"],
 )
 def test_other_numbers_give_other_hands(tmp_path: Path, text: str) -> None:
     source, path = write_labelled(tmp_path)

@@ -25,7 +25,7 @@ from handpose.fit.pose_confidence import (
     unknown_finger_errors,
 )
 from handpose.fit.settings import FitSettings
-from handpose.fit.support import JointDepths, Support
+from handpose.fit.support import JointDepths
 from netlib.errors import PrototxtError
 from tests.support.bad_input import bad_inputs
 
@@ -42,20 +42,11 @@ NO_FINGERS = dict.fromkeys(FINGERS, np.zeros((1, 0)))
 
 
 def of(
-    signs: float | np.ndarray,
-    seen: float = 1.0,
-    hidden: float = 0.0,
-    lag: np.ndarray = NONE,
-    fingers: dict[str, np.ndarray] = NO_FINGERS,
+    signs: float | np.ndarray, lag: np.ndarray = NONE, fingers: dict[str, np.ndarray] = NO_FINGERS
 ) -> tuple[float, float]:
-    """The expected error and the confidence of one pose; what is neither seen nor hidden is
-    outside the image.
-    """
-    support = Support(*(np.array([share]) for share in (seen, hidden, 0.0, 0.0, 1 - seen - hidden)))
+    """The expected error and the confidence of one pose."""
     all_signs = np.broadcast_to(signs, (1, len(SIGNS)))
-    error_mm, confidence, _ = JUDGE.judged(
-        Evidence(all_signs, lag, JUDGE.unseen_share(support), *fingers.values())
-    )
+    error_mm, confidence, _ = JUDGE.judged(Evidence(all_signs, lag, *fingers.values()))
     return error_mm[0], confidence[0]
 
 
@@ -84,16 +75,13 @@ def test_half_at_thirty_millimetres() -> None:
 
 
 def test_confidence_falls_with_the_visible_share() -> None:
-    """The less was seen, the lower the confidence and the higher the expected error, most if
-    it is covered.
+    """The less of the fingers was seen, the lower the confidence and the higher the expected
+    error.
     """
-    found = [
-        of(1.0, seen, hidden) for seen, hidden in ((0.9, 0.1), (0.75, 0.0), (0.75, 0.2), (0.3, 0.6))
-    ]
-    errors, confidences = zip(*found)
+    guessed = np.array([name == "guessed" for name in SIGNS])
+    errors, confidences = zip(*(of(20.0 - (20.0 - share) * guessed) for share in (0, 0.2, 0.5, 1)))
     assert (np.diff(errors) > 0).all()
     assert (np.diff(confidences) < 0).all()
-    assert confidences[-1] < 0.3
 
 
 def test_a_hand_whose_fingers_are_in_doubt() -> None:
@@ -113,7 +101,7 @@ def test_no_expected_error_contradicts_the_confidence() -> None:
     """
     sure = Regressions(HAND, FINGER._replace(constant=-3.0))
     lag = np.array([60.0])
-    evidence = Evidence(np.zeros((1, len(SIGNS))), lag, NONE, *FINGERS.values())
+    evidence = Evidence(np.zeros((1, len(SIGNS))), lag, *FINGERS.values())
     judged = JUDGE.judged(evidence, sure)
     assert judged.confidence < 0.2 and judged.finger_error_mm.max() < 5
     assert judged.error_mm == pytest.approx(30 * (1 - judged.confidence))
@@ -121,9 +109,7 @@ def test_no_expected_error_contradicts_the_confidence() -> None:
 
 def test_an_empty_crop() -> None:
     """Infinite signs, of a crop that shows nothing, give the largest error and no confidence."""
-    error, confidence = of(
-        pose_signs(np.full((1, 5), np.inf), JointDepths(NONE, NONE), NONE, NONE), 0.0
-    )
+    error, confidence = of(pose_signs(np.full((1, 5), np.inf), JointDepths(NONE, NONE), NONE, NONE))
     assert error == LOST_MM and confidence < 0.01
 
 
@@ -145,7 +131,7 @@ def errors_of(whole: float, fingers: dict[str, np.ndarray]) -> np.ndarray:
     """The expected errors (1, 5) of the fingers of a hand with this error in mm as a whole."""
     signs = np.zeros((1, len(SIGNS)))
     return finger_errors(
-        finger_signs(np.array([whole]), Evidence(signs, NONE, NONE, *fingers.values())), FINGER
+        finger_signs(np.array([whole]), Evidence(signs, NONE, *fingers.values())), FINGER
     )
 
 
