@@ -10,7 +10,7 @@ only, and every pose counts, however sure. The logarithms of the errors are then
 signs that handpose/fit/pose_confidence.py describes, first of hands, then of fingers. All
 recordings have the same total weight, no weight of a sign is below 0, and weights are drawn towards
 those in use (--keep). What is tracked in addition to the labelled hand, and a pose at another of
-the two most certain places of the finder, is as wrong as a lost hand and counts a quarter. Of some
+the two most certain places of the finder, is as wrong as a lost hand and counts half. Of some
 labelled frames of each recording, a part of the hand is cut off, covered, or not read ("hidden").
 The packaged network and its fit must be those for which the confidence is computed. --scenes adds
 hands in rendered scenes, as `experiments scenes` finds and fits them.
@@ -68,9 +68,10 @@ from tools.common.arguments import count, real, seconds, seed
 from tools.common.console import DONE, aligned, say
 from tools.common.progress import ProgressBar
 
-# Weight of a pose that is not the labelled hand. Of 1, 0.5, 0.25 and 0.1: with 1, 69% of the hands
-# in P1, P4 and hpx have 90% or more, with 0.25 80%; of the others 8 and 20% have 30% or more.
-OTHER_WEIGHT = 0.25
+# Weight of a pose that is not the labelled hand. With 1, 0.5 and 0.25, 58, 73 and 80% of the hands
+# in P1, P4 and hpx have 90% or more; of the others 10, 16 and 21% have 30% or more, 0, 0.1 and
+# 0.8% the 70% that a second hand needs.
+OTHER_WEIGHT = 0.5
 MAX_PLACES = 2  # of the finder in a frame: the hand, and another one
 SCENE_SEEDS = (9000, 9001)  # of rendered scenes
 HIDDEN_FRAMES = 48  # of a recording, of whose hand a part is hidden, each in three ways

@@ -24,10 +24,11 @@ reported pose can be better than that. So
     whole = exp(mean + spread² / 2)
     confidence = P(error < 30 mm) = Φ((log 30 - mean) / spread)
 
-The expected error of a hand is the geometric mean of ``whole`` and of the mean
-of its fingers' expected errors, because what is wrong with a hand that is found is mostly a finger;
-without fingers it is ``whole``. It is at least 30 mm times the probability of a larger one
-(Markov's inequality).
+Where little of the hand's own surface was seen at its place, the rest is a guess, whatever the
+signs: the confidence falls in proportion (``JudgeSettings``). The expected error of a hand is the
+geometric mean of ``whole`` and of the mean of its fingers' expected errors, because what is wrong
+with a hand that is found is mostly a finger; without fingers it is ``whole``. It is at least 30 mm
+times the probability of a larger one (Markov's inequality).
 
 The error of a hand is a mean over its joints, and a hand that is right as a whole may have a finger
 that is a guess: because the palm or another finger hides it, because it is in empty space, or
@@ -210,12 +211,14 @@ class Evidence(NamedTuple):
 
     signs    (N, 9), those of ``SIGNS``
     lag_mm   (N,) distance of the joints from those of the fit
+    shown    (N,) share of the hand's own surface towards the camera that was seen at its place
     behind, before, finger_lag_mm, seen  (N, 5) of the fingers (``finger_signs``); (N, 0) of bodies
                                          without fingers
     """
 
     signs: Array
     lag_mm: Array
+    shown: Array
     behind: Array
     before: Array
     finger_lag_mm: Array
@@ -275,6 +278,7 @@ class Judge:
 
         mean = mean_log_error(evidence.signs, evidence.lag_mm, hand)
         confidence = normal((np.log(GOOD_MM) - mean) / hand.spread)
+        confidence *= np.minimum(evidence.shown / self.settings.least_shown, 1)
         error = np.exp(mean + hand.spread**2 / 2)
         return np.clip(error, least_error(confidence), LOST_MM), confidence
 
@@ -318,7 +322,7 @@ class Judge:
             joints = fingers.joints(in_camera).reshape(-1, 3, 3)
             of_joints = support.joint_depths(joints, readings, camera)
             behind, before = (depth.reshape(seen.shape) for depth in of_joints)
-        return Evidence(signs, none, behind, before, np.zeros(seen.shape), seen)
+        return Evidence(signs, none, whole.seen, behind, before, np.zeros(seen.shape), seen)
 
     def side_log_ratio(self, cost: float, other_cost: float) -> float:
         """The logarithm of ``other_cost``, of the fit to one image as the other side, over

@@ -57,6 +57,7 @@ def poses(name: str, weights: Regressions, seed: int, count: int = 400) -> Poses
     evidence = Evidence(
         rng.gamma(1.0, 4.0, (count, len(SIGNS))),
         rng.uniform(0, 2, count),
+        np.ones(count),
         *lengths,
         rng.random((count, 5)),
     )
@@ -130,7 +131,7 @@ def test_the_evidence_gives_the_confidence_that_the_tracker_reports(mirrored: bo
 
 
 def test_a_pose_away_from_the_label_counts_as_a_lost_hand() -> None:
-    """Its weight is a quarter."""
+    """Its weight is a half."""
     recording = SyntheticRecording("rest", ICVL, rate=5, seconds=0.2, seed=1)
     [frame] = tracked_labels(recording, true_labels(recording), 0, False, min_confidence=0)
     middle, pixels = frame.label.mean(axis=(0, 1)), np.zeros(frame.depth.shape, bool)
@@ -139,7 +140,7 @@ def test_a_pose_away_from_the_label_counts_as_a_lost_hand() -> None:
     found = poses_of("rest", iter([frame]))
     assert len(found.error_mm) == 2 and found.error_mm[0] < 25 and found.error_mm[1] == LOST_MM
     assert np.isnan(found.fingers_mm).any(axis=1).tolist() == [False, True]
-    assert found.share == pytest.approx([4 / 5, 1 / 5])
+    assert found.share == pytest.approx([2 / 3, 1 / 3])
 
 
 def test_labels_without_a_tracked_hand_are_rejected() -> None:

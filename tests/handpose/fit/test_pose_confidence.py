@@ -42,11 +42,15 @@ NO_FINGERS = dict.fromkeys(FINGERS, np.zeros((1, 0)))
 
 
 def of(
-    signs: float | np.ndarray, lag: np.ndarray = NONE, fingers: dict[str, np.ndarray] = NO_FINGERS
+    signs: float | np.ndarray,
+    lag: np.ndarray = NONE,
+    fingers: dict[str, np.ndarray] = NO_FINGERS,
+    shown: float = 1.0,
 ) -> tuple[float, float]:
     """The expected error and the confidence of one pose."""
     all_signs = np.broadcast_to(signs, (1, len(SIGNS)))
-    error_mm, confidence, _ = JUDGE.judged(Evidence(all_signs, lag, *fingers.values()))
+    evidence = Evidence(all_signs, lag, np.array([shown]), *fingers.values())
+    error_mm, confidence, _ = JUDGE.judged(evidence)
     return error_mm[0], confidence[0]
 
 
@@ -54,7 +58,7 @@ def test_worked_by_hand() -> None:
     """All signs 0: the mean of the logarithm is the constant. One sign of e - 1 adds its weight."""
     error, confidence = of(0.0)
     assert error == pytest.approx(np.exp(HAND.constant + HAND.spread**2 / 2))
-    assert confidence == pytest.approx(1)
+    assert confidence == pytest.approx(1, abs=1e-5)
     for name, weight, signs in zip(
         SIGNS, HAND.weights, (np.e - 1) * np.eye(len(SIGNS)), strict=True
     ):
@@ -84,6 +88,13 @@ def test_confidence_falls_with_the_visible_share() -> None:
     assert (np.diff(confidences) < 0).all()
 
 
+def test_of_little_that_is_seen_nothing_is_sure() -> None:
+    least = JUDGE.settings.least_shown
+    sure = of(1.0, shown=least)
+    assert of(1.0) == sure and of(1.0, shown=least / 2)[1] == pytest.approx(sure[1] / 2)
+    assert of(1.0, shown=0.0) == (30.0, 0.0)
+
+
 def test_a_hand_whose_fingers_are_in_doubt() -> None:
     """The expected error is the geometric mean of the whole's and the fingers'; the confidence
     is the whole's.
@@ -101,7 +112,7 @@ def test_no_expected_error_contradicts_the_confidence() -> None:
     """
     sure = Regressions(HAND, FINGER._replace(constant=-3.0))
     lag = np.array([60.0])
-    evidence = Evidence(np.zeros((1, len(SIGNS))), lag, *FINGERS.values())
+    evidence = Evidence(np.zeros((1, len(SIGNS))), lag, np.ones(1), *FINGERS.values())
     judged = JUDGE.judged(evidence, sure)
     assert judged.confidence < 0.2 and judged.finger_error_mm.max() < 5
     assert judged.error_mm == pytest.approx(30 * (1 - judged.confidence))
@@ -131,7 +142,7 @@ def errors_of(whole: float, fingers: dict[str, np.ndarray]) -> np.ndarray:
     """The expected errors (1, 5) of the fingers of a hand with this error in mm as a whole."""
     signs = np.zeros((1, len(SIGNS)))
     return finger_errors(
-        finger_signs(np.array([whole]), Evidence(signs, NONE, *fingers.values())), FINGER
+        finger_signs(np.array([whole]), Evidence(signs, NONE, NONE, *fingers.values())), FINGER
     )
 
 
