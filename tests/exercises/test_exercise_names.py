@@ -19,7 +19,8 @@ from exercises.table import EXERCISES
 ITEM = r"(?:\[[^\]]*\])?"
 DOTTED = rf"[A-Za-z_]\w*{ITEM}(?:\.[A-Za-z_]\w*{ITEM})+"
 NAME = re.compile(rf"{DOTTED}|\b\w*_\w*|[A-Za-z_]\w*(?=\()")
-ELSEWHERE = {"count_include_pad", "NEG_Y"}  # an option of PyTorch, a value in a skeleton file
+# an option of PyTorch, a value in a skeleton file, and an option of all layers
+ELSEWHERE = {"count_include_pad", "NEG_Y", "loss_weight"}
 
 
 def names_in(text: str) -> Iterator[list[str]]:
