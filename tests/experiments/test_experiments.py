@@ -50,7 +50,7 @@ def test_the_list() -> None:
     assert all(len(line.split()) > 5 for line in lines if line.startswith("  "))
     folder = Path(importlib.import_module("experiments").__file__ or "").parent
     nets = {"example_nets", "peers", "torch_nets"}
-    others = nets | {"__init__", "__main__", "choices", "labelled_frames"}
+    others = nets | {"__init__", "__main__", "choices", "hidden_parts", "labelled_frames"}
     assert {path.stem for path in folder.glob("*.py")} - others == set(NAMES)
 
 

@@ -1,5 +1,5 @@
-"""A tracked hand that something nearer covers, or of which nothing is read: no confident pose, and
-the right reason
+"""A tracked hand that something nearer covers, or of which nothing is read: no confident pose that is
+wrong, and the right reason
 """
 
 from __future__ import annotations
@@ -90,17 +90,19 @@ def after(
         *((value, ("no depth", "only background")) for value in (0.0, np.nan)),
     ],
 )
-def test_a_hand_covered_by_half_or_more_has_no_confident_pose(
+def test_a_hand_covered_by_half_or_more_has_no_confident_pose_that_is_wrong(
     begun: Tracker, resting: Take, value: float, reasons: tuple[str, ...]
 ) -> None:
-    """It is present while the finder sees the rest; otherwise it is lost with the reason. Then it
-    is tracked again.
+    """Without a pose it is present while the finder sees the rest; otherwise it is lost with the
+    reason. Then it is tracked again.
     """
     # all pixels of a hand that come nearer by a fifth are another hand
     most = 0.9 if value == 0.8 else 1.0
     for share in (0.5, 0.6, 0.9, most, WHOLE_VIEW):
         for reported in after(begun, resting, share, value):
-            assert all(hand.confidence <= MAX_COVERED_CONFIDENCE for hand in reported.hands)
+            for hand in reported.hands:
+                error_mm = error_of(hand, resting.truth[reported.number])
+                assert hand.confidence <= MAX_COVERED_CONFIDENCE or error_mm < 20
             [own] = [one for one in reported.every if one.id == 0]
             assert own.pose or own.reason.startswith(reasons if share >= 1 else NO_POSE)
             assert own.is_lost == (not own.pose and share >= 1)
@@ -125,17 +127,16 @@ def test_the_pose_of_a_part(
     begun: Tracker, resting: Take, value: float, share: float, least: float, frames: int
 ) -> None:
     """What is covered or not read is unknown, not empty: the rest keeps its pose, or is present
-    without one, and half a hand has no sure one.
+    without one.
     """
     (whole,) = next(after(begun, resting, 0.0, value)).hands
-    most = whole.confidence if share < 0.5 else MAX_COVERED_CONFIDENCE
     reported = list(after(begun, resting, share, value, 5))
     assert sum(len(frame.hands) for frame in reported) >= frames
     for frame in reported:
         assert not frame.lost
         for hand in frame.hands:
             assert error_of(hand, resting.truth[frame.number]) < 20 and hand.id == 0
-            assert least < hand.confidence < most + 0.01
+            assert least < hand.confidence < whole.confidence + 0.01
 
 
 def moving(side: Side, velocity: tuple[float, float, float], seed: int) -> Take:

@@ -228,7 +228,7 @@ def test_a_hand_that_only_the_finder_sees_is_present_without_joints(
     assert found == TrackedFrame(16, 16 / RATE) and not tracker.tracks
 
 
-@pytest.mark.parametrize(("presence", "is_tried"), [(0.26, False), (0.28, True)])
+@pytest.mark.parametrize(("presence", "is_tried"), [(0.32, False), (0.34, True)])
 def test_a_pose_is_tried_where_one_could_be_sure_enough(
     predictor: Predictor, monkeypatch: pytest.MonkeyPatch, presence: float, is_tried: bool
 ) -> None:
