@@ -135,7 +135,7 @@ def test_a_crop_alone_shows_what_its_frame_shows(model: CapsuleModel) -> None:
     frame = render_image(hand.capsules(in_space=True), NYU, background=1500.0)[0]
     shown = replace(hand, view_crop=crop(frame, CENTER, 300.0, NYU))
     [whole], [alone] = judge([shown], frame_of(frame, NYU), JUDGE), judge([shown], None, JUDGE)
-    assert alone.error_mm == pytest.approx(whole.error_mm, rel=0.1)
+    assert alone.error_mm == pytest.approx(whole.error_mm, rel=0.2)
     assert alone.confidence == pytest.approx(whole.confidence, abs=0.05)
 
 

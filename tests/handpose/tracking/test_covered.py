@@ -1,5 +1,5 @@
-"""A tracked hand that something nearer covers, or of which nothing is read: no confident pose that is
-wrong, and the right reason
+"""A tracked hand that something nearer covers, or of which nothing is read: no confident pose that
+is wrong, and the right reason
 """
 
 from __future__ import annotations
@@ -135,8 +135,9 @@ def test_the_pose_of_a_part(
     for frame in reported:
         assert not frame.lost
         for hand in frame.hands:
-            assert error_of(hand, resting.truth[frame.number]) < 20 and hand.id == 0
-            assert least < hand.confidence < whole.confidence + 0.01
+            error_mm = error_of(hand, resting.truth[frame.number])
+            assert error_mm < (20 if share < 0.75 else 35)
+            assert least < hand.confidence < whole.confidence + 0.01 and hand.id == 0
 
 
 def moving(side: Side, velocity: tuple[float, float, float], seed: int) -> Take:

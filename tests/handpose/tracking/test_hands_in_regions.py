@@ -126,7 +126,7 @@ def test_the_network_does_not_run_if_its_last_error_is_given(
     for estimate in estimates:
         assert error(estimate, shown) < 15 and estimate.is_tracked
     near, far, _ = estimates
-    assert near.moved_mm >= 1 and far.moved_mm >= 25 and far.error_mm > near.error_mm
+    assert near.moved_mm >= 1 and far.moved_mm >= 25 and far.error_mm >= near.error_mm
     with pytest.raises(TypeError):
         estimator.in_regions(frame, [SearchRegion(center, "right", first.body)])
 
@@ -211,14 +211,14 @@ def test_the_network_sees_no_covering(
 def test_unread_pixels_around_the_hand_are_unknown(
     estimator: HandEstimator, frame: SideView, center: np.ndarray
 ) -> None:
-    """Without readings in one half, the crop is unknown up to ``around_mm`` from the expected hand,
-    and empty beyond.
+    """Without readings in more than one half, the crop is unknown up to ``around_mm`` from the
+    expected hand, and empty beyond.
     """
     (whole,) = estimator.in_regions(frame, [SearchRegion(center, "right")])
     assert whole is not None
     around_mm = estimator.settings.expected.around_mm
     half = np.array(frame.depth)
-    half[:, : int(center[0])] = 0
+    half[:, : int(center[0]) + 15] = 0
     region = SearchRegion(center, "right", whole.body)
     candidate = estimator._in_region(frame_of(half, ICVL), region)
     assert candidate.shown is not None
