@@ -61,8 +61,9 @@ def _cut(shown: Shown, joints: Array, part: _Part) -> Shown:
     edge = max(part.edge(camera.project(joints)[:, :2]), 1)
     kept = slice(edge, None) if part.is_first else slice(edge)
     depth = depth[:, kept] if part.axis == 0 else depth[kept]
-    moved = edge if part.is_first else 0
-    u0, v0 = (camera.u0 - moved, camera.v0) if part.axis == 0 else (camera.u0, camera.v0 - moved)
+    u0, v0 = camera.u0, camera.v0
+    if part.is_first:
+        u0, v0 = (u0 - edge, v0) if part.axis == 0 else (u0, v0 - edge)
     height, width = depth.shape
     return Shown(depth, replace(camera, u0=u0, v0=v0, width=width, height=height))
 

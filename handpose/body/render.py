@@ -197,11 +197,12 @@ def depths_of(capsules: Capsules, x: Floats, y: Floats) -> Floats:
     Raises DataError for a capsule that is not in front of the camera.
     """
     N, M = capsules.radius_a.shape
-    depths = np.full((N, M + len(capsules.facets), y.shape[1], x.shape[1]), np.inf, np.float32)
+    size = y.shape[1], x.shape[1]
+    depths = np.full((N, M + len(capsules.facets), *size), np.inf, np.float32)
     frame = np.repeat(np.arange(N), M)
     coefficients = _coefficients(*_visible_ends(capsules))
     round_parts = _depths(coefficients, x[frame, None, :], y[frame, :, None])
-    np.fmin(depths[:, :M], round_parts.reshape(N, M, *depths.shape[2:]), out=depths[:, :M])
+    np.fmin(depths[:, :M], round_parts.reshape(N, M, *size), out=depths[:, :M])
     if len(capsules.facets):
         frame, facet, corners = _triangles(capsules)
         planes = _plane_coefficients(corners)

@@ -79,8 +79,8 @@ class _Rays(NamedTuple):
         """The rays over all of some capsules."""
         bounds = []
         for end, radius in ((capsules.a, capsules.radius_a), (capsules.b, capsules.radius_b)):
-            middle = end[..., :2] * (1, -1)
-            bounds += [(middle + sign * radius[..., None]) / end[..., 2:] for sign in (-1, 1)]
+            middle, reach = end[..., :2] * (1, -1), radius[..., None]
+            bounds += [edge / end[..., 2:] for edge in (middle - reach, middle + reach)]
         slopes = np.concatenate(bounds, axis=1)  # (N, 4 M, 2)
         least, most = slopes.min(axis=1), slopes.max(axis=1)
         share = (np.arange(RAYS) + 0.5) / RAYS
@@ -148,7 +148,8 @@ class ImageSupport:
         behind, tolerance = reading - surface, self.settings.tolerance_mm
         read = inside & (reading > 0)
         hidden, empty = read & (behind < -tolerance), read & (behind > tolerance)
-        kinds = np.stack([read & ~(hidden | empty), hidden, empty, inside & ~read, ~inside])
+        seen = read & ~hidden & ~empty
+        kinds = np.stack([seen, hidden, empty, inside & ~read, ~inside])
         found = []
         for part in (~limbs, *parts):
             own = shapes[:, _shapes_of(part, capsules.facets)].min(axis=1, initial=np.inf)
