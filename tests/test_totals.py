@@ -35,18 +35,18 @@ class Size(NamedTuple):
 
 
 ROOMS = {
-    "docs": Size(12_970, 1_086, 17, 8_543),
+    "docs": Size(12_932, 1_085, 16, 8_324),
     "exercises": Size(8_988, 819, 7, 32_352),
-    "experiments": Size(15_889, 1_384, 26, 9_667),
-    "export": Size(8_324, 730, 6, 3_853),
-    "fast": Size(29_210, 2_569, 12, 2_379),
-    "handpose": Size(98_086, 8_829, 120, 33_955),
-    "handpose/synthetic": Size(16_897, 1_521, 27, 1_978),
-    "layers": Size(36_920, 3_196, 30, 18_087),
-    "netlib": Size(44_021, 4_484, 54, 66_025),
+    "experiments": Size(15_812, 1_397, 22, 9_255),
+    "export": Size(8_324, 730, 6, 3_871),
+    "fast": Size(29_198, 2_576, 12, 2_370),
+    "handpose": Size(98_015, 8_844, 117, 33_895),
+    "handpose/synthetic": Size(16_863, 1_519, 26, 1_978),
+    "layers": Size(36_988, 3_200, 30, 18_250),
+    "netlib": Size(44_019, 4_498, 54, 66_398),
     "setup.py": Size(180, 10, 1, 284),
-    "tests": Size(254_916, 18_818, 365, 313_257),
-    "tools": Size(30_837, 2_888, 52, 31_613),
+    "tests": Size(255_029, 19_013, 367, 313_991),
+    "tools": Size(30_386, 2_886, 46, 31_538),
 }
 LINES = {  # of files that are not Python, by their patterns
     "prototxt/*.prototxt models/*.prototxt": 4_084,
@@ -54,9 +54,9 @@ LINES = {  # of files that are not Python, by their patterns
     "*.js *.css *.html": 2_832,
 }
 WORDS = {  # of documents, by their pattern
-    ":(glob)docs/*.md": 25_938,
+    ":(glob)docs/*.md": 25_923,
     "README.md": 900,
-    "*.md": 64_997,
+    "*.md": 64_995,
 }
 OTHERS = LINES | WORDS
 LIMITS = {  # that no recorded total may exceed: syntax nodes of rooms, lines, words
