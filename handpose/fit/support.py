@@ -47,13 +47,6 @@ class Support(NamedTuple):
     missing: Array
     outside: Array
 
-    @property
-    def covered(self) -> Array:
-        """The share (N,) that is in the image but was not read, because of a nearer object or
-        without a reading.
-        """
-        return self.hidden + self.missing
-
 
 class JointDepths(NamedTuple):
     """Mean distances (N,) in mm of the joints of N hands from the readings at their pixels, up to
