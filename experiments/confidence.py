@@ -69,8 +69,8 @@ from tools.common.console import DONE, aligned, say
 from tools.common.progress import ProgressBar
 
 # Weight of a pose that is not the labelled hand. With 1, 0.5 and 0.25, 58, 73 and 80% of the hands
-# in P1, P4 and hpx have 90% or more; of the others 10, 16 and 21% have 30% or more, 0, 0.1 and
-# 0.8% the 70% that a second hand needs.
+# in P1, P4 and hpx have 90% or more; of the others 10, 16 and 21% have 30% or more, 0.2, 0.9
+# and 2.0% the 60% that a second hand needs.
 OTHER_WEIGHT = 0.5
 MAX_PLACES = 2  # of the finder in a frame: the hand, and another one
 SCENE_SEEDS = (9000, 9001)  # of rendered scenes

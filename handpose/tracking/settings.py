@@ -20,7 +20,9 @@ class StartSettings:
     # labelled recordings, as recorded and mirrored, true hands begin with 0.36 or more, and
     # all else, a person's elbow included, has up to 0.29.
     both: float = 0.33
-    beside: float = 0.7  # confidence that another hand needs; the elbow has up to 0.64
+    # confidence that another hand needs: what is beside the hand in these recordings, and
+    # present enough, has up to 0.51
+    beside: float = 0.6
 
 
 @dataclass(frozen=True)
