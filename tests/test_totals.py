@@ -40,7 +40,7 @@ ROOMS = {
     "experiments": Size(15_812, 1_397, 22, 9_255),
     "export": Size(8_324, 730, 6, 3_871),
     "fast": Size(29_198, 2_576, 12, 2_370),
-    "handpose": Size(98_015, 8_844, 117, 33_895),
+    "handpose": Size(98_004, 8_843, 117, 33_895),
     "handpose/synthetic": Size(16_863, 1_519, 26, 1_978),
     "layers": Size(36_988, 3_200, 30, 18_250),
     "netlib": Size(44_019, 4_498, 54, 66_398),
