@@ -10,8 +10,8 @@ only, and every pose counts, however sure. The logarithms of the errors are then
 signs that handpose/fit/pose_confidence.py describes, first of hands, then of fingers. All
 recordings have the same total weight, no weight of a sign is below 0, and weights are drawn towards
 those in use (--keep). What is tracked in addition to the labelled hand, and a pose at another of
-the two most certain places of the finder, is as wrong as a lost hand and counts half. Of some
-labelled frames of each recording, a part of the hand is cut off, covered, or not read ("hidden").
+the two most certain places of the finder, is as wrong as a lost hand and has half the weight. In
+copies of some labelled frames, a part of the hand is cut off, covered, or not read ("hidden").
 The packaged network and its fit must be those for which the confidence is computed. --scenes adds
 hands in rendered scenes, as `experiments scenes` finds and fits them.
 
@@ -74,7 +74,7 @@ from tools.common.progress import ProgressBar
 OTHER_WEIGHT = 0.5
 MAX_PLACES = 2  # of the finder in a frame: the hand, and another one
 SCENE_SEEDS = (9000, 9001)  # of rendered scenes
-HIDDEN_FRAMES = 48  # of a recording, of whose hand a part is hidden, each in three ways
+HIDDEN_FRAMES = 48  # labelled frames of a recording that are copied with hidden parts
 KEEP = 0.3  # of 0, 0.3, 1, 3 and 10; up to 1 they are alike when a recording is left out
 COMMENT = """Weights of the confidence of poses: handpose/fit/pose_confidence.py has the formulas.
 Fitted by `python -m experiments confidence` to {count} poses of {names},
@@ -166,7 +166,7 @@ def evidence_of_others(frame: TrackedLabels) -> list[Evidence]:
 
 
 def poses_of_parts(source: Labelled, number: int) -> Poses:
-    """The poses at the true place of a right hand of which a part is hidden, in some frames.
+    """The poses of a right hand with a hidden part, at its true place, in some labelled frames.
 
     Raises DataError if there is none.
     """
@@ -183,7 +183,9 @@ def poses_of_parts(source: Labelled, number: int) -> Poses:
             joints = label.reshape(-1, 3)
             for shown in hidden_parts(rng, Shown(frame.depth, recording.camera), joints):
                 predictor = predictor_of(shown.camera)
-                fingers = Fingers(Surface(predictor.skeleton))
+                assert predictor.fitter is not None
+                fingers = predictor.fitter.model.fingers
+                assert fingers is not None  # the packaged body is a hand
                 with contextlib.suppress(DataError):  # the pose leads out of the image
                     place = shown.camera.project(joints.mean(axis=0))
                     found = predictor.in_frame(shown.depth, place)
@@ -193,9 +195,7 @@ def poses_of_parts(source: Labelled, number: int) -> Poses:
                     errors.append(np.linalg.norm(own - label, axis=-1).mean(axis=1))
     if not evidence:
         raise DataError(f"{source.name}: no pose is found in any labelled frame")
-    fingers_mm = np.minimum(errors, LOST_MM)
-    error_mm = fingers_mm.mean(axis=1)
-    return Poses(f"{source.name} hidden", Evidence.concatenate(evidence), error_mm, fingers_mm)
+    return bounded_poses(f"{source.name} hidden", evidence, errors)
 
 
 def poses_in_scenes(scenes: int, number: int) -> Poses:
@@ -217,9 +217,16 @@ def poses_in_scenes(scenes: int, number: int) -> Poses:
             if other.evidence:
                 evidence.append(other.evidence)
                 errors.append(np.full(len(FINGERS), np.nan))
+    return bounded_poses("scenes", evidence, errors)
+
+
+def bounded_poses(name: str, evidence: Sequence[Evidence], errors: Sequence[Array]) -> Poses:
+    """Poses with the errors (5,) in mm of their fingers, at most LOST_MM; NaN where there is no
+    hand.
+    """
     fingers_mm = np.minimum(errors, LOST_MM)
     error_mm = np.nan_to_num(fingers_mm.mean(axis=1), nan=LOST_MM)
-    return Poses("scenes", Evidence.concatenate(evidence), error_mm, fingers_mm)
+    return Poses(name, Evidence.concatenate(evidence), error_mm, fingers_mm)
 
 
 def evidence_of_track(track: HandTrack, model: CapsuleModel) -> Evidence:
