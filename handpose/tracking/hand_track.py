@@ -93,8 +93,8 @@ class Compared(NamedTuple):
 
 
 class Looks(NamedTuple):
-    """What the finder said of a hand: its mean presence in the last looks, and the hand as it was
-    seen in the last one; None if it was not.
+    """The results of the finder's looks at a hand: its mean presence in the last looks, and the
+    hand found in the last one, or None.
     """
 
     presence: float
@@ -142,7 +142,7 @@ class HandTrack:
     reason    why it has no pose, or is lost
     sizes     the size of the hand, and how it is estimated
     decided   the side that was decided last, or None
-    looks     of the finder
+    looks     what the finder found at its place
     settings  tuned numbers
     """
 

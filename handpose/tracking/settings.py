@@ -16,12 +16,12 @@ class StartSettings:
     """When a found hand is followed (``Tracker``)."""
 
     first: float = 0.1  # a place is fitted accurately from this confidence of a fast fit on
-    # A hand is followed from this product of presence and confidence on: at the places of the six
-    # labelled recordings, as recorded and mirrored, true hands begin with 0.36 or more, and
-    # all else, a person's elbow included, has up to 0.29.
+    # Minimum product of presence and confidence of a hand that is followed. In the six labelled
+    # recordings, as recorded and mirrored, it is at least 0.36 where a track of the hand begins,
+    # and at most 0.29 elsewhere, for instance at an elbow.
     both: float = 0.33
-    # confidence that another hand needs: what is beside the hand in these recordings, and
-    # present enough, has up to 0.51
+    # Minimum confidence of a second hand. In these recordings, which show one hand, the confidence
+    # at other places with enough presence is at most 0.51.
     beside: float = 0.6
 
 

@@ -189,7 +189,7 @@ class Tracker:
     def _reason(
         self, track: HandTrack, found: FrameHands, seen: list[HandEstimate], time: float
     ) -> str:
-        """The reason why no pose of a hand was found in a frame at a time, but those ``seen``."""
+        """The reason why none of the poses ``seen`` in a frame at a time is good enough."""
         if found.near(track.place, self.settings.present.same_mm):
             return NO_POSE
         confidence = max((one.chance for one in seen), default=0.0)
@@ -331,14 +331,15 @@ class Tracker:
         for place in self.present.evident[: self.limit - len(self.tracks)]:
             is_seen = place.time == self._searched
             present = _present(place.id, place.hand, place.presence)
-            if not is_seen:
-                present = dataclasses.replace(present, is_seen=False, mask=None)
-            every.append(dataclasses.replace(present, is_sure=place.is_sure))
+            mask = present.mask if is_seen else None
+            every.append(
+                dataclasses.replace(present, is_sure=place.is_sure, is_seen=is_seen, mask=mask)
+            )
         return TrackedFrame(number, time, tuple(every))
 
     def _without_pose(self, track: HandTrack) -> TrackedHand:
-        """A hand without a pose in this frame: while it is followed it is where the finder saw it
-        in its last look, if it did; otherwise it is lost.
+        """A hand without a pose in this frame. A followed hand that the finder saw in its last
+        look is present; another one is lost.
         """
         presence, hand = track.looks
         if track.is_tracked and hand is not None and presence >= self.min_presence:
