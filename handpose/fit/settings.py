@@ -145,14 +145,15 @@ class SupportSettings:
 
 @dataclass(frozen=True)
 class JudgeSettings:
-    """The confidence of poses of which little was seen, and of sides; the latter chosen on P3, P7
-    and hpx.
+    """The confidence of poses of which little was seen, and of sides. The numbers for sides were
+    chosen on P3, P7 and hpx.
     """
 
     # Share of a hand's own surface that was seen at its place, below which the confidence falls in
     # proportion. Parts of the tracked hands of P1, P3, P4 and P6 were covered or not read for 0.2
     # s: where 20 to 40% were seen, 68% of the poses were within 30 mm, with a mean confidence of
-    # 62%; where less was seen 29%, with 70%.
+    # 62%; where less was seen 29%, with 70%. In P7, on which it was not chosen, the confidence of
+    # such hands remains too high: 58% where 70% or less was seen, and 14% within 30 mm.
     least_shown: float = 0.3
     # The side of a hand is judged by the log-ratio of the costs of the fits as either side: the
     # maximum contribution of one frame, and the slope of the log-odds of a side by the mean ratio.
