@@ -17,8 +17,9 @@ side, "sure" that of poses with a confidence of 90% or more, "off" the share of 
 than 30 mm off. A rule stays if its gain is larger than the spread of the seeds.
 
 What rules gain, as mean errors in mm over P1, P4 and hpx (docs/fit.md), as recorded and mirrored,
-seeds 0 to 2: 13.19 with all. The means of other seeds differ by up to 0.3, so most rules gain
-nothing on these sequences; what stands after the errors was measured with earlier networks.
+seeds 0 to 2: 13.19 with all. The means of other seeds differ by up to 0.3, so most rules have no
+measurable gain on these sequences. The remarks on synthetic hands, jitter, sides and joint_starts
+are measurements with earlier networks.
 
     switched off                          error   and
     track.follow.kept=0 .new=1 .max_jump_mm=1e9

@@ -26,8 +26,8 @@ class Shown(NamedTuple):
 
 
 class _Part(NamedTuple):
-    """The part of a hand on one side: before the quantile ``share`` of its columns (axis 0) or rows
-    (axis 1), or behind the same share from the end.
+    """A part on one side of a hand: its first or last columns (axis 0) or rows (axis 1), as many as
+    contain ``share`` of its pixels.
     """
 
     axis: int

@@ -100,7 +100,7 @@ class Net(Graph):
         if not isinstance(level or 0, int) or isinstance(stages, str):
             raise NetlibError(
                 f"level {level!r}, stages {stages!r}: expected a number and a list of names; "
-                "a file of weights is the option weights"
+                "pass a file of weights as weights="
             )
         phase_name: schema.Phase = param.state.phase if phase is None else ("TRAIN", "TEST")[phase]
         self.state = state or NetState(

@@ -151,8 +151,8 @@ def crop_rays(
 def shown_in_crop(
     capsules: Capsules, center_uvd: Array, cube_mm: float, camera: Camera, size: int = SIZE
 ) -> Floats:
-    """What a crop (size, size) in [-1, 1] about a centre (3,) would show of one body's capsules; 1
-    without a surface. Parts that are nearer than the cube are not in it.
+    """A rendered crop (size, size) in [-1, 1] of one body's capsules about a centre (3,); 1 where
+    there is no surface. Parts in front of the cube are not rendered.
     """
     d = center_uvd[2:]
     inside = in_front(capsules, d - cube_mm / 2)

@@ -137,8 +137,8 @@ class Finder:
 
     def _answers(self, frame: Floats, focal: float) -> tuple[Floats, Floats, Array]:
         """The net's answers to a frame (H, W) in mm with a focal length in px: the probability of
-        hands (H/2, W/2), the presence (H/4, W/4) of middles, and the ways (H/4, W/4, 3) in mm from
-        the points to the middles of their hands.
+        hands (H/2, W/2), the presence (H/4, W/4) of middles, and the offsets (H/4, W/4, 3) in mm
+        of the middles of the hands from their points.
 
         Raises NetlibError for answers that are not finite.
         """
@@ -147,8 +147,8 @@ class Finder:
             raise NetlibError(f"{self.net.source}: answers that are not finite; check its weights")
         chances = said["class"][0, 1], said["presence"][0, 0]
         hand, presence = (rounded(values, CHANCE_STEP).astype(np.float32) for values in chances)
-        ways = rounded(VOTE_MM * np.moveaxis(said["votes"][0], 0, -1), PLACE_STEP_MM)
-        return hand, presence, ways
+        offsets = rounded(VOTE_MM * np.moveaxis(said["votes"][0], 0, -1), PLACE_STEP_MM)
+        return hand, presence, offsets
 
     def _peaks(
         self, presence: Floats, votes: Array, weight: Array, min_presence: float, most: int

@@ -24,11 +24,12 @@ reported pose can be better than that. So
     whole = exp(mean + spread² / 2)
     confidence = P(error < 30 mm) = Φ((log 30 - mean) / spread)
 
-Where little of the hand's own surface was seen at its place, the rest is a guess, whatever the
-signs: the confidence falls in proportion (``JudgeSettings``). The expected error of a hand is the
-geometric mean of ``whole`` and of the mean of its fingers' expected errors, because what is wrong
-with a hand that is found is mostly a finger; without fingers it is ``whole``. It is at least 30 mm
-times the probability of a larger one (Markov's inequality).
+If only a small share of the hand's own surface was seen at its place, the pose is a guess, and the
+confidence is reduced in proportion to that share (``JudgeSettings.least_shown``).
+
+The expected error of a hand is the geometric mean of ``whole`` and of the mean of its fingers'
+expected errors, because what is wrong with a hand that is found is mostly a finger; without fingers
+it is ``whole``. It is at least 30 mm times the probability of a larger one (Markov's inequality).
 
 The error of a hand is a mean over its joints, and a hand that is right as a whole may have a finger
 that is a guess: because the palm or another finger hides it, because it is in empty space, or

@@ -1,8 +1,9 @@
 """Support of poses by a depth image: which parts of a hand's own surface were seen, and which the
 image contradicts.
 
-Rays through a grid over the hand meet the surface that faces the camera. Those that meet the hand's
-own parts first count equally, so that a part counts by the area that it shows, as
+The rays of a regular grid over the hand sample the surface that faces the camera. Each ray whose
+first intersection is with the hand's own parts has the same weight, so a part has the weight of its
+visible area. Such a ray is
 
     seen     the reading is within a tolerance of the surface
     hidden   the reading is nearer: another object covers the hand there
@@ -10,8 +11,8 @@ own parts first count equally, so that a part counts by the area that it shows, 
     missing  there is no reading
     outside  it is outside the image
 
-Of the reading at a ray and of the four next to it, the one that is nearest to the surface counts,
-because at an outline a pixel may show what is behind it, or nothing.
+A ray is compared with its pixel and the four adjacent ones, of which the reading nearest to the
+surface is used: at an outline, a pixel may show the background, or have no reading.
 
 A fit to the visible part of a covered hand has small residuals, so its cost does not show that the
 rest is a guess. Joints are compared with the readings, too: those far behind the surface are hidden
@@ -32,10 +33,12 @@ from handpose.fit.settings import SupportSettings
 from handpose.frames.cameras import Camera, Floats
 from netlib.blob import Array
 
-RAYS = 24  # on each side of the grid over a hand
+# Rays on each side of the grid. On 28 frames of P3, P7 and a Kinect v2, the mean differences of the
+# shares from those of 96 rays without adjacent pixels are at most 0.05.
+RAYS = 24
 # rows and columns from a ray's pixel
 AROUND = np.argwhere(cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))) - 1
-BEYOND_MM = 1e5  # depth from which a surface stands for one behind the camera
+BEYOND_MM = 1e5  # minimum depth of the specks that replace capsules behind the camera
 
 
 class Support(NamedTuple):

@@ -153,7 +153,7 @@ class Message:
         return [f for f in self.fields if f.name in names]
 
     def without(self, *names: str) -> Message:
-        """A message with the fields of other names."""
+        """The message without the fields with one of these names."""
         return Message([f for f in self.fields if f.name not in names], self.position)
 
     def unknown(self) -> list[Field]:

@@ -113,8 +113,8 @@ def test_invalid_calls_are_rejected(
         # as by Net(file, TEST, "net.caffemodel") in pycaffe
         "weights as level": (
             {"level": "net.caffemodel"},
-            "level 'net.caffemodel', stages None: expected a number and a list of names; a file of "
-            "weights is the option weights",
+            "level 'net.caffemodel', stages None: expected a number and a list of names; pass a file "
+            "of weights as weights=",
         ),
         "a text as stages": ({"stages": "deploy"}, "level 0, stages 'deploy': expected ..."),
         "int32": ({"dtype": np.int32}, "a net computes in float32 or float64, not in int32"),
