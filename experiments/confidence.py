@@ -183,13 +183,12 @@ def poses_of_parts(source: Labelled, number: int) -> Poses:
             joints = label.reshape(-1, 3)
             for shown in hidden_parts(rng, Shown(frame.depth, recording.camera), joints):
                 predictor = predictor_of(shown.camera)
-                assert predictor.fitter is not None
-                fingers = predictor.fitter.model.fingers
-                assert fingers is not None  # the packaged body is a hand
                 with contextlib.suppress(DataError):  # the pose leads out of the image
                     place = shown.camera.project(joints.mean(axis=0))
                     found = predictor.in_frame(shown.depth, place)
+                    fingers = found.the_model.fingers
                     assert found.evidence is not None
+                    assert fingers is not None  # the packaged body is a hand
                     own = fingers.joints(found.xyz[None])[0]
                     evidence.append(found.evidence)
                     errors.append(np.linalg.norm(own - label, axis=-1).mean(axis=1))
