@@ -37,15 +37,15 @@ class Size(NamedTuple):
 ROOMS = {
     "docs": Size(12_932, 1_085, 16, 8_324),
     "exercises": Size(8_988, 819, 7, 32_352),
-    "experiments": Size(15_812, 1_397, 22, 9_255),
+    "experiments": Size(15_807, 1_397, 22, 9_255),
     "export": Size(8_324, 730, 6, 3_871),
     "fast": Size(29_198, 2_576, 12, 2_370),
-    "handpose": Size(98_004, 8_843, 117, 33_895),
+    "handpose": Size(98_001, 8_842, 117, 33_895),
     "handpose/synthetic": Size(16_863, 1_519, 26, 1_978),
     "layers": Size(36_988, 3_200, 30, 18_250),
-    "netlib": Size(44_019, 4_498, 54, 66_398),
+    "netlib": Size(44_019, 4_498, 54, 66_393),
     "setup.py": Size(180, 10, 1, 284),
-    "tests": Size(255_029, 19_013, 367, 313_991),
+    "tests": Size(255_029, 19_013, 367, 313_986),
     "tools": Size(30_386, 2_886, 46, 31_538),
 }
 LINES = {  # of files that are not Python, by their patterns
@@ -54,8 +54,8 @@ LINES = {  # of files that are not Python, by their patterns
     "*.js *.css *.html": 2_832,
 }
 WORDS = {  # of documents, by their pattern
-    ":(glob)docs/*.md": 25_923,
-    "README.md": 900,
+    ":(glob)docs/*.md": 25_926,
+    "README.md": 899,
     "*.md": 64_995,
 }
 OTHERS = LINES | WORDS
