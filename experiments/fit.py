@@ -137,7 +137,7 @@ def _fit(
     is_right = np.full(N, np.nan)
     if hands:
         mirrored = estimator.estimate(left, scene.camera, plan)
-        is_right[:] = [hand.uncertainty < image.uncertainty for hand, image in zip(found, mirrored)]
+        is_right[:] = [hand.cost < image.cost for hand, image in zip(found, mirrored)]
     expected, confidence = np.transpose([(hand.error_mm, hand.confidence) for hand in found])
     errors = mean_errors_14(np.stack([hand.joints_mm for hand in found]), joints)
     return FitFigures(errors, expected, confidence, is_right, seconds)

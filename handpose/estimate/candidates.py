@@ -21,14 +21,14 @@ class SearchRegion:
     side        assumed side of the hand
     before      the body expected from earlier frames, or None
     size        of the hand, if known
-    moved_mm    distance of the last fit from the network's joints; None runs the network again
+    asks_network  False if the fit starts from ``before`` alone
     """
 
     center_uvd: Array
     side: Side
     before: WorldPose | None = None
     size: float | None = None
-    moved_mm: float | None = None
+    asks_network: bool = True
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -125,16 +125,6 @@ class HandEstimate:
         return float("nan") if self.fit is None else float(self.fit.cost[0])
 
     @property
-    def uncertainty(self) -> float:
-        """The uncertainty of the fit, by which crops and sides are compared."""
-        return float("nan") if self.fit is None else float(self.fit.uncertainty[0])
-
-    @property
-    def moved_mm(self) -> float:
-        """The mean distance of the fit from the joints that the network predicted last."""
-        return float(self.the_fit.signs[0, -1])
-
-    @property
     def selection_cost(self) -> float:
         """Compares poses: the expected error in mm, or the cost if it is unknown."""
         return self.cost if np.isnan(self.error_mm) else self.error_mm

@@ -49,7 +49,7 @@ class Predictor:
     camera   of the frames; one without a size accepts frames of any size
     cube_mm  edge of the cube around the body; default for hands: NYU's
     hand     side of the hand, in an image that is not mirrored; "either" fits both and takes the
-             less uncertain one
+             one whose fit costs less
     refine   maximum number of moves of a frame's crop to the palm predicted in it; 0 for nets whose
              training crops are not centred as NYU's (ICVL's)
     fit      "no", or the name of the plan by which the predicted pose is fitted to the depth

@@ -31,7 +31,7 @@ from netlib.engine import for_each
 from netlib.errors import DataError
 from netlib.files import Content
 
-EMPTY_CROP = 0.01  # share of foreground; in a crop with less, the signs are infinite
+EMPTY_CROP = 0.01  # share of foreground; in a crop with less, the cost is infinite
 STARTS_TOGETHER = 80  # fits per batch, so that their arrays stay in the cache
 
 
@@ -43,12 +43,10 @@ class DepthFit:
     network     (N, K, 3) mm, the joints of the first start: the network's, or in ``follow``
                 the expected ones
     cost        (N,) sum of all terms; infinite where nothing is visible
-    uncertainty (N,) by which crops and sides are compared: a mean of the signs, with the cost of
-                the weighted points
     x           (N, V) all variables, for ``CapsuleModel``
-    signs       (N, 5) of failure: the four parts of the cost, and the distance in mm by which the
-                joints moved; infinite where nothing is visible. All points count alike in them: a
-                finder may take something else for a hand, which then fits its own points well
+    parts       (N, 4) of the cost: surface, outline, front, prior; infinite where nothing is
+                visible. All points count alike in them: a finder may take something else for a
+                hand, which then fits its own points well
     start       (N,) index of its start: first the quarter turns, then the expected pose,
                 then those drawn
     """
@@ -56,9 +54,8 @@ class DepthFit:
     joints: Array
     network: Array
     cost: Array
-    uncertainty: Array
     x: Array
-    signs: Array
+    parts: Array
     start: Array
 
     def __len__(self) -> int:
@@ -164,21 +161,12 @@ class DepthFitter:
         return self._results(found, seen, model.joints(first))
 
     def follow(
-        self,
-        seen: Observation,
-        before: Array,
-        moved_mm: Array,
-        plan: Plan,
-        *,
-        size: float | Array | None = None,
+        self, seen: Observation, before: Array, plan: Plan, *, size: float | Array | None = None
     ) -> DepthFit:
         """Refine x (N, V) expected from earlier frames by a few iterations, without the network.
 
         Limbs that are hardly visible are held at their expected pose, because they would jitter
-        otherwise. The signs are computed without that, as for any other fit.
-
-        moved_mm  (N,) distance of the last fit from the network's joints, which stays
-                  one of the signs
+        otherwise. The parts of the cost are computed without that, as for any other fit.
         """
         network = self.model.joints(before)
         held = self.settings.steady.limb_precision
@@ -189,7 +177,7 @@ class DepthFitter:
         off = (found.x - expected)[:, self.model.limbs]
         squares = ((off @ self.precision) * off).sum(axis=1)
         found.parts[:, 3] -= (held - 1) * self.objective.weights.limbs * squares
-        return self._results(found, seen, network, moved_mm)
+        return self._results(found, seen, network)
 
     def _expected(self, before: Array) -> Array:
         """The prior for x (N, V): about x, but about the means for the thickness and the surface's
@@ -229,31 +217,25 @@ class DepthFitter:
         for_each(blocks(N, max(STARTS_TOGETHER // K, 1)), job)
         return found
 
-    def _results(
-        self, found: SearchResult, seen: Observation, network: Array, moved_mm: Array | float = 0.0
-    ) -> DepthFit:
-        """The results of fits that moved away from joints (N, K, 3), by ``moved_mm`` at least."""
-        joints = self.model.joints(found.x)
-        moved = np.maximum(np.linalg.norm(joints - network, axis=2).mean(axis=1), moved_mm)
-        signs = np.column_stack([found.parts, moved])
+    def _results(self, found: SearchResult, seen: Observation, network: Array) -> DepthFit:
+        """The results of fits whose first start has the joints (N, K, 3)."""
+        parts = found.parts
         shown = (seen.outside < 0).mean(axis=(1, 2))[seen.frame]
         is_empty = shown < EMPTY_CROP
-        signs[is_empty] = np.inf  # an empty crop contradicts no hand
-        log_uncertainty = np.log1p(signs) @ np.array(self.settings.sign_weights)
-        cost = signs[:, :4].sum(axis=1)
+        parts[is_empty] = np.inf  # an empty crop contradicts no hand
+        cost = parts.sum(axis=1)
         weighted = np.flatnonzero(seen.is_weighted & ~is_empty)
         if len(weighted):
             all_alike = seen.take(weighted).unweighted()
             robust = self.settings.search.robust
-            signs[weighted, 0] = self.objective.surface_cost(found.x[weighted], all_alike, robust)
+            parts[weighted, 0] = self.objective.surface_cost(found.x[weighted], all_alike, robust)
         return DepthFit(
-            joints=joints,
+            joints=self.model.joints(found.x),
             network=network,
             cost=cost,
-            uncertainty=np.exp(log_uncertainty),
             x=found.x,
+            parts=parts,
             start=found.start,
-            signs=signs,
         )
 
 

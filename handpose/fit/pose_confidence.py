@@ -4,8 +4,7 @@ The cost of a fit does not tell: a fit to the visible part of a covered hand cos
 of a whole hand, its joints may be in empty space, and the reported pose may be smoothed. So it is
 judged by several signs, all 0 or more:
 
-    surface, outline, front, prior          of the fit: the parts of its cost
-    moved        mm, by which the fit moved the joints that the network predicted
+    surface, outline, prior  of the fit: parts of its cost
     behind       mm, by which its joints are behind the surface that was read: the hand
                  hides them itself
     before       mm, by which they are in front of it, in empty space
@@ -79,17 +78,7 @@ from netlib.proto.schema import Double
 PACKAGED = ROOT / "models" / "synthetic_hand" / "confidence.prototxt"
 GOOD_MM = 30.0  # a pose with a larger error has failed
 LOST_MM = 150.0  # upper bound of expected errors: then the hand is elsewhere
-SIGNS = (
-    "surface",
-    "outline",
-    "front",
-    "prior",
-    "moved",
-    "behind",
-    "before",
-    "penetration",
-    "guessed",
-)
+SIGNS = ("surface", "outline", "prior", "behind", "before", "penetration", "guessed")
 FINGER_SIGNS = ("whole", "behind", "before", "lag", "unseen")
 MAX_SIGN = 1e6  # instead of the infinite signs of an empty crop
 
@@ -100,9 +89,7 @@ class HandParameter:
 
     surface: Double
     outline: Double
-    front: Double
     prior: Double
-    moved: Double
     behind: Double
     before: Double
     penetration: Double
@@ -167,15 +154,15 @@ def _regression(read: HandParameter | FingerParameter, signs: Sequence[str]) -> 
     return Regression(np.array([getattr(read, sign) for sign in signs]), read.constant, read.spread)
 
 
-def pose_signs(fit: Array, depths: JointDepths, penetration_mm: Array, guessed: Array) -> Array:
-    """The signs (N, 9) of N poses; ``fit`` (N, 5) are those of their fits."""
-    return np.minimum(
-        np.column_stack([fit, depths.behind, depths.before, penetration_mm, guessed]), MAX_SIGN
-    )
+def pose_signs(parts: Array, depths: JointDepths, penetration_mm: Array, guessed: Array) -> Array:
+    """The signs (N, 7) of N poses; ``parts`` (N, 4) are those of the costs of their fits."""
+    surface, outline, _, prior = parts.T
+    signs = (surface, outline, prior, depths.behind, depths.before, penetration_mm, guessed)
+    return np.minimum(np.column_stack(signs), MAX_SIGN)
 
 
 def mean_log_error(signs: Array, lag_mm: Array, hand: Regression) -> Array:
-    """The mean (N,) of the logarithm of the error in mm, of poses with these signs (N, 9)."""
+    """The mean (N,) of the logarithm of the error in mm, of poses with these signs (N, 7)."""
     fit = np.exp(np.log1p(signs) @ hand.weights + hand.constant)
     before = signs[:, SIGNS.index("before")]
     squares = fit**2 + lag_mm**2 + before**2
@@ -210,7 +197,7 @@ def finger_errors(signs: Array, finger: Regression) -> Array:
 class Evidence(NamedTuple):
     """What an image shows of N poses.
 
-    signs    (N, 9), those of ``SIGNS``
+    signs    (N, 7), those of ``SIGNS``
     lag_mm   (N,) distance of the joints from those of the fit
     shown    (N,) share of the hand's own surface towards the camera that was seen at its place
     behind, before, finger_lag_mm, seen  (N, 5) of the fingers (``finger_signs``); (N, 0) of bodies
@@ -317,7 +304,7 @@ class Judge:
         guessed = 1 - (seen.mean(axis=1) if parts else whole.seen)
         in_camera = fits.joints + center_mm[:, None]
         depths = support.joint_depths(in_camera, readings, camera)
-        signs = pose_signs(fits.signs, depths, model.surface.mean_penetration(capsules), guessed)
+        signs = pose_signs(fits.parts, depths, model.surface.mean_penetration(capsules), guessed)
         behind = before = np.zeros(seen.shape)
         if fingers is not None:
             joints = fingers.joints(in_camera).reshape(-1, 3, 3)

@@ -212,11 +212,6 @@ class FitSettings:
     steady: SteadySettings = SteadySettings()
     # sampling is denser near the outline, 1 / (thin_px + distance in px), because limbs are thin
     thin_px: float = 3.0
-    # The uncertainty is a weighted geometric mean of 1 + each sign (``DepthFit.signs``): a limb
-    # outside the silhouette is a worse sign than a thick body. The weights are means of those that
-    # best separate failed fits from others (logistic regression), of two networks and both plans,
-    # on synthetic frames.
-    sign_weights: tuple[float, float, float, float, float] = (0.16, 0.13, 0.13, 0.31, 0.27)
     support: SupportSettings = SupportSettings()
     judge: JudgeSettings = JudgeSettings()
     crops: CropSettings = CropSettings()

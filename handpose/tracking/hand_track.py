@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -245,14 +245,12 @@ class HandTrack:
         return was_missing or not self.is_decided or time - self.best.asked >= later_s
 
     def regions(self, time: float, before: float) -> list[SearchRegion]:
-        """The search regions in a frame at a time, after one at ``before``, with and without the
-        network.
-        """
-        asked, regions = self.asks_network(time, before), []
-        for side, seen in self.sides.items():
-            region = self._region(side, seen.expected(time))
-            regions.append(region if asked else replace(region, moved_mm=seen.estimate.moved_mm))
-        return regions
+        """The search regions in a frame at a time, after one at ``before``."""
+        asks = self.asks_network(time, before)
+        return [
+            self._region(side, seen.expected(time), asks_network=asks)
+            for side, seen in self.sides.items()
+        ]
 
     def other_regions(
         self, frame: FrameHands, estimates: Sequence[HandEstimate], time: float
@@ -306,10 +304,10 @@ class HandTrack:
         self.time, self.credit = time, min(self.credit + 2 * seconds, follow.most_credit)
         return True
 
-    def _region(self, side: Side, body: WorldPose) -> SearchRegion:
+    def _region(self, side: Side, body: WorldPose, *, asks_network: bool = True) -> SearchRegion:
         camera = self.sides[side].estimate.view_camera
         center = self._estimator.expected.center_of(body, camera)
-        return SearchRegion(center, side, body, self.size)
+        return SearchRegion(center, side, body, self.size, asks_network)
 
     def _compare(self, best: dict[Side, HandEstimate], time: float) -> None:
         """Add the log-ratio of a frame while the side is undecided, and decide it."""

@@ -103,7 +103,7 @@ class PresentSettings:
 class SizeSettings:
     """The poses from which the size of a hand is estimated (``sizing``)."""
 
-    poses: int = 32  # number of poses, of which the less uncertain half is used
+    poses: int = 32  # number of poses, of which the half with the lower costs is used
     min_interval_s: float = 0.1  # between poses, which must differ
     min_confidence: float = 0.5  # of a pose
     stages: tuple[Stage, Stage] = (Stage(15.0, 4), Stage(10.0, 3))  # of the fits of each size

@@ -72,10 +72,10 @@ class SizeKeeper:
             self._estimates = []
 
     def _estimated(self) -> float:
-        """The size by the less uncertain half of the poses."""
+        """The size by the half of the poses whose fits cost less."""
         count = self._settings.poses // 2
         last = self._estimates[-1]
-        best = sorted(self._estimates, key=lambda one: one.uncertainty)[:count]
+        best = sorted(self._estimates, key=lambda one: one.cost)[:count]
         crops = np.stack([one.view_crop for one in best])
         center_uvd = np.stack([one.view_uvd for one in best])
         hands = HandCrops(crops, center_uvd, last.view_camera, last.cube_mm)

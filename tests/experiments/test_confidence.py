@@ -45,7 +45,7 @@ from tests.support.running import run_tool
 JUDGE = Judge(FitSettings())
 IN_USE = read_weights()
 MADE = Regressions(
-    Regression(np.array([0.3, 0.0, 0.2, 0.1, 0.25, 0.3, 0.1, 0.0, 0.2]), 0.5, 0.2),
+    Regression(np.array([0.3, 0.0, 0.2, 0.1, 0.25, 0.3, 0.2]), 0.5, 0.2),
     Regression(np.array([0.4, 0.2, 0.0, 0.1, 0.5]), 0.3, 0.1),
 )
 

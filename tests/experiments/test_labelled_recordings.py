@@ -54,7 +54,7 @@ def test_numbers_are_counted() -> None:
 
 def test_few_numbers_are_tuned() -> None:
     """A new one replaces another."""
-    assert len(numbers_of(Settings())) <= 112
+    assert len(numbers_of(Settings())) <= 107
 
 
 def test_few_numbers_are_constants_of_modules() -> None:
@@ -108,7 +108,7 @@ def test_numbers_that_cannot_be_set(text: str, line: str) -> None:
 
 
 # tables of which all entries are read together
-WHOLE = {"fit.sign_weights", "track.smooth.place", "track.smooth.rotation", "track.smooth.others"}
+WHOLE = {"track.smooth.place", "track.smooth.rotation", "track.smooth.others"}
 
 
 def names_of(settings: object, name: str = "") -> dict[int, str]:

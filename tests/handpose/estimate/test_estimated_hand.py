@@ -33,9 +33,8 @@ def fitted(model: CapsuleModel, side: Side, cost: float = 2.5) -> HandEstimate:
         joints=model.joints(x),
         network=model.joints(x) + 4,
         cost=np.array([cost]),
-        uncertainty=np.array([3.5]),
         x=x,
-        signs=np.array([[1.0, 2, 3, 4, 5]]),
+        parts=np.array([[1.0, 2, 3, 4]]),
         start=np.zeros(1, int),
     )
     return HandEstimate(side, CROP, CENTER, 300.0, NYU, fit.network[0], fit, model)
@@ -56,14 +55,7 @@ def test_a_hand_in_three_units() -> None:
 def test_without_a_fit() -> None:
     """The network alone says nothing of errors and sizes: all values of a fit are NaN."""
     found = HandEstimate("right", CROP, CENTER, 300.0, NYU, np.zeros((31, 3)))
-    values = [
-        found.confidence,
-        found.error_mm,
-        found.uncertainty,
-        found.cost,
-        found.size,
-        found.selection_cost,
-    ]
+    values = [found.confidence, found.error_mm, found.cost, found.size, found.selection_cost]
     assert np.isnan(values).all()
     with pytest.raises(AssertionError):
         found.capsules()
@@ -72,7 +64,7 @@ def test_without_a_fit() -> None:
 def test_values_of_the_fit(model: CapsuleModel) -> None:
     """A hand has the values of its fit, and the model's scales."""
     found = fitted(model, "right")
-    assert (found.cost, found.uncertainty, found.moved_mm) == (2.5, 3.5, 5)
+    assert found.cost == 2.5
     assert found.size == pytest.approx(0.95) and found.thickness == pytest.approx(1.1)
     assert_array_equal(found.inputs, found.whole_inputs[: len(model.skeleton.initial)])
 

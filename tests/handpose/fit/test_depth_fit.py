@@ -34,12 +34,8 @@ def test_a_fast_fit(fitter: DepthFitter, scene: Scene) -> None:
     assert_allclose(found.joints, model.joints(found.x))
     size = np.exp(found.x[:, SIZE_INDEX])
     assert ((size > 0.65) & (size < 1.36)).all() and (found.start == 0).all()
-    assert_allclose(found.cost, found.signs[:, :4].sum(axis=1))
-    assert_allclose(np.log(found.uncertainty), np.log1p(found.signs) @ FitSettings().sign_weights)
+    assert_allclose(found.cost, found.parts.sum(axis=1))
     assert_allclose(found.network, model.joints(rounded(start, NETWORK_STEP)), atol=1e-6)
-    assert_allclose(
-        found.signs[:, 4], np.linalg.norm(found.joints - found.network, axis=2).mean(axis=1)
-    )
 
 
 def test_more_starts_are_better_explained(fitter: DepthFitter, scene: Scene) -> None:
@@ -72,7 +68,7 @@ def test_the_same_frames_give_the_same_bits(
 
 
 def test_weights_keep_a_fit_away_from_other_surfaces(fitter: DepthFitter, few: Scene) -> None:
-    """A board 20 mm behind the palm; the signs count its points like those of the hand."""
+    """A board 20 mm behind the palm; the parts of the cost count its points as the hand's."""
     model, start = fitter.model, start_of(few, fitter.model)
     behind = few.joints.mean(axis=1)[:, 2, None, None] / 150 + 20 / 150
     crops = np.minimum(few.crops, behind).astype(np.float32)
@@ -84,13 +80,11 @@ def test_weights_keep_a_fit_away_from_other_surfaces(fitter: DepthFitter, few: S
     found, better = (fitter.fit(seen, [start], FAST) for seen in (plain, weighted))
     assert np.median(error(model, better.x, few)) < 0.8 * np.median(error(model, found.x, few))
     robust = SearchSettings().robust
-    assert_allclose(better.signs[:, 0], fitter.objective.surface_cost(better.x, plain, robust))
-    assert (better.cost < better.signs[:, :4].sum(axis=1)).all()
+    assert_allclose(better.parts[:, 0], fitter.objective.surface_cost(better.x, plain, robust))
+    assert (better.cost < better.parts.sum(axis=1)).all()
 
 
-def test_an_empty_crop_and_a_speck_have_infinite_signs_and_cost(
-    fitter: DepthFitter, scene: Scene
-) -> None:
+def test_an_empty_crop_and_a_speck_have_an_infinite_cost(fitter: DepthFitter, scene: Scene) -> None:
     crops = np.ones((2, 128, 128), np.float32)
     crops[1, 60:70, 60:70] = 0
     found = fitter.fit(
@@ -98,7 +92,7 @@ def test_an_empty_crop_and_a_speck_have_infinite_signs_and_cost(
         [scene.truth[:2]],
         FAST,
     )
-    assert np.isinf(found.signs).all() and np.isinf(found.cost).all()
+    assert np.isinf(found.parts).all() and np.isinf(found.cost).all()
 
 
 def test_the_wrong_hand_explains_less(fitter: DepthFitter, scene: Scene) -> None:
@@ -156,7 +150,7 @@ def test_known_sizes_are_kept(fitter: DepthFitter, scene: Scene) -> None:
     for found, size in (
         (fitter.fit(scene.seen, [scene.truth], FAST, size=1.07), 1.07),
         (fitter.fit(scene.seen, [scene.truth], FAST, size=sizes, before=scene.truth), sizes),
-        (fitter.follow(scene.seen, scene.truth, np.zeros(12), FAST, size=sizes), sizes),
+        (fitter.follow(scene.seen, scene.truth, FAST, size=sizes), sizes),
     ):
         assert_allclose(np.exp(found.x[:, SIZE_INDEX]), size, atol=3e-3)
 
@@ -165,39 +159,33 @@ def test_known_sizes_are_kept(fitter: DepthFitter, scene: Scene) -> None:
 def test_following_reduces_the_error_without_a_network(
     fitter: DepthFitter, scene: Scene, plan: Plan, rng: np.random.Generator
 ) -> None:
-    """``moved``, the network's error, stays a sign."""
     model = fitter.model
     before = scene.truth + rng.normal(0, 0.05, scene.truth.shape)
     before[:, -2:] = 0
-    kept, moved = before.copy(), np.linspace(0, 40, len(before))
-    found = fitter.follow(scene.seen, before, moved, plan)
+    kept = before.copy()
+    found = fitter.follow(scene.seen, before, plan)
     assert error(model, found.x, scene).mean() < error(model, before, scene).mean()
     assert_array_equal(before, kept)
-    own = np.linalg.norm(found.joints - model.joints(before), axis=2).mean(axis=1)
-    assert_allclose(found.signs[:, 4], np.maximum(own, moved), rtol=1e-6)
-    assert_array_equal(found.x, fitter.follow(scene.seen, before, 0 * moved, plan).x)
 
 
 def test_followed_limbs_are_held(
     fitter: DepthFitter, scene: Scene, rng: np.random.Generator
 ) -> None:
-    """Limbs stay nearer to the expected pose than the network's errors imply; the signs use the
+    """Limbs stay nearer to the expected pose than the network's errors imply; the cost uses the
     network's errors.
     """
     model, objective = fitter.model, fitter.objective
     before = scene.truth + rng.normal(0, 0.1, scene.truth.shape)
     before[:, -2:] = 0
     before = np.clip(before, model.lower, model.upper)
-    found = fitter.follow(scene.seen, before, np.zeros(len(before)), FAST)
+    found = fitter.follow(scene.seen, before, FAST)
     expected = before.copy()
     expected[:, model.own] = 0
     prior = objective.measure(
         found.x, scene.seen, objective.prior_of(expected, fitter.precision)
     ).prior
-    assert_allclose(found.signs[:, 3], prior, rtol=1e-4)
+    assert_allclose(found.parts[:, 3], prior, rtol=1e-4)
     settings = FitSettings(steady=SteadySettings(limb_precision=1.0))
-    loose = DepthFitter(model, fitter.errors, settings=settings).follow(
-        scene.seen, before, np.zeros(len(before)), FAST
-    )
+    loose = DepthFitter(model, fitter.errors, settings=settings).follow(scene.seen, before, FAST)
     held, free = (np.abs(fit.x - before)[:, model.limbs].mean() for fit in (found, loose))
     assert held < 0.95 * free

@@ -120,7 +120,7 @@ def test_no_expected_error_contradicts_the_confidence() -> None:
 
 def test_an_empty_crop() -> None:
     """Infinite signs, of a crop that shows nothing, give the largest error and no confidence."""
-    error, confidence = of(pose_signs(np.full((1, 5), np.inf), JointDepths(NONE, NONE), NONE, NONE))
+    error, confidence = of(pose_signs(np.full((1, 4), np.inf), JointDepths(NONE, NONE), NONE, NONE))
     assert error == LOST_MM and confidence < 0.01
 
 
@@ -178,8 +178,8 @@ def test_weights_belong_to_their_signs(tmp_path: Path) -> None:
     }
     path.write_text("\n".join(f"{part} {{ {fields} }}" for part, fields in text.items()))
     hand, finger = read_weights(path)
-    assert (hand.weights.tolist(), hand.constant, hand.spread) == ([*range(1, 10)], 10, 11)
-    assert (finger.weights.tolist(), finger.constant, finger.spread) == ([*range(12, 17)], 17, 18)
+    assert (hand.weights.tolist(), hand.constant, hand.spread) == ([*range(1, 8)], 8, 9)
+    assert (finger.weights.tolist(), finger.constant, finger.spread) == ([*range(10, 15)], 15, 16)
 
 
 @bad_inputs(
@@ -200,12 +200,12 @@ def test_weights_belong_to_their_signs(tmp_path: Path) -> None:
             (
                 "spread",
                 (r"spread: \S+", "spread: 0"),
-                "13:3: error: spread: 0; expected a number above 0",
+                "11:3: error: spread: 0; expected a number above 0",
             ),
             (
                 "nan",
                 (r"whole: \S+", "whole: nan"),
-                "16:3: error: whole: nan; expected a finite number",
+                "14:3: error: whole: nan; expected a finite number",
             ),
         )
     },

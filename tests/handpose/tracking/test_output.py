@@ -57,8 +57,8 @@ def state(
     """A track's state for one side: this pose, smoothed to one ``apart`` mm farther along x."""
     x = variables(model)[None]
     one = np.ones(1)
-    signs = np.array([[30.0, 2, 0.2, 5, 10]])
-    fit = DepthFit(model.joints(x), model.joints(x), one, one, x, signs, one)
+    parts = np.array([[30.0, 2, 0.2, 5]])
+    fit = DepthFit(model.joints(x), model.joints(x), one, x, parts, one)
     hand = HandEstimate(
         side,
         np.zeros((128, 128), np.float32),

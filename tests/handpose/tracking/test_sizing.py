@@ -55,7 +55,7 @@ def estimates(
     x += np.random.default_rng(0).normal(0, 0.03, x.shape)
     x[:, SIZE_INDEX] = np.log(fitted) + np.random.default_rng(1).normal(0, 0.05, len(x))
     camera = camera_of(NYU, side)
-    fits: Any = [SimpleNamespace(x=row[None], uncertainty=np.ones(1)) for row in x]
+    fits: Any = [SimpleNamespace(x=row[None], cost=np.ones(1)) for row in x]
     return [
         HandEstimate(
             side,
