@@ -351,7 +351,8 @@ def _of_matrix(numbers: list[float]) -> list[float]:
         matrix = np.reshape(numbers, MATRIX_SHAPES[len(numbers)], order)
         expected = np.eye(*matrix.shape)
         expected[PLACES] = matrix[PLACES]
-        if np.array_equal(matrix, expected):
+        is_pose = np.array_equal(matrix, np.eye(*matrix.shape))  # of a camera at the origin
+        if np.array_equal(matrix, expected) and not is_pose:
             return [float(number) for number in matrix[PLACES]]
     return []
 
