@@ -105,6 +105,12 @@ def stored_depth(
     Raises NotDepthError for other images.
     """
     if camera == NYU and image.ndim == 3 and image.dtype == np.uint8 and image.shape[2] == 3:
+        blue, _, red = cv2.split(image)
+        if red.any() and not blue.any():
+            raise NotDepthError(
+                f"{path}: colours with a byte of the depth in red and none in blue, as NYU's have not; expected a "
+                "16-bit grey picture"
+            )
         return unpack_depth(image).astype(np.uint16)
     if image.ndim != 2 or image.dtype == np.uint8:
         kind, nyu = (

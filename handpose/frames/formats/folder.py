@@ -65,6 +65,11 @@ from netlib import files
 from netlib.errors import DataError, did_you_mean, some_of, system_error_of
 from netlib.files.paths import exists, list_folder, names_in
 
+ALIGNED = (
+    "the name says that depth is aligned to another camera, usually that of the colours, whose "
+    "fx, fy, u0 and v0 it then has: give --camera FX,FY,U0,V0"
+)
+
 
 class FolderRecording(Recording):
     """The frames in a folder, those that match a pattern of names, or one, in the order of time.
@@ -95,6 +100,10 @@ class FolderRecording(Recording):
         if path.suffix.lower() in STACKS:
             own, taken = self._parameters_of(path, given, camera_json)
         self._decode_by(DepthDecoder(raw.shape, raw.dtype, where, given, own, camera_json))
+        is_named = isinstance(given.camera, Camera) and given.origin in ("", "--camera")
+        is_known = is_named or own.camera is not None
+        if not is_known and "align" in f"{self.folder.name}/{names[0]}".lower():
+            self.warnings = (*self.warnings, ALIGNED)
         self.name = str(source)
         self.count = len(names)
         self.remarks = (self._reading.how, *taken, *self.remarks)
@@ -447,14 +456,33 @@ def _since_1970(stems: list[str]) -> Iterator[Reading]:
         unit = since_1970([int(match[1]) for match in matches])
         if unit is not None:
             digits = len(str(NANO // TICKS[unit])) - 1  # of the fraction, down to a nanosecond
-            fractions = [(match[2] or match[3] or "")[:digits] for match in matches]
-            times = [
-                int(match[1] + fraction.ljust(digits, "0"))
-                for match, fraction in zip(matches, fractions)
-            ]
+            times = _with_fractions(matches, digits)
             yield _read(
                 stems, matches, times, NANO, f"times from the file names, in {unit} since 1970"
             )
+
+
+def _with_fractions(matches: list[re.Match[str]], digits: int) -> list[int]:
+    """The whole numbers that SINCE_1970 matches with their fractions of so many digits.
+
+    Fractions of that length and shorter ones may be numbers of ns that lack leading zeros. They are
+    if the largest step is smaller then.
+    """
+    wholes = [match[1] for match in matches]
+    fractions = [(match[2] or match[3] or "")[:digits] for match in matches]
+    decimal = [
+        int(whole + fraction.ljust(digits, "0")) for whole, fraction in zip(wholes, fractions)
+    ]
+    if max(map(len, fractions)) < digits:
+        return decimal
+    counted = [
+        int(whole + fraction.rjust(digits, "0")) for whole, fraction in zip(wholes, fractions)
+    ]
+    return min(decimal, counted, key=_largest_step)
+
+
+def _largest_step(times: list[int]) -> int:
+    return max((b - a for a, b in itertools.pairwise(sorted(times))), default=0)
 
 
 def _fractions(stems: list[str]) -> Iterator[Reading]:
