@@ -38,6 +38,10 @@ UNLABELLED = "a joint or the centre is not a number, or not before the camera"
 OUTSIDE = "the cube lies outside the image"
 EMPTY = "no depth around the hand"
 
+ALIGNED = (
+    "the name says that depth is aligned to another camera, usually that of the colours, whose "
+    "fx, fy, u0 and v0 it then has: give --camera FX,FY,U0,V0"
+)
 MIN_IMAGE_MM, MAX_IMAGE_MM = 20.0, 20_000.0  # range of whole images of depth cameras
 
 
@@ -94,6 +98,13 @@ def read_frame(path: str | Path, given: CameraInfo) -> NDArray[np.float32]:
     """
     image = stored_depth(read_picture(path), given.camera, path)
     return DepthDecoder(image.shape, image.dtype, str(path), given)(image)
+
+
+def is_aligned(path: Path) -> bool:
+    """Whether the name of a frame or of its folder says that its depth is aligned to
+    another camera.
+    """
+    return "align" in f"{path.parent.name}/{path.name}".lower()
 
 
 def stored_depth(

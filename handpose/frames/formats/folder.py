@@ -51,7 +51,7 @@ from handpose.frames.formats.stack import (
     parameters_in,
     unit_of_times,
 )
-from handpose.frames.images import read_picture, stored_depth
+from handpose.frames.images import ALIGNED, is_aligned, read_picture, stored_depth
 from handpose.frames.recording import (
     UNKNOWN,
     CameraInfo,
@@ -64,11 +64,6 @@ from handpose.frames.time_units import FRAME_UNIT, TICKS, since_1970
 from netlib import files
 from netlib.errors import DataError, did_you_mean, some_of, system_error_of
 from netlib.files.paths import exists, list_folder, names_in
-
-ALIGNED = (
-    "the name says that depth is aligned to another camera, usually that of the colours, whose "
-    "fx, fy, u0 and v0 it then has: give --camera FX,FY,U0,V0"
-)
 
 
 class FolderRecording(Recording):
@@ -102,7 +97,7 @@ class FolderRecording(Recording):
         self._decode_by(DepthDecoder(raw.shape, raw.dtype, where, given, own, camera_json))
         is_named = isinstance(given.camera, Camera) and given.origin in ("", "--camera")
         is_known = is_named or own.camera is not None
-        if not is_known and "align" in f"{self.folder.name}/{names[0]}".lower():
+        if not is_known and is_aligned(path):
             self.warnings = (*self.warnings, ALIGNED)
         self.name = str(source)
         self.count = len(names)

@@ -17,7 +17,8 @@ from hypothesis import strategies as st
 
 from handpose.frames import camera_file
 from handpose.frames.cameras import NYU
-from handpose.frames.formats.folder import ALIGNED, FolderRecording, in_order
+from handpose.frames.formats.folder import FolderRecording, in_order
+from handpose.frames.images import ALIGNED
 from handpose.frames.recording import CameraInfo
 from netlib.errors import DataError
 from tests.handpose.frames.conftest import CAMERA, GIVEN, hand_sized, middles, put, times_of
@@ -165,8 +166,7 @@ def test_the_packing_of_nyu(here: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "is_warned"),
-    [(GIVEN, False), (replace(GIVEN, origin="K.txt (matrix)"), True)],
+    ("given", "is_warned"), [(GIVEN, False), (replace(GIVEN, origin="K.txt (matrix)"), True)]
 )
 def test_frames_aligned_to_colours(here: Path, given: CameraInfo, is_warned: bool) -> None:
     """As in DexYCB, whose files have the cameras of depth and of colours."""
