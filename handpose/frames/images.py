@@ -148,7 +148,7 @@ def read_crop(path: str | Path) -> NDArray[np.float32]:
     if image.dtype != np.uint8 or image.ndim != 2:
         raise DataError(
             f"{path}: found {image.dtype} {image.shape}; expected an 8-bit grey picture of normalised "
-            "depth (for a whole depth frame name its --camera)"
+            "depth (a whole depth frame is for predict.py, with its --camera)"
         )
     if image.shape[0] != image.shape[1]:
         raise DataError(
