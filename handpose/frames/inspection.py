@@ -36,6 +36,7 @@ FASTEST_S, SLOWEST_S = 0.002, 1.0  # plausible times from one frame to the next
 OFF_RATE = 3.0  # maximum ratio of the rate that is given to that of the times
 # of a Kinect 1: the stored value without a reading of its disparities, and the minimum share of it
 DISPARITY_UNREAD, MIN_UNREAD_SHARE = 2047, 0.01
+TURNED = 0.1  # a principal point is farther from the middle of turned frames
 OFF_MIDDLE = 0.2  # maximum distance of a principal point from the middle, as a share of the size
 
 
@@ -206,6 +207,22 @@ def _of_camera(camera: Camera) -> Iterator[str]:
             f"the principal point {camera.u0:g}, {camera.v0:g} is {where} of {size} pixels; check u0 and v0, "
             "which may be for another image size"
         )
+    elif _is_turned(camera):
+        yield (
+            f"the principal point {camera.u0:g}, {camera.v0:g} is that of {camera.height} x {camera.width} pixels, "
+            f"and these are {size}: transpose arrays (width, height), whose hands are mirrored; of frames "
+            "that were turned, turn fx, fy, u0 and v0, too"
+        )
+
+
+def _is_turned(camera: Camera) -> bool:
+    """Whether the principal point is near the middle of frames of exchanged width and
+    height alone.
+    """
+    middle, size = (camera.u0, camera.v0), (camera.width, camera.height)
+    here = [abs(one - full / 2) / full for one, full in zip(middle, size)]
+    turned = [abs(one - full / 2) / full for one, full in zip(middle, size[::-1])]
+    return max(turned) < TURNED < min(here)
 
 
 def _of_times(times: NDArray[np.float64], rate: float | None) -> Iterator[str]:

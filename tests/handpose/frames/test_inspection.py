@@ -178,6 +178,10 @@ def test_a_wide_object_beyond_1_m_gives_a_warning() -> None:
             replace(CAMERA, u0=12.0),
             "the principal point 12, 23.5 is far from the centre of 64 x 48 pixels",
         ),
+        (
+            replace(CAMERA, u0=23.5, v0=31.5),
+            "the principal point 23.5, 31.5 is that of 48 x 64 pixels, and these are 64 x 48",
+        ),
     ],
 )
 def test_a_camera_that_does_not_fit_the_image_gives_a_warning(camera: Camera, what: str) -> None:
