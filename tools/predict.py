@@ -54,8 +54,9 @@ from handpose.estimate.hand import HandEstimate
 from handpose.estimate.packaged import predictor_of
 from handpose.estimate.predictor import MAX_REFINE, Predictor
 from handpose.fit.settings import PLANS
-from handpose.frames.images import UnitError, read_crop, read_frame
+from handpose.frames.images import ALIGNED, UnitError, is_aligned, read_crop, read_frame
 from handpose.frames.inspection import checked
+from handpose.frames.recording import sized
 from netlib.errors import DataError
 from netlib.files.paths import ROOT
 from tools.common import arguments, outputs, prediction_outputs, sources
@@ -199,6 +200,8 @@ def run(args: argparse.Namespace) -> int:
         except DataError as error:  # the outputs are of the other images
             notify(error)
             continue
+        if is_frame and not isinstance(args.camera, Camera) and is_aligned(Path(image)):
+            notify(f"warning: {image}: {ALIGNED}")
         hands.append((image, hand))
         drawn.append(picture)
         prediction_outputs.draw(picture, hand, predictor)
@@ -244,7 +247,7 @@ def _in_frame(
         has_position = center is not None and len(center) == 3
         if isinstance(error, UnitError) or has_position:
             raise DataError(f"{image}: {error}") from None
-        shown = checked([depth], predictor.camera, info.unit_mm)
+        shown = checked([depth], sized(predictor.camera, depth.shape, image), info.unit_mm)
         doubts = [*shown.of_camera, *filter(None, [shown.doubt if center is None else ""])]
         body = "hand" if predictor.is_hand else "body"
         advice = f"give the position of the {body} with --center U,V,D"

@@ -47,9 +47,11 @@ from handpose.frames.camera_keys import (
     CAMERA,
     DEFAULTS,
     FIELDS,
+    IN_METRES,
     INTRINSICS,
     KNOWN,
     LENS,
+    PER_METRE,
     RANGES,
     ROWS,
     SIZE,
@@ -196,12 +198,11 @@ def _of_modes(found: Sequence[FoundCamera], where: str) -> CameraInfo:
 # ------------------------------------------------------------------------------------ in one object
 
 # what the objects around a camera say for it, unless it says one of the same group
-AROUND = (("size", *SIZE), LENS, ("scale", "unit_mm"), ("rate",), ("time_unit",))
+AROUND = (("size", *SIZE), LENS, ("depthscale", "unit_mm"), ("rate",), ("time_unit",))
 IN_LENS = ("model", "coefficients", *BROWN)  # the keys of an object of a distortion
 MATRIX = "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]], or fx, fy, cx, cy"
 MATRIX_SHAPES = {9: (3, 3), 12: (3, 4), 16: (4, 4)}  # of matrices, by the number of their elements
 PLACES = ([0, 1, 0, 1], [0, 1, 2, 2])  # of fx, fy, u0, v0 in a matrix
-IN_METRES, PER_METRE = 0.01, 100.0  # a depth scale below, and from here on
 
 
 class FoundCamera:
@@ -277,7 +278,7 @@ class FoundCamera:
                 if one not in LENS:
                     self._refuse(f"{name}: {unknown_key(one, IN_LENS)}")
             return inner
-        if key == "scale":
+        if key == "depthscale":
             return {"unit_mm": _unit_of(value)}
         return {key: value}
 
@@ -351,7 +352,8 @@ def _of_matrix(numbers: list[float]) -> list[float]:
         matrix = np.reshape(numbers, MATRIX_SHAPES[len(numbers)], order)
         expected = np.eye(*matrix.shape)
         expected[PLACES] = matrix[PLACES]
-        if np.array_equal(matrix, expected):
+        is_pose = np.array_equal(matrix, np.eye(*matrix.shape))  # of a camera at the origin
+        if np.array_equal(matrix, expected) and not is_pose:
             return [float(number) for number in matrix[PLACES]]
     return []
 

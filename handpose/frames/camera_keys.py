@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Mapping
-from typing import Any
+from typing import Any, TypeGuard
 
 from handpose.frames.cameras import MIN_FOCAL_PX, MIN_RANGE_MM
 from netlib.errors import did_you_mean
@@ -48,7 +48,7 @@ matrix intrinsicparameters kmatrix depthintrinsicmatrix depthcameramatrix camint
 matrix camintrinsic mcalibrationdepthintrinsic intrinsicdepth intrinsicsdepth calibrationmatrix
 matrix cameraintrinsicmatrix cameraintrinsicsmatrix
 rate fps framerate
-scale depthscale depthunits pngdepthscale depthmapfactor depthfactor factor mdepthshift
+depthscale scale depthunits pngdepthscale depthmapfactor depthfactor factor mdepthshift
 distortion coefficients coeffs d dist distcoeff distcoeffs distcoefs distcoef distortioncoefficients
 distortion distortioncoeffs distortioncoeff distortionparameters distortionparams depthdistortion
 model distortionmodel distortiontype distorsion
@@ -71,17 +71,23 @@ ALIASES = {
 UNNAMED, COLOUR = 2, 3
 KINDS = {0: "depth", 1: "infra|(?<![a-z])ir(?![a-z])", COLOUR: "colou?r|rgb"}
 MAX_NUMBER = 1e300
+IN_METRES, PER_METRE = 0.01, 100.0  # a depth scale below, and from here on
+OF_ANYTHING = ("scale", "factor")  # names of a depth scale only with such numbers
 
 
 def key_of(name: str, value: Any = None) -> str:
     """The key of a camera.json, or one of those in ``KEY_NAMES`` alone, for a name; itself if
     it is unknown.
 
-    A value with a width and a height alone is a size under any name.
+    A value with a width and a height alone is a size under any name. The plain scale of a NeRF is
+    that of its scene.
     """
     if isinstance(value, dict) and {key_of(one) for one in value} == {*SIZE}:
         return "size"
-    return ALIASES.get(re.sub(r"[\W_]", "", name.rpartition(".")[2]).lower(), name)
+    letters = re.sub(r"[\W_]", "", name.rpartition(".")[2]).lower()
+    if letters in OF_ANYTHING and is_number(value) and IN_METRES <= value < PER_METRE:
+        return name
+    return ALIASES.get(letters, name)
 
 
 def is_known(name: str) -> bool:
@@ -112,7 +118,7 @@ def rank_of(*names: str) -> int:
     return UNNAMED
 
 
-def is_number(value: object) -> bool:
+def is_number(value: object) -> TypeGuard[float]:
     """True for a number of JSON that is neither infinite nor close to it."""
     return (
         isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) < MAX_NUMBER

@@ -38,6 +38,10 @@ UNLABELLED = "a joint or the centre is not a number, or not before the camera"
 OUTSIDE = "the cube lies outside the image"
 EMPTY = "no depth around the hand"
 
+ALIGNED = (
+    "the name says that depth is aligned to another camera, usually that of the colours, whose "
+    "fx, fy, u0 and v0 it then has: give --camera FX,FY,U0,V0"
+)
 MIN_IMAGE_MM, MAX_IMAGE_MM = 20.0, 20_000.0  # range of whole images of depth cameras
 
 
@@ -96,6 +100,13 @@ def read_frame(path: str | Path, given: CameraInfo) -> NDArray[np.float32]:
     return DepthDecoder(image.shape, image.dtype, str(path), given)(image)
 
 
+def is_aligned(path: Path) -> bool:
+    """Whether the name of a frame or of its folder says that its depth is aligned to
+    another camera.
+    """
+    return "align" in f"{path.parent.name}/{path.name}".lower()
+
+
 def stored_depth(
     image: NDArray[Any], camera: Camera | View | None, path: str | Path
 ) -> NDArray[Any]:
@@ -105,6 +116,12 @@ def stored_depth(
     Raises NotDepthError for other images.
     """
     if camera == NYU and image.ndim == 3 and image.dtype == np.uint8 and image.shape[2] == 3:
+        blue, _, red = cv2.split(image)
+        if red.any() and not blue.any():
+            raise NotDepthError(
+                f"{path}: colours with a byte of the depth in red and none in blue, as NYU's have not; expected a "
+                "16-bit grey picture"
+            )
         return unpack_depth(image).astype(np.uint16)
     if image.ndim != 2 or image.dtype == np.uint8:
         kind, nyu = (
@@ -131,7 +148,7 @@ def read_crop(path: str | Path) -> NDArray[np.float32]:
     if image.dtype != np.uint8 or image.ndim != 2:
         raise DataError(
             f"{path}: found {image.dtype} {image.shape}; expected an 8-bit grey picture of normalised "
-            "depth (for a whole depth frame name its --camera)"
+            "depth (a whole depth frame is for predict.py, with its --camera)"
         )
     if image.shape[0] != image.shape[1]:
         raise DataError(

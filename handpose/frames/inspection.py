@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, islice
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -34,6 +34,9 @@ POSSIBLE_UNITS_MM = (1.0, 0.125, 0.25, 0.1, 0.2, 0.5, 1000.0, 10.0)
 VIEW_DEGREES = (20.0, 130.0)
 FASTEST_S, SLOWEST_S = 0.002, 1.0  # plausible times from one frame to the next
 OFF_RATE = 3.0  # maximum ratio of the rate that is given to that of the times
+# of a Kinect 1: the stored value without a reading of its disparities, and the minimum share of it
+DISPARITY_UNREAD, MIN_UNREAD_SHARE = 2047, 0.01
+TURNED = 0.1  # a principal point is farther from the middle of turned frames
 OFF_MIDDLE = 0.2  # maximum distance of a principal point from the middle, as a share of the size
 
 
@@ -130,7 +133,13 @@ def checked(
     )
     if nearest is None:
         return Checked(readings, None, tuple(_of_camera(camera)), (), "")
-    warning, doubt = _of_unit(nearest, unit_mm or UNIT_MM.get(camera.name, 1.0))
+    unit_mm = unit_mm or UNIT_MM.get(camera.name, 1.0)
+    warning, doubt = _of_unit(nearest, unit_mm)
+    if _are_disparities(readings / unit_mm):
+        warning = (
+            f"no value is more than {DISPARITY_UNREAD}, which many pixels have: these are likely "
+            "disparities of a Kinect 1, no depths; record depth in mm (libfreenect: FREENECT_DEPTH_MM)"
+        )
     share = float(np.mean(readings < camera.min_range_mm))
     if not warning and share > MAX_NEAR_SHARE:
         warning = (
@@ -140,6 +149,12 @@ def checked(
     return Checked(
         readings, nearest, tuple(_of_camera(camera)), (warning,) if warning else (), doubt
     )
+
+
+def _are_disparities(values: NDArray[Any]) -> bool:
+    """Whether stored values (N,) are likely the 11-bit disparities of a Kinect 1."""
+    unread = np.rint(values) == DISPARITY_UNREAD
+    return values.max() < DISPARITY_UNREAD + 0.5 and float(np.mean(unread)) > MIN_UNREAD_SHARE
 
 
 def nearest_thing(depth: NDArray[np.float32], camera: Camera) -> tuple[float, float] | None:
@@ -192,6 +207,22 @@ def _of_camera(camera: Camera) -> Iterator[str]:
             f"the principal point {camera.u0:g}, {camera.v0:g} is {where} of {size} pixels; check u0 and v0, "
             "which may be for another image size"
         )
+    elif _is_turned(camera):
+        yield (
+            f"the principal point {camera.u0:g}, {camera.v0:g} is that of {camera.height} x {camera.width} pixels, "
+            f"and these are {size}: transpose arrays (width, height), whose hands are mirrored; of frames "
+            "that were turned, turn fx, fy, u0 and v0, too"
+        )
+
+
+def _is_turned(camera: Camera) -> bool:
+    """Whether the principal point is near the middle of frames of exchanged width and
+    height alone.
+    """
+    middle, size = (camera.u0, camera.v0), (camera.width, camera.height)
+    here = [abs(one - full / 2) / full for one, full in zip(middle, size)]
+    turned = [abs(one - full / 2) / full for one, full in zip(middle, size[::-1])]
+    return max(turned) < TURNED < min(here)
 
 
 def _of_times(times: NDArray[np.float64], rate: float | None) -> Iterator[str]:

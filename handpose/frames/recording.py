@@ -181,7 +181,7 @@ class DepthDecoder:
         try:
             self.camera = sized(known.camera, shape, where)
         except DataError as error:
-            by = f", by {known.origin}" if known.camera is camera_json.camera else ""
+            by = f", by {camera_json.origin}" if known.camera is camera_json.camera else ""
             raise DataError(f"{error}{by}") from None
         self.lens = known.lens
         self.rate = known.rate

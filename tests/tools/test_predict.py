@@ -337,7 +337,18 @@ def test_an_image_that_is_missing_or_without_a_hand_does_not_end_the_run(frame):
 
 def test_an_implausible_camera_is_reported_with_the_error(frame):
     cv2.imwrite("empty.png", IMAGES["empty.png"])
+    """The size of the frame counts, which four numbers do not give."""
     assert "check fx and fy" in mistake("empty.png --camera 5,5,255.4,206.3")
+    assert "check" not in mistake("empty.png --camera 364,364,255.4,206.3")
+
+
+def test_a_frame_aligned_to_colours(frame):
+    """A file with a camera may hold that of depth; four numbers were chosen."""
+    shutil.copy("frame.png", "aligned_depth_to_color.png")
+    Path("both.json").write_text('{"fx": 364, "fy": 364, "cx": 255.4, "cy": 206.3}')
+    for camera, is_warned in (("both.json", True), ("364,364,255.4,206.3", False)):
+        done = predict(f"aligned_depth_to_color.png --camera {camera} {CENTER}")
+        assert ("is aligned to another camera" in done.err) == is_warned
 
 
 # --------------------------------------------------------------------------- a page for the browser

@@ -53,7 +53,9 @@ def test_mistakes(frames: Path, argv: str, message: str) -> None:
     Path("one.prototxt").write_text('joint { name: "only" }')
     Path("list.png").write_text("b.png\n")
     shutil.copy("a.h5", "b.png")
-    Path("crops").mkdir()
+    for folder in ("crops", "whole"):
+        Path(folder).mkdir()
+    cv2.imwrite("whole/0.png", np.full((48, 64), 500, np.uint16))
     for n in range(3):
         cv2.imwrite(f"crops/{n}.png", np.full((128, 128), 127, np.uint8))
     assert message in refusal("show_data --out out.png", *argv.split())

@@ -51,7 +51,7 @@ from handpose.frames.formats.stack import (
     parameters_in,
     unit_of_times,
 )
-from handpose.frames.images import read_picture, stored_depth
+from handpose.frames.images import ALIGNED, is_aligned, read_picture, stored_depth
 from handpose.frames.recording import (
     UNKNOWN,
     CameraInfo,
@@ -95,6 +95,10 @@ class FolderRecording(Recording):
         if path.suffix.lower() in STACKS:
             own, taken = self._parameters_of(path, given, camera_json)
         self._decode_by(DepthDecoder(raw.shape, raw.dtype, where, given, own, camera_json))
+        is_named = isinstance(given.camera, Camera) and given.origin in ("", "--camera")
+        is_known = is_named or own.camera is not None
+        if not is_known and is_aligned(path):
+            self.warnings = (*self.warnings, ALIGNED)
         self.name = str(source)
         self.count = len(names)
         self.remarks = (self._reading.how, *taken, *self.remarks)
@@ -305,6 +309,8 @@ DATE = re.compile(
 FRACTION = re.compile(r"\d+\.\d+")
 DIGITS, DECIMAL = re.compile(r"\d+"), re.compile(r"\d+(?:[.,]\d+)?")
 SPARSE = 10  # times as many numbers as frames are no count if the names have a date
+FRACTION_LENGTHS = (6, 9)  # digits of numbers of us and ns
+MIN_TIMES = 3  # that show whether leading zeros lack
 MIN_SIDE = 16  # px of a frame; labels and matrices have fewer rows or columns
 BYTES = 2  # of a value without a header
 
@@ -338,6 +344,12 @@ def in_order(
     found = _reading(names, unit) if len(groups) == 1 else None
     if found is not None:
         return _sorted(names, found, where)
+    by_number = _reading(names, FRAME_UNIT) if len(groups) == 1 and unit is None else None
+    if by_number is not None and _range(by_number) < SPARSE * len(names):
+        raise DataError(
+            f"{where}: the times in the names, as in {names[0]}, do not ascend with the frames' numbers; --time-unit "
+            "frames takes these alone"
+        )
     sequences = sorted(
         (_pattern(part), len(part)) for group in groups.values() for part in _sequences(group, unit)
     )
@@ -389,17 +401,23 @@ def _reading(names: Sequence[str], unit: str | None) -> Reading | None:
     possible = [
         found
         for found in _readings([PurePath(name).stem for name in names], unit)
-        if _is_one_sequence(found)
+        if _is_one_sequence(found, unit == FRAME_UNIT)
     ]
     strict = (found for found in possible if len(set(found.times)) == len(names))
     return next(strict, next((found for found in possible if len(set(found.rests)) == 1), None))
 
 
-def _is_one_sequence(found: Reading) -> bool:
-    """True if all numbers besides the time are constant or ascend with it."""
+def _is_one_sequence(found: Reading, are_frames: bool) -> bool:
+    """True if all numbers besides the time are constant or ascend with it; besides the number
+    of a frame, times since 1970 may do neither.
+    """
     order = sorted(range(len(found.times)), key=lambda i: found.times[i])
     columns = zip(*(map(int, DIGITS.findall(found.rests[i])) for i in order))
-    changing = [column for column in columns if len(set(column)) > 1]
+    changing = [
+        column
+        for column in columns
+        if len(set(column)) > 1 and not (are_frames and since_1970(column))
+    ]
     return all(a < b for column in changing for a, b in itertools.pairwise(column))
 
 
@@ -442,19 +460,41 @@ def _with_units(stems: list[str]) -> Iterator[Reading]:
 
 
 def _since_1970(stems: list[str]) -> Iterator[Reading]:
-    """Times since 1970, also with a fraction."""
+    """Times since 1970, also with a fraction; those with the smallest range first, because the
+    ticks of a clock may look like them.
+    """
+    found: list[Reading] = []
     for matches in _in_columns(stems, SINCE_1970):
         unit = since_1970([int(match[1]) for match in matches])
         if unit is not None:
             digits = len(str(NANO // TICKS[unit])) - 1  # of the fraction, down to a nanosecond
-            fractions = [(match[2] or match[3] or "")[:digits] for match in matches]
-            times = [
-                int(match[1] + fraction.ljust(digits, "0"))
-                for match, fraction in zip(matches, fractions)
-            ]
-            yield _read(
-                stems, matches, times, NANO, f"times from the file names, in {unit} since 1970"
-            )
+            times = _with_fractions(matches, digits)
+            how = f"times from the file names, in {unit} since 1970"
+            found.append(_read(stems, matches, times, NANO, how))
+    yield from sorted(found, key=_range)
+
+
+def _with_fractions(matches: list[re.Match[str]], digits: int) -> list[int]:
+    """The whole numbers that SINCE_1970 matches with their fractions of so many digits.
+
+    Fractions of several lengths may be numbers of us or ns that lack leading zeros. They are if the
+    largest step of at least three times is smaller then.
+    """
+    wholes = [match[1] for match in matches]
+    fractions = [(match[2] or match[3] or "")[:digits] for match in matches]
+    decimal = [
+        int(whole + fraction.ljust(digits, "0")) for whole, fraction in zip(wholes, fractions)
+    ]
+    length = max(map(len, fractions))
+    if length not in FRACTION_LENGTHS or len(matches) < MIN_TIMES:
+        return decimal
+    padded = [fraction.rjust(length, "0").ljust(digits, "0") for fraction in fractions]
+    counted = [int(whole + fraction) for whole, fraction in zip(wholes, padded)]
+    return min(decimal, counted, key=_largest_step)
+
+
+def _largest_step(times: list[int]) -> int:
+    return max((b - a for a, b in itertools.pairwise(sorted(times))), default=0)
 
 
 def _fractions(stems: list[str]) -> Iterator[Reading]:

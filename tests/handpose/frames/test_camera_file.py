@@ -275,6 +275,11 @@ TRAJECTORY = {
             "fl_x, fl_y, cx, cy, w, h; not used: frames",
         ),
         (
+            '{"fx": 60, "fy": 61, "cx": 31.5, "cy": 23.5, "scale": 0.5, "fl_unit": "px"}',
+            CAMERA,
+            "fx, fy, cx, cy; not used: scale, fl_unit",
+        ),
+        (
             f'{{"K": {BY_COLUMNS}, "w": 64, "h": 48, "poses": [[0, 0, 0]]}}',
             SIZED,
             "K, w, h; not used: poses",

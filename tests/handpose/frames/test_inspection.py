@@ -118,6 +118,18 @@ def test_times_that_are_likely_wrong(step: float, rate: float | None, warning: s
     assert [one[: len(warning or "")] for one in found] == ([warning] if warning else [])
 
 
+@pytest.mark.parametrize("unit_mm", [1.0, 0.1])
+def test_disparities_of_a_kinect(unit_mm: float) -> None:
+    """As NYU Depth v2 and libfreenect's fakenect store them."""
+    images = moving()
+    for image in images:
+        image[:, :8] = 2047
+    (warning,) = inspect(Taken([image * unit_mm for image in images], unit_mm=unit_mm)).warnings
+    assert warning.startswith("no value is more than 2047, which many pixels have")
+    images[0][:, 8] = 2048
+    assert not any("2047" in one for one in inspect(Taken(images)).warnings)
+
+
 @pytest.mark.parametrize("true_mm", [0.25, 0.2])
 @pytest.mark.parametrize("distance", [300, 450, 600, 900])
 def test_a_unit_for_any_distance(true_mm: float, distance: int) -> None:
@@ -165,6 +177,10 @@ def test_a_wide_object_beyond_1_m_gives_a_warning() -> None:
         (
             replace(CAMERA, u0=12.0),
             "the principal point 12, 23.5 is far from the centre of 64 x 48 pixels",
+        ),
+        (
+            replace(CAMERA, u0=23.5, v0=31.5),
+            "the principal point 23.5, 31.5 is that of 48 x 64 pixels, and these are 64 x 48",
         ),
     ],
 )

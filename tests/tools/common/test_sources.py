@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 from pathlib import Path
 
 import cv2
@@ -11,6 +12,7 @@ import pytest
 
 from handpose.frames.cameras import SR305, Camera
 from handpose.frames.inspection import inspect
+from netlib.errors import DataError
 from tools.common.sources import add_source_options, opened, print_inspection, print_warnings
 
 
@@ -76,6 +78,14 @@ def test_a_camera_by_its_field_of_view(
     assert (camera.fx, camera.fy) == pytest.approx((fx, fy), rel=5e-3)
     said = f"camera {name}: focal lengths {camera.fx:.0f}, {camera.fy:.0f} px by the field of view alone, often 5% off"
     assert any(remark.startswith(said) for remark in recording.remarks)
+
+
+def test_a_size_that_a_camera_file_does_not_have(frames: None) -> None:
+    """The error names the file."""
+    said = {"fx": 60, "fy": 60, "cx": 31.5, "cy": 23.5, "width": 64, "height": 48}
+    Path("intrinsics.json").write_text(json.dumps(said))
+    with pytest.raises(DataError, match=r"camera own has 64 x 48, by \S*intrinsics\.json \("):
+        opened(parsed(""))
 
 
 def test_distortion(frames: None) -> None:

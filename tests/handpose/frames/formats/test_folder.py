@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 from handpose.frames import camera_file
 from handpose.frames.cameras import NYU
 from handpose.frames.formats.folder import FolderRecording, in_order
+from handpose.frames.images import ALIGNED
 from handpose.frames.recording import CameraInfo
 from netlib.errors import DataError
 from tests.handpose.frames.conftest import CAMERA, GIVEN, hand_sized, middles, put, times_of
@@ -159,6 +160,18 @@ def test_the_packing_of_nyu(here: Path) -> None:
     recording = FolderRecording(Path("depth_1_*.png"), CameraInfo(NYU))
     assert (recording.camera, recording.unit_mm, recording.count) == (NYU, 1, 1)
     assert [float(frame.depth.mean()) for frame in recording] == [700]
+    put("red.png", image[..., [2, 1, 0]])  # as in STB and HO-3D
+    with pytest.raises(DataError, match="a byte of the depth in red and none in blue"):
+        FolderRecording(Path("red.png"), CameraInfo(NYU))
+
+
+@pytest.mark.parametrize(
+    ("given", "is_warned"), [(GIVEN, False), (replace(GIVEN, origin="K.txt (matrix)"), True)]
+)
+def test_frames_aligned_to_colours(here: Path, given: CameraInfo, is_warned: bool) -> None:
+    """As in DexYCB, whose files have the cameras of depth and of colours."""
+    put("aligned_depth_to_color_000000.png", hand_sized())
+    assert (ALIGNED in FolderRecording(here, given).warnings) == is_warned
 
 
 # ------------------------------------------------------------------------------------------- arrays
