@@ -49,8 +49,9 @@ class LayerErrors(AbstractContextManager[None]):
                 raise self.layer.fail(
                     f"bottom {name!r} {blob.shape} is empty; {self.layer.type} expects values"
                 ) from error
-        raise self.layer.fail(
-            f"{method} failed: {type(error).__name__}: {error}{_place(trace)}"
+        # by its class, because a Python layer may have an attribute of this name
+        raise Layer.fail(
+            self.layer, f"{method} failed: {type(error).__name__}: {error}{_place(trace)}"
         ) from error
 
 

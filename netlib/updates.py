@@ -138,8 +138,9 @@ class Update:
         ]
 
     def apply(self, rate: float, t: int) -> None:
-        """Apply update number ``t`` (from 1) at this learning rate; modifies weights, gradients
-        and histories.
+        """Apply update number ``t`` (from 1) at this learning rate; modifies weights and histories.
+
+        As in Caffe, the gradients become what was subtracted from the weights.
         """
         trained = [
             (param, h) for param, h in zip(self.learnable, self.history) if param.spec.lr_mult != 0
@@ -172,7 +173,10 @@ class Update:
                 g *= scale
             if decay:
                 g += decay * (w if p.regularization_type == "L2" else np.sign(w))
-            self.rule(p, w, g, rate * spec.lr_mult, history, t)
+            step = np.zeros_like(w)  # from which the rule subtracts what it would from w
+            self.rule(p, step, g, rate * spec.lr_mult, history, t)
+            w += step
+            np.negative(step, out=g)
 
     def _clip(self, params: Sequence[Param]) -> float:
         """Factor that reduces the joint norm of all gradients to clip_gradients; 1 if

@@ -170,15 +170,10 @@ class Net(core.Net):
         self.run_backward(end, start + 1)
 
     def _set_inputs(self, arrays: Mapping[str, Array]) -> None:
-        """Repeat (N, C, 1, 1) over the height and width of the input, as pycaffe's
-        assignment does.
-        """
-        spread = dict(arrays)
-        for name, array in arrays.items():
-            size = self.blobs[name].shape[2:] if name in self.inputs else ()
-            if array.shape[2:] == (1, 1) and len(size) == 2:
-                spread[name] = np.broadcast_to(array, (*array.shape[:2], *size))
-        super()._set_inputs(spread)
+        """Repeat arrays along axes of length 1 to fill the inputs, as pycaffe's assignment does."""
+        shapes = {name: self.blobs[name].shape for name in arrays if name in self.inputs}
+        filled = {name: _filled(arrays[name], shape) for name, shape in shapes.items()}
+        super()._set_inputs({**arrays, **filled})
 
     def forward_all(self, blobs: Iterable[str] | None = None, **inputs: Any) -> dict[str, Array]:
         """Run any number of items, batch by batch; returns outputs and ``blobs`` for all of them.
@@ -249,6 +244,16 @@ class Net(core.Net):
     def load_hdf5(self, filename: str | Path) -> None:
         """Copy weights by layer name."""
         self.copy_from(filename)
+
+
+def _filled(array: Array, shape: tuple[int, ...]) -> Array:
+    """Repeat an array to fill a shape, except its first axis; unchanged if NumPy cannot."""
+    if array.ndim != len(shape) and array.shape[:1] != shape[:1]:
+        return array
+    try:
+        return np.broadcast_to(array, (*array.shape[:1], *shape[1:]))
+    except ValueError:
+        return array
 
 
 def _extend(found: Mapping[str, list[Array]], batch: Mapping[str, Array]) -> None:

@@ -349,6 +349,20 @@ def test_a_request_is_met_after_the_iteration(
 
 
 @pytest.mark.parametrize("rule", list(RULES))
+def test_the_gradients_become_the_update(solver_of: MakeSolver, rows: None, rule: str) -> None:
+    """As in Caffe: scripts compare it with the weights, and loops by hand without
+    clear_param_diffs add to it.
+    """
+    solver = solver_of(RANDOM, f"{RULES[rule]} base_lr: 0.01 weight_decay: 0.01 iter_size: 2")
+    solver.step(1)
+    before = [param.blob.data.copy() for param in solver.net.learnable]
+    solver.step(1)
+    for param, w in zip(solver.net.learnable, before):
+        assert param.blob.diff.any()
+        np.testing.assert_allclose(param.blob.diff, w - param.blob.data, rtol=1e-3, atol=1e-6)
+
+
+@pytest.mark.parametrize("rule", list(RULES))
 def test_n_updates_resume_n_more_equal_2n(
     solver_of: MakeSolver, rows: None, caplog: pytest.LogCaptureFixture, rule: str
 ) -> None:

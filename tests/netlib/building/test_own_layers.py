@@ -45,6 +45,11 @@ class Broken(Square):
     def forward(self, bottom, top):
         1 / 0
 
+class Failing(Square):
+    def forward(self, bottom, top):
+        self.fail = 1
+        1 / 0
+
 class Singular(Square):
     def backward(self, top, propagate_down, bottom):
         inverse(np.zeros((2, 2)))
@@ -142,8 +147,10 @@ class Steeper(TanH):
     ("name", "message"),
     [
         ("Broken", r"forward failed: ZeroDivisionError: division by zero \(squares.py:22\)"),
+        # with an attribute of the name of a method of ours
+        ("Failing", r"forward failed: ZeroDivisionError: division by zero \(squares.py:27\)"),
         # raised in a file of NumPy's
-        ("Singular", r"backward failed: LinAlgError: Singular matrix \(squares.py:26\)"),
+        ("Singular", r"backward failed: LinAlgError: Singular matrix \(squares.py:31\)"),
         (
             "TooFew",
             r".* failed: TypeError: .*reshape\(\) takes 2 positional arguments but 3 were given.*",

@@ -317,6 +317,21 @@ def test_one_value_for_each_channel_fills_the_input() -> None:
     assert net.forward(x=np.zeros((5, 2, 6, 1)))["y"].shape == (5, 2, 6, 1)
 
 
+@pytest.mark.parametrize(
+    ("shape", "given"), [((1, 1), (1,)), ((2, 3), (2, 1)), ((1, 3, 2, 2), (4, 1, 2, 2))]
+)
+def test_an_array_fills_the_axes_after_the_first(
+    shape: tuple[int, ...], given: tuple[int, ...]
+) -> None:
+    """LRCN's captioner gives an input of shape (1, 1) a word of shape (1,)."""
+    Path("wide.prototxt").write_text(
+        inputs(x=shape) + 'layer { name: "p" type: "Power" bottom: "x" top: "y" }'
+    )
+    net = pycaffe.Net("wide.prototxt", netlib.TEST)
+    x = np.arange(np.prod(given), dtype=np.float32).reshape(given)
+    assert_array_equal(net.forward(x=x)["y"], np.broadcast_to(x, (given[0], *shape[1:])))
+
+
 def test_hooks_are_called_around_every_layer(net: pycaffe.Net) -> None:
     """Hooks receive the number of the layer, in reverse order for backward, and do not
     change the results.

@@ -11,7 +11,8 @@ from tests.netlib.conftest import ONE_WEIGHT, MakeModule, MakeSolver
 
 def test_the_order_of_an_iteration(solver_of: MakeSolver) -> None:
     """The functions are called in the order in which Caffe's solver calls its callbacks; tests come
-    first. The gradient is cleared at the start, and complete when it is ready.
+    first. The gradient is cleared at the start, complete when it is ready, and then the
+    update: 0.
     """
     solver = solver_of(ONE_WEIGHT % "", "base_lr: 0 test_iter: 2 test_interval: 1")
     seen: list[tuple[str, int, float]] = []
@@ -31,11 +32,11 @@ def test_the_order_of_an_iteration(solver_of: MakeSolver) -> None:
         *[("test", 0, 0)] * 2,
         ("start", 0, 0),
         ("ready", 0, 2),
-        ("update", 1, 2),
-        *[("test", 1, 2)] * 2,
+        ("update", 1, 0),
+        *[("test", 1, 0)] * 2,
         ("start", 1, 0),
         ("ready", 1, 2),
-        ("update", 2, 2),
+        ("update", 2, 0),
     ]
 
 
