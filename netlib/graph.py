@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from netlib.blob import Blob, Blobs
-from netlib.building import create
+from netlib.building import create, python_layer
 from netlib.building.blob_errors import taken_top, unknown_bottom
 from netlib.building.params import Parameters
 from netlib.engine import Connection, Engine
@@ -104,6 +104,8 @@ class Graph:
         with LayerErrors(layer, bottom):
             layer.setup(bottom, top)
             layer.reshape(bottom, top)
+        if spec.type == "Python":
+            python_layer.check_attributes(layer, spec, name)
         for note in getattr(layer, "notes", ()):
             log.info("%s: %s", name, note)
         self._connect(layer, bottom, top)

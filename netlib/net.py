@@ -380,6 +380,8 @@ def _names_of(blobs: Iterable[str] | None) -> list[str]:
             f"expected the names of blobs to return, found a {type(blobs).__name__}; arrays are given by name, "
             "as in forward(data=images)"
         )
+    if isinstance(blobs, str):
+        raise NetlibError(f"expected a list of names of blobs, found {blobs!r}; give [{blobs!r}]")
     return list(blobs or [])
 
 

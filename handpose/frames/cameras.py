@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -47,6 +48,11 @@ class Camera:
     min_range_mm: float = MIN_RANGE_MM  # nearer readings are errors
 
     def __post_init__(self) -> None:
+        for name in ("fx", "fy", "u0", "v0"):
+            if not isinstance(getattr(self, name), Real):
+                raise ValueError(
+                    f"camera {self.name!r}: {name} is {getattr(self, name)!r}, expected a number"
+                )
         for name in ("fx", "fy"):
             if not MIN_FOCAL_PX < getattr(self, name) < math.inf:
                 raise ValueError(

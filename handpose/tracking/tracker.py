@@ -139,10 +139,17 @@ class Tracker:
     def step(self, frame: DepthFrame) -> TrackedFrame:
         """The hands of the next frame.
 
-        Raises DataError for another size, or a time that is not later; NetlibError.
+        Raises DataError for another size, or a time that is not later; NetlibError, also for what
+        is no ``DepthFrame``.
 
         Raises UnitError for the first frame with readings if these are in metres or negative.
         """
+        if not isinstance(frame, DepthFrame):
+            what = type(frame).__name__
+            raise NetlibError(
+                f"the frame is a {what}; expected a DepthFrame, as recordings have: its number, the "
+                "time in s, and the depth in mm"
+            )
         before = self._time
         view, time = self._accept(frame)
         found = FrameHands(self.finder, view, self.present.still_presence)

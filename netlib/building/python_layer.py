@@ -18,7 +18,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from types import ModuleType
 
-from netlib.errors import PrototxtError, did_you_mean
+from netlib.errors import LayerError, PrototxtError, did_you_mean
 from netlib.files import own_modules
 from netlib.files.paths import load_module, own
 from netlib.layer import Layer
@@ -113,6 +113,16 @@ def find_class(spec: LayerParameter) -> type[Layer]:
             found = _found_instead(module, param)
         raise PrototxtError(schema.position_of(param, "layer"), f"layer {spec.name!r}: {found}")
     return cls
+
+
+def check_attributes(layer: Layer, spec: LayerParameter, name: str) -> None:
+    """Raise LayerError if the layer's own code set an attribute by which its net knows it."""
+    for attribute, value in (("name", name), ("spec", spec)):
+        if getattr(layer, attribute) is not value:
+            raise LayerError(
+                f"{schema.position_of(spec)}: error: layer {name!r}: its class sets the attribute "
+                f"{attribute!r}, which is the net's; give it another name"
+            )
 
 
 def _found_instead(module: ModuleType, param: PythonParameter) -> str:

@@ -55,6 +55,10 @@ MASKED = np.ma.masked_equal(np.ones((2, 3)), 0)
             "net '' has no layer 'aa' (did you mean 'a'?)",
         ),
         "blob": (lambda net: net.forward(["aaa"]), "net '' has no blob 'aaa'"),
+        "one name": (
+            lambda net: net.forward("a"),
+            "expected a list of names of blobs, found 'a'; give ['a']",
+        ),
         # as in other libraries; it would run on the old input
         "array without a name": (
             lambda net: net.forward(np.ones((2, 3))),

@@ -83,6 +83,8 @@ def open_recording(source: str | Path, given: CameraInfo = UNKNOWN) -> Recording
         what = type(given).__name__
         raise NetlibError(f"given is a {what}; expected a CameraInfo, such as CameraInfo(NYU)")
     name = str(source)
+    if not name:
+        raise DataError("the recording has no name; expected a folder, a file or a live camera")
     path = Path(source)
     if name.partition(":")[0] == LIVE and not exists(path):
         from handpose.frames.formats.realsense import open_live

@@ -55,6 +55,12 @@ def test_invalid_focal_lengths_are_rejected(field: str, value: float) -> None:
         replace(NYU, **{field: value})
 
 
+@pytest.mark.parametrize("field", ["fx", "v0"])
+def test_a_camera_of_texts_is_rejected(field: str) -> None:
+    with pytest.raises(ValueError, match=f"camera 'nyu': {field} is '587', expected a number"):
+        replace(NYU, **{field: "587"})
+
+
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 @pytest.mark.parametrize("field", ["u0", "v0"])
 def test_invalid_principal_points_are_rejected(field: str, value: float) -> None:

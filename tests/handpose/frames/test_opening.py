@@ -110,6 +110,7 @@ def test_a_camera_without_its_info_is_rejected() -> None:
             for name in ("none.npz", "none.mkv", "none.bag", "none.raw")
         },
         **{name: f"{name}: no such file or folder" for name in ("none", "none/of/these.png")},
+        "no name": ("", "the recording has no name; expected a folder, a file or a live camera"),
         "a null character": ("a\0b", r"a\x00b: no such file or folder"),
         "5000 letters": ("x" * 5000, "xxx...xxx: no such file or folder"),
         "loop": "loop: no such file or folder (did you mean 'loop'?)",

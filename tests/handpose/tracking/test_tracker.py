@@ -466,6 +466,11 @@ def test_a_frame_of_another_size(begun: Callable[[], Tracker]) -> None:
         begun().step(DepthFrame(7, 7 / RATE, np.full((480, 640), 700, np.float32)))
 
 
+def test_an_image_without_its_time_is_rejected(begun: Callable[[], Tracker]) -> None:
+    with pytest.raises(NetlibError, match="the frame is a ndarray; expected a DepthFrame"):
+        next(begun().follow([np.zeros((240, 320), np.float32)]))  # type: ignore[list-item]
+
+
 def test_times_must_ascend(shown: Take, begun: Callable[[], Tracker]) -> None:
     """Velocities would be undefined."""
     tracker = begun()

@@ -67,6 +67,14 @@ class Counting(Square):
         super().forward(bottom, top)
         self.passes += 1
 
+class Named(Square):
+    def setup(self, bottom, top):
+        self.name = "mine"
+
+class Specified(Square):
+    def setup(self, bottom, top):
+        self.spec = {}
+
 class Unprepared(Square):
     def __init__(self, *args):
         {}[args[0].name]
@@ -165,6 +173,17 @@ def test_a_python_layer_that_fails(squares: None, name: str, message: str) -> No
         net = net_with(python(name))
         net.forward(x=np.ones(3))
         net.backward(y=np.ones(3))
+
+
+@pytest.mark.parametrize(("cls", "attribute"), [("Named", "name"), ("Specified", "spec")])
+def test_a_python_layer_that_replaces_an_attribute_of_the_net(
+    squares: None, cls: str, attribute: str
+) -> None:
+    """The error comes when the net is built, not when a snapshot lacks the layer."""
+    with pytest.raises(
+        netlib.LayerError, match=f"'own': its class sets the attribute '{attribute}'"
+    ):
+        net_with(python(cls))
 
 
 BESIDE = "it must lie in the working directory or on PYTHONPATH"
