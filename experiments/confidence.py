@@ -66,7 +66,7 @@ from netlib.errors import DataError
 from netlib.files import atomic
 from tools.common import outputs
 from tools.common.arguments import count, real, seconds, seed
-from tools.common.console import DONE, say
+from tools.common.console import say
 from tools.common.progress import ProgressBar
 
 # Weight of a pose that is not the labelled hand. With 1, 0.5 and 0.25, 58, 73 and 80% of the hands
@@ -390,7 +390,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", metavar="FILE", type=Path, help="file of weights to write")
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Track, fit, compare and write. Raises NetlibError."""
     if args.out:
         outputs.check_place(args.out, [labels for _, labels in (*args.recording, *args.apart)])
@@ -412,7 +412,6 @@ def run(args: argparse.Namespace) -> int:
         say(f"wrote {args.out}")
     else:
         print(text, end="")
-    return DONE
 
 
 def _recorded(pair: tuple[str, str]) -> Source:

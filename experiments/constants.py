@@ -66,7 +66,7 @@ from handpose.tracking.track import TrackedHand
 from netlib.blob import Array
 from netlib.errors import DataError, did_you_mean
 from tools.common.arguments import seed
-from tools.common.console import DONE, say
+from tools.common.console import say
 from tools.common.progress import ProgressBar
 
 SURE = 0.9  # minimum confidence of a sure pose
@@ -274,12 +274,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """List the numbers, or measure. Raises NetlibError."""
     settings = settings_of(args.set)
     if not args.recording:
         _list(numbers_of(settings))
-        return DONE
+        return
     takes = [
         (source, labels_of(Path(path)), mirrored)
         for source, path in args.recording
@@ -295,7 +295,6 @@ def run(args: argparse.Namespace) -> int:
             name = Path(source).name + " mirrored" * mirrored
             rows.append({"recording": name, **cells_of(runs)})
     print(tabulated(rows))
-    return DONE
 
 
 def _list(numbers: dict[str, float]) -> None:

@@ -45,7 +45,7 @@ from handpose.synthetic.whole_scenes import SceneGenerator
 from netlib.proto import schema
 from netlib.training.trained import trained
 from tools.common.arguments import add_engine, count, seed
-from tools.common.console import DONE, aligned
+from tools.common.console import aligned
 
 WITHIN_MM = 80.0  # maximum distance of a found hand from a labelled one
 RATES = (0.5, 1.0, 2.0)  # false hands a frame
@@ -112,12 +112,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_engine(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Measure the finder. Raises NetlibError."""
     finder = Finder(trained(args.model, args.weights, args.engine))
     if args.things:
         print(aligned(things_taken_for_hands(finder, args.seed, args.scenes)))
-        return DONE
+        return
     sources = {
         "test": drawn_scenes(args.seed, args.scenes),
         "other": other_scenes(args.seed, args.scenes),
@@ -130,7 +130,6 @@ def run(args: argparse.Namespace) -> int:
     else:
         rows = [{"frames of": name, **cells_of(one)} for name, one in found.items()]
     print(tabulated(rows))
-    return DONE
 
 
 def measured(finder: Finder, frames: Iterator[Labelled]) -> Measured:

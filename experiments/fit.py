@@ -43,7 +43,7 @@ from netlib.blob import Array, divide_up
 from netlib.net import Net
 from netlib.training.trained import trained
 from tools.common.arguments import add_engine, count, seed
-from tools.common.console import DONE, say
+from tools.common.console import say
 from tools.common.progress import ProgressBar
 
 
@@ -190,7 +190,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_engine(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Measure the network and the fits. Raises NetlibError."""
     weights, model = args.network or (
         checked_content(read_card(SYNTHETIC_HAND)),
@@ -213,7 +213,6 @@ def run(args: argparse.Namespace) -> int:
             ]
     say(f"{len(figures.network)} frames per recipe, seed {args.seed}; mm, 14 joints")
     print(tabulated(rows))
-    return DONE
 
 
 def _error_cells(errors: Array) -> dict[str, str]:

@@ -31,7 +31,7 @@ from experiments.choices import add_choices
 from experiments.example_nets import NETS, Example, Workload
 from netlib.engine import Step
 from tools.common.arguments import positive, positive_number
-from tools.common.console import DONE, aligned
+from tools.common.console import aligned
 
 FAST = "fast engine"
 # the place of a constant or function, and its value without the mechanism
@@ -135,7 +135,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Measure the selected parts and print a table for each net.
 
     Raises ImportError without fast/.
@@ -152,7 +152,6 @@ def run(args: argparse.Namespace) -> int:
                     rows.append([name, *(f"{ratio:.2f}" for ratio in ratios)])
             title = f"{net}: {1e3 * base.seconds:.2f} ms, {base.peak / 1e6:.1f} MB"
             print(f"{title}\n{aligned(rows)}\n", flush=True)
-    return DONE
 
 
 def applies(part: Part, work: Workload) -> bool:

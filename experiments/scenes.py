@@ -48,7 +48,6 @@ from netlib.net import Net
 from netlib.proto.schema import changed
 from netlib.training.trained import trained
 from tools.common.arguments import add_engine, count, seed
-from tools.common.console import DONE
 from tools.common.progress import ProgressBar
 
 FINER = 2  # resolution of the frames, relative to the training's
@@ -197,7 +196,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_engine(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Find and fit the hands. Raises NetlibError."""
     net = None
     if args.network:
@@ -214,4 +213,3 @@ def run(args: argparse.Namespace) -> int:
                 progress(1)
             rows.append({"scenes": name, **cells_of(scenes)})
     print(tabulated(rows))
-    return DONE

@@ -27,7 +27,7 @@ from handpose import CAMERAS, Tracker, load_predictor
 from handpose.scoring.tracks import HandScores, TrackScores, score
 from handpose.sequences.recordings import SCRIPTS, SyntheticRecording
 from tools.common.arguments import add_engine, seconds, seed
-from tools.common.console import DONE, say
+from tools.common.console import say
 from tools.common.progress import ProgressBar
 from tools.common.sources import rate
 
@@ -97,7 +97,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_engine(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Measure the tracker. Raises NetlibError."""
     recordings = []
     for camera, script, number in itertools.product(args.cameras, args.scripts, args.seeds):
@@ -118,7 +118,6 @@ def run(args: argparse.Namespace) -> int:
                 rows.append({**names, "hand": f"{id} {hand.hand}", **cells_of(hand)})
     print(tabulated(rows))
     say(_summary(done))
-    return DONE
 
 
 def _summary(done: list[Tracked]) -> str:
