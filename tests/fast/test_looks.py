@@ -81,45 +81,13 @@ MOMENTS: dict[str, Change] = {
 }
 
 
-def channels_exchanged(array: Array) -> Array:
-    return array[:, ::-1] if array.ndim > 1 else array
-
-
-def with_value(array: Array, value: float) -> Array:
-    """The array with this value in one place, the first one."""
-    changed = array.copy()
-    changed.flat[:1] = value
-    return changed
-
-
-def with_square(array: Array) -> Array:
-    """The array with a square of one item overwritten."""
-    changed = array.copy()
-    changed[:1, ..., :3, :3] = 9
-    return changed
-
-
-CHANGES: dict[str, Callable[[Array], Array]] = {
-    "a square": lambda array: with_square(array) if array.ndim > 2 else array + 1,
-    "all": lambda array: array * 0.5 + 1,
-    "a flip": lambda array: array[..., ::-1] if array.ndim else array,
-    "a roll": lambda array: np.roll(array, 1),
-    "a shuffled batch": lambda array: array[::-1] if array.ndim else array,
-    "exchanged channels": channels_exchanged,
-    "one value": lambda array: with_value(array, 3),
-    "a sign": lambda array: with_value(array, -array.flat[0]) if array.size else array,
-    "NaN": lambda array: with_value(array, np.nan),
-}
-
-
-def write(net: Net, rng: Generator, what: str) -> None:
+def write(net: Net, what: str) -> None:
     """Write some of the net's stored values, as a caller can."""
-    change = CHANGES[list(CHANGES)[rng.integers(len(CHANGES))]]
     if what == "a shape":
         for name in net.inputs[:1]:
             net.blobs[name].reshape(1, *net.blobs[name].shape[1:])
     for array in targets(net, what):
-        array[...] = change(array.copy())
+        array[...] = array * 0.5 + 1
 
 
 def targets(net: Net, what: str) -> list[Array]:
@@ -173,7 +141,7 @@ def check(seed: int) -> None:
             MOMENTS[moment](net, np.random.default_rng(seed))
         except netlib.LayerError:  # the new shapes do not fit together
             return
-        write(net, np.random.default_rng([seed, 1]), what)
+        write(net, what)
     left_out = unstored(fast)
     names = [name for name in fast.blobs if (name in left_out) == (turn % 4 < 2)]
     first = rng.choice(names or list(fast.blobs))
@@ -190,7 +158,7 @@ def check(seed: int) -> None:
     if what not in ("a shape",) and "alone" not in moment:  # the nets go on
         for net in (plain, fast):
             net.clear_param_diffs()
-            passes(net, np.random.default_rng([seed, 2]), "fb")
+            passes(net, np.random.default_rng([seed, 1]), "fb")
         for name in fast.blobs:
             for side in ("data", "diff"):
                 agree(

@@ -97,14 +97,6 @@ def test_recomputing_infinite_values_gives_no_warning(net_of: MakeNet, how: str)
     assert not np.isfinite(net.blobs["p2"].data).all()
 
 
-def test_a_reshape_that_changes_nothing_loses_nothing(net_of: MakeNet) -> None:
-    net, expected = net_of(PAPER), expected_of(net_of, batch(10))
-    everything(net, batch(10))
-    net.reshape()
-    check_blob(net, "c1", "data", expected)
-    check_blob(net, "p1", "diff", expected)
-
-
 def test_an_unstored_blob_does_not_outlive_its_net(net_of: MakeNet) -> None:
     """Accessing an unstored blob after its net was deleted raises an error instead of
     returning zeros.
@@ -141,35 +133,10 @@ def test_a_read_repeats_only_what_ran_in_slices(net_of: MakeNet, rng: np.random.
     np.testing.assert_array_equal(net.blobs["r"].data, before)
 
 
-CHANGES = {  # of a batch of images
-    "one value": lambda x: x[0, 0, 0, 5:6].fill(0.25),
-    "a square": lambda x: x[0, 0, 10:18, 10:18].fill(0.25),
-    "a row": lambda x: x[0, 0, 64].fill(0.25),
-    "a sign": lambda x: np.negative(x[:1, :, 3, 3], out=x[:1, :, 3, 3]),
-    "NaN": lambda x: x[:1, :, 3, 3].fill(np.nan),
-    "a flip": lambda x: np.copyto(x, x[..., ::-1].copy()),
-    "a roll": lambda x: np.copyto(x, np.roll(x, 1)),
-    "a shuffled batch": lambda x: np.copyto(x, x[::-1].copy()),
-    "all": lambda x: x.fill(0.25),
-}
-
-
-@pytest.mark.parametrize("change", CHANGES)
-def test_a_read_after_an_input_was_written_gives_the_values_of_the_pass(
-    net_of: MakeNet, change: str
-) -> None:
-    net, expected = after_a_pass(net_of)
-    CHANGES[change](net.blobs["depth"].data)
-    for name in UNSTORED:
-        check_blob(net, name, "data", expected)
-        check_blob(net, name, "diff", expected)
-
-
-@pytest.mark.parametrize("change", CHANGES)
-def test_backward_after_an_input_was_written_is_an_error(net_of: MakeNet, change: str) -> None:
+def test_backward_after_an_input_was_written_is_an_error(net_of: MakeNet) -> None:
     net = net_of(PAPER)
     feed(net, batch(3))
-    CHANGES[change](net.blobs["depth"].data)
+    net.blobs["depth"].data.flat[-1] += 1
     with pytest.raises(
         NetlibError, match=r"blob 'depth' was written between forward and backward.* such as 'c1'"
     ):
@@ -256,36 +223,6 @@ def test_a_part_after_an_input_was_written_continues_from_the_pass(net_of: MakeN
         one.blobs["depth"].data[...] = 0.5
         one.forward(start="c2")
     assert difference(net.blobs["fc"].data, plain.blobs["fc"].data) <= 2e-5
-
-
-def test_a_read_after_weights_changed_before_backward(net_of: MakeNet) -> None:
-    """Diffs are those of the weights of backward, data those of the weights of forward."""
-    net = net_of(PAPER, dtype=np.float64)
-    plain = net_of(PAPER, engine="plain", dtype=np.float64)
-    for one in (net, plain):
-        feed(one, batch(3, flat=False))
-        one.params["c3"][0].data[...] *= 2
-        one.backward()
-        one.params["c3"][0].data[...] = 0
-    for name in UNSTORED:
-        assert difference(net.blobs[name].data, plain.blobs[name].data) <= 1e-12, name
-        assert difference(net.blobs[name].diff, plain.blobs[name].diff) <= 1e-9, name
-
-
-def test_a_read_after_the_diff_of_a_top_was_written(net_of: MakeNet) -> None:
-    net, expected = after_a_pass(net_of)
-    net.blobs["c3"].diff.flat[7] += 1
-    check_blob(net, "c1", "diff", expected)
-
-
-@pytest.mark.parametrize("name, shape", [("depth", (5, 1, 128, 128)), ("label", (5, 10))])
-def test_a_read_after_a_blob_was_reshaped(
-    net_of: MakeNet, name: str, shape: tuple[int, ...]
-) -> None:
-    net, expected = after_a_pass(net_of)
-    net.blobs[name].reshape(shape)
-    check_blob(net, "c1", "data", expected)
-    check_blob(net, "p2", "diff", expected)
 
 
 def test_a_read_after_a_parameter_was_reshaped(net_of: MakeNet) -> None:
