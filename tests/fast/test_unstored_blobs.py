@@ -164,14 +164,23 @@ def test_backward_after_an_input_with_other_readers_was_written_is_an_error(
         net.backward()
 
 
-def test_layers_of_another_shape_run_alone_before_backward(net_of: MakeNet) -> None:
-    """Layers of the same slices whose blobs have kept their shapes keep their values."""
+@pytest.mark.parametrize(
+    "of_x",
+    [
+        'name: "a" type: "Pooling" top: "a" pooling_param { kernel_size: 2 }',
+        # in slices it reads a copy of x, alone it reads x
+        'name: "a" type: "ReLU" top: "a" } layer { name: "s" type: "Reduction" bottom: "x" top: "s"',
+    ],
+    ids=["one reader", "another reader"],
+)
+def test_layers_that_keep_their_shapes_keep_their_values(net_of: MakeNet, of_x: str) -> None:
+    """Others of the same slices, whose blobs have another shape, run alone before backward."""
     net = net_of(
-        """force_backward: true
-        layer { name: "x" type: "Input" top: "x" top: "y"
-                input_param { shape { dim: 3 dim: 2 dim: 4 dim: 4 } } }
-        layer { name: "a" type: "Pooling" bottom: "x" top: "a" pooling_param { kernel_size: 2 } }
-        layer { name: "b" type: "Pooling" bottom: "y" top: "b" pooling_param { kernel_size: 2 } }
+        f"""force_backward: true
+        layer {{ name: "x" type: "Input" top: "x" input_param {{ shape {{ dim: 3 dim: 2 dim: 4 dim: 4 }} }} }}
+        layer {{ name: "y" type: "Input" top: "y" input_param {{ shape {{ dim: 3 dim: 2 dim: 4 dim: 4 }} }} }}
+        layer {{ name: "b" type: "Pooling" bottom: "y" top: "b" pooling_param {{ kernel_size: 2 }} }}
+        layer {{ bottom: "x" {of_x} }}
         """
     )
     net.forward(x=np.ones((3, 2, 4, 4)), y=np.ones((3, 2, 4, 4)))
@@ -180,25 +189,6 @@ def test_layers_of_another_shape_run_alone_before_backward(net_of: MakeNet) -> N
     net.reshape()
     net.backward()
     assert (net.blobs["a"].data == 1).all()
-
-
-def test_layers_whose_inputs_move_to_other_memory_keep_their_values(net_of: MakeNet) -> None:
-    """In slices with ``p``, ``r`` reads a copy of x; alone, it reads x."""
-    net = net_of(
-        """force_backward: true
-        layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 3 dim: 2 dim: 4 dim: 4 } } }
-        layer { name: "z" type: "Input" top: "z" input_param { shape { dim: 3 dim: 2 dim: 4 dim: 4 } } }
-        layer { name: "p" type: "Pooling" bottom: "z" top: "p" pooling_param { kernel_size: 2 } }
-        layer { name: "r" type: "ReLU" bottom: "x" top: "r" }
-        layer { name: "s" type: "Reduction" bottom: "x" top: "s" }
-        """
-    )
-    net.forward(x=np.ones((3, 2, 4, 4)), z=np.ones((3, 2, 4, 4)))
-    net.blobs["x"].data[...] = 2
-    net.blobs["z"].reshape(1, 2, 4, 4)
-    net.reshape()
-    net.backward()
-    assert (net.blobs["r"].data == 1).all()
 
 
 def test_backward_after_a_read_may_use_new_inputs(net_of: MakeNet) -> None:
