@@ -27,7 +27,7 @@ from experiments.choices import add_choices
 from experiments.example_nets import NETS, Workload
 from experiments.peers import Job, peers_of
 from tools.common.arguments import positive, workers
-from tools.common.console import DONE, notify
+from tools.common.console import notify
 
 MAX_LOAD = 0.5  # of a machine on which times are reproducible
 MIN_JOB_S = 0.1  # for which a job is repeated
@@ -53,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Time the nets and print a line for each peer."""
     netlib.set_threads(args.threads)
     cv2.setNumThreads(args.threads)
@@ -73,7 +73,6 @@ def run(args: argparse.Namespace) -> int:
                 print(f"{line}  {peer:<24}{1e3 * seconds:9.2f}{seconds / ours:7.2f}", flush=True)
             if not peers:
                 print(line, flush=True)
-    return DONE
 
 
 def medians(jobs: list[Job], rounds: int, cpu: bool) -> list[float]:

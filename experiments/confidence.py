@@ -26,7 +26,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import functools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -37,6 +37,7 @@ from scipy.optimize import least_squares
 from experiments.constants import OFF_MM, SURE, TrackedLabels, labels_of, tracked_labels
 from experiments.hidden_parts import Shown, hidden_parts
 from experiments.scenes import FINER, hands_in, predictors
+from experiments.tables import mean, tabulated
 from handpose import CAMERAS, open_recording
 from handpose.body.model import FINGERS, Fingers, Surface
 from handpose.body.sides import SideView
@@ -65,7 +66,7 @@ from netlib.errors import DataError
 from netlib.files import atomic
 from tools.common import outputs
 from tools.common.arguments import count, real, seconds, seed
-from tools.common.console import DONE, aligned, say
+from tools.common.console import say
 from tools.common.progress import ProgressBar
 
 # Weight of a pose that is not the labelled hand. With 1, 0.5 and 0.25, 58, 73 and 80% of the hands
@@ -79,17 +80,10 @@ KEEP = 0.3  # of 0, 0.3, 1, 3 and 10; up to 1 they are alike when a recording is
 COMMENT = """Weights of the confidence of poses: handpose/fit/pose_confidence.py has the formulas.
 Fitted by `python -m experiments confidence` to {count} poses of {names},
 each as it is and mirrored; --seed {seed} --keep {keep:g}."""
-HEAD = [
-    "recording",
-    "hands",
-    "sure",
-    "off",
-    "correlation",
-    "expected",
-    "true",
-    "others",
-    "with joints",
-]
+NO_HAND = np.full(len(FINGERS), np.nan)  # errors of the fingers of a pose that is no labelled hand
+
+# What an image shows of a pose, and the errors (5,) in mm of its fingers
+Pose = tuple[Evidence, Array]
 
 
 class Poses(NamedTuple):
@@ -117,7 +111,7 @@ class Poses(NamedTuple):
         return np.isfinite(self.fingers_mm[:, 0])
 
 
-class Labelled(NamedTuple):
+class Source(NamedTuple):
     """A recording, and its labels (frames, 5, 3, 3): PIP, DIP and tip of each finger, y up;
     NaN without any.
     """
@@ -130,51 +124,50 @@ class Labelled(NamedTuple):
 # ------------------------------------------------------------------------------------ tracked poses
 
 
-def poses_of(name: str, frames: Iterator[TrackedLabels]) -> Poses:
-    """The poses that are tracked in labelled frames. Raises DataError if there is none."""
+def gathered(name: str, poses: Iterable[Pose]) -> Poses:
+    """Some poses together. Raises DataError if none is that of a labelled hand."""
     evidence, errors = [], []
-    unlabelled = np.full(len(FINGERS), np.nan)
-    for frame in frames:
-        least = min((error_mm.mean() for error_mm in frame.errors_mm), default=np.inf)
-        for hand, error_mm in zip(frame.hands, frame.errors_mm):
-            is_labelled = error_mm.mean() == least < LOST_MM
-            evidence.append(evidence_of_track(frame.tracker.track_of(hand), frame.tracker.model))
-            errors.append(error_mm.mean(axis=1) if is_labelled else unlabelled)
-        others = evidence_of_others(frame)
-        evidence += others
-        errors += [unlabelled] * len(others)
+    for one, fingers_mm in poses:
+        evidence.append(one)
+        errors.append(fingers_mm)
     if np.isnan(errors).all():
-        raise DataError(f"{name}: no hand is tracked in any labelled frame")
+        raise DataError(f"{name}: no labelled hand is found in any frame")
     fingers_mm = np.array(errors)
     error_mm = np.nan_to_num(fingers_mm.mean(axis=1), nan=LOST_MM)
     return Poses(name, Evidence.concatenate(evidence), error_mm, fingers_mm)
 
 
-def evidence_of_others(frame: TrackedLabels) -> list[Evidence]:
+def tracked_poses(frames: Iterator[TrackedLabels]) -> Iterator[Pose]:
+    """The poses that are tracked in labelled frames, and those at other places of the finder."""
+    for frame in frames:
+        least = min((error_mm.mean() for error_mm in frame.errors_mm), default=np.inf)
+        for hand, error_mm in zip(frame.hands, frame.errors_mm):
+            is_labelled = error_mm.mean() == least < LOST_MM
+            evidence = evidence_of_track(frame.tracker.track_of(hand), frame.tracker.model)
+            yield evidence, error_mm.mean(axis=1) if is_labelled else NO_HAND
+        for evidence in evidence_of_others(frame):
+            yield evidence, NO_HAND
+
+
+def evidence_of_others(frame: TrackedLabels) -> Iterator[Evidence]:
     """What an image shows of poses at the finder's places away from the only hand."""
     predictor, middle = frame.tracker.predictor, frame.label.mean(axis=(0, 1))
     view = SideView("right", predictor.camera, frame.depth, frame.depth)
-    evidence = []
     for found in frame.tracker.finder.hands(frame.depth, predictor.camera, most=MAX_PLACES):
         with contextlib.suppress(DataError):  # the pose leads out of the image
             hand = predictor.at_found(view, found)
             distances_mm = np.linalg.norm([found.middle - middle, hand.center_mm - middle], axis=1)
             if distances_mm.min() > LOST_MM:
                 assert hand.evidence is not None
-                evidence.append(hand.evidence)
-    return evidence
+                yield hand.evidence
 
 
-def poses_of_parts(source: Labelled, number: int) -> Poses:
-    """The poses of a right hand with a hidden part, at its true place, in some labelled frames.
-
-    Raises DataError if there is none.
-    """
+def hidden_poses(source: Source, number: int) -> Iterator[Pose]:
+    """The poses of a right hand with a hidden part, at its true place, in some labelled frames."""
     rng = np.random.default_rng(number)
     labelled = np.flatnonzero(np.isfinite(source.labels).all(axis=(1, 2, 3)))
     chosen = {*labelled[:: max(len(labelled) // HIDDEN_FRAMES, 1)].tolist()}
     predictor_of = predictors("accurate", hand="right")
-    evidence, errors = [], []
     with source.open() as recording:
         for n, frame in enumerate(recording):
             if n not in chosen:
@@ -189,43 +182,28 @@ def poses_of_parts(source: Labelled, number: int) -> Poses:
                     fingers = found.the_model.fingers
                     assert found.evidence is not None
                     assert fingers is not None  # the packaged body is a hand
-                    own = fingers.joints(found.xyz[None])[0]
-                    evidence.append(found.evidence)
-                    errors.append(np.linalg.norm(own - label, axis=-1).mean(axis=1))
-    if not evidence:
-        raise DataError(f"{source.name}: no pose is found in any labelled frame")
-    return bounded_poses(f"{source.name} hidden", evidence, errors)
+                    yield found.evidence, finger_errors(fingers.joints(found.xyz[None])[0], label)
 
 
-def poses_in_scenes(scenes: int, number: int) -> Poses:
+def scene_poses(scenes: int, number: int) -> Iterator[Pose]:
     """The poses of hands in rendered scenes (``experiments.scenes``), and of what the finder
     takes for one.
     """
     generator = SceneGenerator(number, "test", finer=FINER)
     fingers = Fingers(generator.sampler.surface)
-    evidence, errors = [], []
     for scene in hands_in(generator, scenes, predictors("accurate")):
         for hand in scene.hands:
             if hand.estimate and hand.estimate.evidence:
-                evidence.append(hand.estimate.evidence)
-                own, true = (
-                    fingers.joints(joints[None])[0] for joints in (hand.estimate.xyz, hand.joints)
-                )
-                errors.append(np.linalg.norm(own - true, axis=-1).mean(axis=1))
+                own, true = fingers.joints(np.stack([hand.estimate.xyz, hand.joints]))
+                yield hand.estimate.evidence, finger_errors(own, true)
         for other in scene.false:
             if other.evidence:
-                evidence.append(other.evidence)
-                errors.append(np.full(len(FINGERS), np.nan))
-    return bounded_poses("scenes", evidence, errors)
+                yield other.evidence, NO_HAND
 
 
-def bounded_poses(name: str, evidence: Sequence[Evidence], errors: Sequence[Array]) -> Poses:
-    """Poses with the errors (5,) in mm of their fingers, at most LOST_MM; NaN where there is no
-    hand.
-    """
-    fingers_mm = np.minimum(errors, LOST_MM)
-    error_mm = np.nan_to_num(fingers_mm.mean(axis=1), nan=LOST_MM)
-    return Poses(name, Evidence.concatenate(evidence), error_mm, fingers_mm)
+def finger_errors(own: Array, true: Array) -> Array:
+    """The mean errors (5,) of joints (5, 3, 3) in mm, at most LOST_MM."""
+    return np.minimum(np.linalg.norm(own - true, axis=-1).mean(axis=1), LOST_MM)
 
 
 def evidence_of_track(track: HandTrack, model: CapsuleModel) -> Evidence:
@@ -314,7 +292,7 @@ def text_of(weights: Regressions, comment: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def cells_of(name: str, takes: Sequence[Poses], weights: Regressions) -> list[str]:
+def cells_of(name: str, takes: Sequence[Poses], weights: Regressions) -> dict[str, str]:
     """The columns of recordings, judged by these weights."""
     evidence = Evidence.concatenate([take.evidence for take in takes])
     judged = Judge(FitSettings()).judged(evidence, weights)
@@ -323,22 +301,22 @@ def cells_of(name: str, takes: Sequence[Poses], weights: Regressions) -> list[st
     expected = judged.error_mm[is_hand]
     sure = judged.confidence[is_hand] >= SURE
     others = judged.confidence[~is_hand]
-    return [
-        name,
-        str(len(true)),
-        str(sure.sum()),
-        f"{(true[sure] > OFF_MM).mean():.1%}" if sure.any() else "",
-        f"{np.corrcoef(expected, true)[0, 1]:.2f}" if len(true) > 1 else "",
-        f"{expected.mean():.1f}",
-        f"{true.mean():.1f}",
-        str(len(others)),
-        str((others >= TrackSettings().follow.enough).sum()),
-    ]
+    return {
+        "recording": name,
+        "hands": str(len(true)),
+        "sure": str(sure.sum()),
+        "off": mean("{:.1%}", true[sure] > OFF_MM),
+        "correlation": f"{np.corrcoef(expected, true)[0, 1]:.2f}" if len(true) > 1 else "",
+        "expected": f"{expected.mean():.1f}",
+        "true": f"{true.mean():.1f}",
+        "others": str(len(others)),
+        "with joints": str((others >= TrackSettings().follow.enough).sum()),
+    }
 
 
 def compared(
     takes: Sequence[Poses], apart: Sequence[Poses], new: Regressions, keep: float
-) -> Iterator[list[str]]:
+) -> Iterator[dict[str, str]]:
     """Rows of each recording and of all."""
     in_use = read_weights()
     names = list(dict.fromkeys(take.name for take in takes))
@@ -412,51 +390,54 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", metavar="FILE", type=Path, help="file of weights to write")
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Track, fit, compare and write. Raises NetlibError."""
     if args.out:
         outputs.check_place(args.out, [labels for _, labels in (*args.recording, *args.apart)])
-    own = [*map(_recorded, args.recording), *_synthetic(args)]
-    apart = [*map(_recorded, args.apart)]
+    recorded, apart = ([*map(_recorded, pairs)] for pairs in (args.recording, args.apart))
+    own = [*recorded, *_synthetic(args)]
     with ProgressBar(2 * len(own + apart), "recordings", "tracking") as progress:
         takes, others = (_tracked(sources, args.seed, progress) for sources in (own, apart))
-    takes += [poses_of_parts(source, args.seed) for source in map(_recorded, args.recording)]
-    others += [poses_of_parts(source, args.seed) for source in map(_recorded, args.apart)]
+    takes += _hidden(recorded, args.seed)
+    others += _hidden(apart, args.seed)
     if args.scenes:
-        takes += [poses_in_scenes(args.scenes, number) for number in SCENE_SEEDS]
+        takes += [gathered("scenes", scene_poses(args.scenes, n)) for n in SCENE_SEEDS]
     new = fitted(takes, read_weights(), args.keep)
-    print(aligned([HEAD, *compared(takes, others, new, args.keep)]))
+    print(tabulated([*compared(takes, others, new, args.keep)]))
     count = sum(len(take.error_mm) for take in takes)
     names = ", ".join(dict.fromkeys(take.name for take in takes))
     text = text_of(new, COMMENT.format(count=count, names=names, **vars(args)))
     if args.out:
-        atomic.replace(args.out, lambda fresh: fresh.write_text(text, encoding="utf-8"))
+        atomic.replace_text(args.out, text)
         say(f"wrote {args.out}")
     else:
         print(text, end="")
-    return DONE
 
 
-def _recorded(pair: tuple[str, str]) -> Labelled:
+def _recorded(pair: tuple[str, str]) -> Source:
     source, labels = pair
-    return Labelled(Path(source).name, lambda: open_recording(source), labels_of(Path(labels)))
+    return Source(Path(source).name, lambda: open_recording(source), labels_of(Path(labels)))
 
 
-def _synthetic(args: argparse.Namespace) -> Iterator[Labelled]:
+def _synthetic(args: argparse.Namespace) -> Iterator[Source]:
     for script in args.synthetic:
         for camera in args.cameras:
             make = functools.partial(
                 SyntheticRecording, script, CAMERAS[camera], seconds=args.seconds, seed=args.seed
             )
-            yield Labelled(f"synthetic {script} of {camera}", make, true_labels(make()))
+            yield Source(f"synthetic {script} of {camera}", make, true_labels(make()))
 
 
-def _tracked(sources: Sequence[Labelled], seed: int, progress: ProgressBar) -> list[Poses]:
+def _hidden(sources: Sequence[Source], seed: int) -> list[Poses]:
+    return [gathered(f"{source.name} hidden", hidden_poses(source, seed)) for source in sources]
+
+
+def _tracked(sources: Sequence[Source], seed: int, progress: ProgressBar) -> list[Poses]:
     takes = []
     for source in sources:
         for mirrored in (False, True):
             with source.open() as recording:
                 frames = tracked_labels(recording, source.labels, seed, mirrored, min_confidence=0)
-                takes.append(poses_of(source.name, frames))
+                takes.append(gathered(source.name, tracked_poses(frames)))
             progress(1)
     return takes

@@ -57,6 +57,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from experiments.tables import mean, tabulated
 from handpose import Recording, Tracker, load_tracker, open_recording
 from handpose.fit.settings import FitSettings
 from handpose.frames.images import errors_of
@@ -65,7 +66,7 @@ from handpose.tracking.track import TrackedHand
 from netlib.blob import Array
 from netlib.errors import DataError, did_you_mean
 from tools.common.arguments import seed
-from tools.common.console import DONE, aligned, say
+from tools.common.console import say
 from tools.common.progress import ProgressBar
 
 SURE = 0.9  # minimum confidence of a sure pose
@@ -230,26 +231,21 @@ def followed(
             yield min(poses, key=lambda pose: pose.error_mm, default=None)
 
 
-def cells_of(runs: list[list[Seen | None]]) -> list[str]:
+def cells_of(runs: list[list[Seen | None]]) -> dict[str, str]:
     """The columns of a recording, of a run for each seed."""
     means = [np.mean([pose.error_mm for pose in run if pose] or [np.nan]) for run in runs]
     frames = [pose for run in runs for pose in run]
     seen = [pose for pose in frames if pose]
     sure = [pose for pose in seen if pose.confidence >= SURE]
-    return [
-        f"{np.mean(means):.2f}",
-        f"{min(means):.2f}",
-        f"{max(means):.2f}",
-        _share([pose is None for pose in frames]),
-        _share([pose.is_right_side for pose in seen]),
-        _share([pose.confidence >= SURE for pose in seen]),
-        _share([pose.error_mm > OFF_MM for pose in sure]),
-    ]
-
-
-def _share(values: Sequence[bool]) -> str:
-    """The share of true values; empty without values."""
-    return f"{np.mean(values):.1%}" if values else ""
+    return {
+        "mm": f"{np.mean(means):.2f}",
+        "lowest": f"{min(means):.2f}",
+        "highest": f"{max(means):.2f}",
+        "without": mean("{:.1%}", [pose is None for pose in frames]),
+        "side": mean("{:.1%}", [pose.is_right_side for pose in seen]),
+        "sure": mean("{:.1%}", [pose.confidence >= SURE for pose in seen]),
+        "off": mean("{:.1%}", [pose.error_mm > OFF_MM for pose in sure]),
+    }
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -278,27 +274,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """List the numbers, or measure. Raises NetlibError."""
     settings = settings_of(args.set)
     if not args.recording:
         _list(numbers_of(settings))
-        return DONE
+        return
     takes = [
         (source, labels_of(Path(path)), mirrored)
         for source, path in args.recording
         for mirrored in ((False, True) if args.mirrored else (False,))
     ]
-    rows = [["recording", "mm", "lowest", "highest", "without", "side", "sure", "off"]]
+    rows = []
     with ProgressBar(len(takes) * len(args.seeds), what="tracking") as progress:
         for source, labels, mirrored in takes:
             runs = []
             for number in args.seeds:
                 runs.append(list(followed(source, labels, number, mirrored, settings)))
                 progress(1)
-            rows.append([Path(source).name + " mirrored" * mirrored, *cells_of(runs)])
-    print(aligned(rows))
-    return DONE
+            name = Path(source).name + " mirrored" * mirrored
+            rows.append({"recording": name, **cells_of(runs)})
+    print(tabulated(rows))
 
 
 def _list(numbers: dict[str, float]) -> None:

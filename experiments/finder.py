@@ -20,11 +20,10 @@ prior follow from that.
 from __future__ import annotations
 
 import argparse
-import functools
 import itertools
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -38,6 +37,7 @@ from experiments.labelled_frames import (
     other_scenes,
     recorded,
 )
+from experiments.tables import tabulated
 from handpose.estimate.finder import Finder, FoundHand
 from handpose.estimate.packaged import HAND_FINDER
 from handpose.synthetic.scenes import prior as scene_prior
@@ -45,7 +45,7 @@ from handpose.synthetic.whole_scenes import SceneGenerator
 from netlib.proto import schema
 from netlib.training.trained import trained
 from tools.common.arguments import add_engine, count, seed
-from tools.common.console import DONE, aligned
+from tools.common.console import aligned
 
 WITHIN_MM = 80.0  # maximum distance of a found hand from a labelled one
 RATES = (0.5, 1.0, 2.0)  # false hands a frame
@@ -60,6 +60,20 @@ class Answer(NamedTuple):
     presence: float
     true: bool
     off_mm: float = 0.0
+
+
+class Measured(NamedTuple):
+    """The answers in some frames.
+
+    hands    number of labelled ones
+    frames   number
+    seconds  of processor time
+    """
+
+    answers: list[Answer]
+    hands: int
+    frames: int
+    seconds: float
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -98,33 +112,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_engine(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Measure the finder. Raises NetlibError."""
     finder = Finder(trained(args.model, args.weights, args.engine))
     if args.things:
         print(aligned(things_taken_for_hands(finder, args.seed, args.scenes)))
-        return DONE
-    sources: dict[str, Callable[[], Iterator[Labelled]]] = {
-        "test": functools.partial(drawn_scenes, args.seed, args.scenes),
-        "other": functools.partial(other_scenes, args.seed, args.scenes),
+        return
+    sources = {
+        "test": drawn_scenes(args.seed, args.scenes),
+        "other": other_scenes(args.seed, args.scenes),
     }
     for source, *labels in args.recording:
-        sources[Path(source).name] = functools.partial(recorded, source, labels)
+        sources[Path(source).name] = recorded(source, labels)
+    found = {name: measured(finder, frames) for name, frames in sources.items()}
     if args.reliability:
-        answers = {name: answers_of(finder, frames()) for name, frames in sources.items()}
-        print(aligned(reliability(answers)))
-        return DONE
-    rows = [
-        ["frames of", "count", "hands", *(f"recall at {rate:g}" for rate in RATES), "mm", "CPU ms"]
-    ]
-    for name, frames in sources.items():
-        rows.append([name, *cells_of(finder, frames())])
-    print(aligned(rows))
-    return DONE
+        rows = reliability({name: one.answers for name, one in found.items()})
+    else:
+        rows = [{"frames of": name, **cells_of(one)} for name, one in found.items()]
+    print(tabulated(rows))
 
 
-def cells_of(finder: Finder, frames: Iterator[Labelled]) -> list[str]:
-    """Figures of the frames. Raises NetlibError."""
+def measured(finder: Finder, frames: Iterator[Labelled]) -> Measured:
+    """What the finder answers in the frames. Raises NetlibError."""
     answers: list[Answer] = []
     hands, count, seconds = 0, 0, 0.0
     for frame in frames:
@@ -134,41 +143,35 @@ def cells_of(finder: Finder, frames: Iterator[Labelled]) -> list[str]:
         answers += judged(found, frame)
         hands += len(frame.hands)
         count += 1
+    return Measured(answers, hands, count, seconds)
+
+
+def cells_of(found: Measured) -> dict[str, str]:
+    """The columns of some frames."""
+    answers, hands, count, seconds = found
+    cells = {"count": str(count), "hands": str(hands)}
     if not count:
-        return ["0"]
+        return cells
     recalls, threshold = recalls_of(answers, hands, count)
     off_mm = [answer.off_mm for answer in answers if answer.true and answer.presence >= threshold]
-    return [
-        str(count),
-        str(hands),
-        *(f"{recall:.0%}" for recall in recalls),
-        f"{np.median(off_mm):.0f}" if off_mm else "",
-        f"{1000 * seconds / count:.0f}",
-    ]
+    for rate, recall in zip(RATES, recalls):
+        cells[f"recall at {rate:g}"] = f"{recall:.0%}"
+    cells["mm"] = f"{np.median(off_mm):.0f}" if off_mm else ""
+    cells["CPU ms"] = f"{1000 * seconds / count:.0f}"
+    return cells
 
 
-def answers_of(finder: Finder, frames: Iterator[Labelled]) -> list[Answer]:
-    """All answers in the frames. Raises NetlibError."""
-    return [
-        answer
-        for frame in frames
-        for answer in judged(
-            finder.hands(frame.depth, frame.camera, MIN_PRESENCE, MAX_ANSWERS), frame
-        )
-    ]
-
-
-def reliability(answers: dict[str, list[Answer]]) -> list[list[str]]:
+def reliability(answers: dict[str, list[Answer]]) -> list[dict[str, str]]:
     """A row for each range of presences: the number of answers and the share that are hands, for
     each kind of frames.
     """
-    rows = [["presence", *answers]]
+    rows = []
     for low, high in itertools.pairwise(EDGES):
-        cells = []
-        for found in answers.values():
+        row = {"presence": f"{low:.0%} to {high:.0%}"}
+        for name, found in answers.items():
             true = [answer.true for answer in found if low <= answer.presence < high]
-            cells.append(f"{np.mean(true):.0%} of {len(true)}" if true else "")
-        rows.append([f"{low:.0%} to {high:.0%}", *cells])
+            row[name] = f"{np.mean(true):.0%} of {len(true)}" if true else ""
+        rows.append(row)
     return rows
 
 

@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiments.choices import add_choices
+from experiments.tables import figure, tabulated
 from handpose.body.sides import SIDES, Side
 from handpose.estimate.candidates import Candidate
 from handpose.estimate.crop_fits import fit_starts
@@ -42,11 +43,8 @@ from netlib.blob import Array, divide_up
 from netlib.net import Net
 from netlib.training.trained import trained
 from tools.common.arguments import add_engine, count, seed
-from tools.common.console import DONE, aligned, say
+from tools.common.console import say
 from tools.common.progress import ProgressBar
-
-ERROR_COLUMNS = ("mean", "median", "failed")
-FIT_COLUMNS = ("auc", "expected", "confidence", "right", "ms")
 
 
 class FitFigures(NamedTuple):
@@ -192,7 +190,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_engine(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Measure the network and the fits. Raises NetlibError."""
     weights, model = args.network or (
         checked_content(read_card(SYNTHETIC_HAND)),
@@ -203,33 +201,35 @@ def run(args: argparse.Namespace) -> int:
     refuse_other_bodies(skeleton, "the recipes are of hands")
     fitter_of = functools.partial(DepthFitter.of_file, skeleton, weights)
     plans = [FitSettings().search.plans[name] for name in args.plans]
-    rows = [["recipe", "plan", *ERROR_COLUMNS, *FIT_COLUMNS]]
+    rows = []
     with ProgressBar(args.frames * len(args.recipes)) as progress:
         for recipe in args.recipes:
             scenes = scenes_of(Generator(args.seed, "test", recipes.recipe(recipe)), args.frames)
             figures = measure(net, fitter_of, scenes, plans, hands=args.hands, progress=progress)
-            empty = [""] * len(FIT_COLUMNS)
-            rows.append([recipe, "network", *_error_cells(figures.network), *empty])
-            for plan, fit in figures.fits.items():
-                rows.append([recipe, plan, *_error_cells(fit.error), *_fit_cells(fit)])
+            rows.append({"recipe": recipe, "plan": "network", **_error_cells(figures.network)})
+            rows += [
+                {"recipe": recipe, "plan": plan, **_error_cells(fit.error), **_fit_cells(fit)}
+                for plan, fit in figures.fits.items()
+            ]
     say(f"{len(figures.network)} frames per recipe, seed {args.seed}; mm, 14 joints")
-    print(aligned(rows))
-    return DONE
+    print(tabulated(rows))
 
 
-def _error_cells(errors: Array) -> list[str]:
-    """The values of ERROR_COLUMNS."""
-    failed = errors > GOOD_MM
-    return [f"{errors.mean():.2f}", f"{np.median(errors):.2f}", f"{failed.mean():.1%}"]
+def _error_cells(errors: Array) -> dict[str, str]:
+    """The columns of a network and of a fit."""
+    return {
+        "mean": f"{errors.mean():.2f}",
+        "median": f"{np.median(errors):.2f}",
+        "failed": f"{(errors > GOOD_MM).mean():.1%}",
+    }
 
 
-def _fit_cells(fit: FitFigures) -> list[str]:
-    """The values of FIT_COLUMNS, empty where there is none."""
-    values = (
-        ("{:.3f}", auc(fit.expected, fit.error > GOOD_MM)),
-        ("{:.2f}", fit.expected.mean()),
-        ("{:.1%}", fit.confidence.mean()),
-        ("{:.1%}", fit.right.mean()),
-        ("{:.1f}", 1000 * fit.seconds.mean()),
-    )
-    return ["" if np.isnan(value) else form.format(value) for form, value in values]
+def _fit_cells(fit: FitFigures) -> dict[str, str]:
+    """The columns of a fit only; empty where there is no value."""
+    return {
+        "auc": figure("{:.3f}", auc(fit.expected, fit.error > GOOD_MM)),
+        "expected": figure("{:.2f}", fit.expected.mean()),
+        "confidence": figure("{:.1%}", fit.confidence.mean()),
+        "right": figure("{:.1%}", fit.right.mean()),
+        "ms": f"{1000 * fit.seconds.mean():.1f}",
+    }

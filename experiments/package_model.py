@@ -33,7 +33,7 @@ from netlib.net import Net
 from netlib.training.trained import trained
 from tools.common import outputs
 from tools.common.arguments import count, seed, whole
-from tools.common.console import DONE, say
+from tools.common.console import say
 from tools.common.progress import ProgressBar
 
 
@@ -75,7 +75,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Measure the errors and write the file. Raises NetlibError."""
     outputs.check_place(args.out, [args.snapshot, args.model])
     net = trained(args.model, args.snapshot)
@@ -90,7 +90,6 @@ def run(args: argparse.Namespace) -> int:
     say(
         f"wrote {args.out}: {len(content) / 1e6:.2f} MB, sha256: {sha256}, net_sha256: {net_sha256}"
     )
-    return DONE
 
 
 def _round(net: Net, bits: int) -> None:

@@ -19,7 +19,7 @@ import functools
 import tempfile
 import time
 import tracemalloc
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -31,31 +31,9 @@ from experiments.choices import add_choices
 from experiments.example_nets import NETS, Example, Workload
 from netlib.engine import Step
 from tools.common.arguments import positive, positive_number
-from tools.common.console import DONE, aligned
+from tools.common.console import aligned
 
 FAST = "fast engine"
-# the place of a constant or function, and its value without the mechanism
-MECHANISMS: dict[str, tuple[str, Any]] = {
-    "slices of the batch": (
-        "fast.engine.plan",
-        lambda connections, stored: [*map(_whole, connections)],
-    ),
-    "tiles between layers": ("fast.plan._agree_on_tiles", lambda order, unstored: {}),
-    "ReLU after the pooling": ("fast.plan._pool_first", lambda row, unstored: list(row)),
-    "windows without background": (
-        "fast.window_tiles.WindowTiles.fits",
-        staticmethod(lambda *sizes: False),
-    ),
-    "items one at a time": ("fast.inner_product.FEW_ITEMS", 0),
-    "blocked products": ("fast.inner_product.MAX_BLOCK", 1 << 30),
-    "updates in blocks": ("netlib.updates.BLOCK", 1 << 40),
-    "reshape where shapes change": ("fast.whole_steps.WholeStep.forward", Step.forward),
-    "fusing": ("fast.engine.fuse", lambda connections, stored: _release(connections)),
-    "Winograd for few tiles": ("fast.winograd.FEW_TILES", 0),
-    "depthwise by filter2D": ("fast.depthwise.FILTERED", 1 << 40),
-    "maxima at every place": ("fast.map_pooling.MAX_EVERYWHERE", 0),
-    "single poses": ("fast.kinematics.FEW", 0),
-}
 
 
 class Part(NamedTuple):
@@ -70,21 +48,51 @@ class Part(NamedTuple):
 
 def parts_of_fast() -> dict[str, Part]:
     """All parts by name. Raises ImportError without fast/."""
-    from fast import convolution, engine
+    from fast import convolution
+    from fast.engine import FAST_CLASSES
 
     parts = {FAST: Part(contextlib.nullcontext)}
-    for place in engine.FAST_CLASSES:
-        off = functools.partial(_without, engine.FAST_CLASSES, place)
+    for place in FAST_CLASSES:
+        others = {other: name for other, name in FAST_CLASSES.items() if other != place}
+        off = functools.partial(mock.patch.dict, FAST_CLASSES, others, clear=True)
         parts[f"fast {_last(place)}"] = Part(off, place)
     *names, general = [_name_of(algorithm) for algorithm in convolution.ALGORITHMS]
     for name in names:
-        others = tuple(other for other in convolution.ALGORITHMS if _name_of(other) != name)
+        kept = tuple(other for other in convolution.ALGORITHMS if _name_of(other) != name)
         if name != general:  # which is for all sizes
-            patch = functools.partial(mock.patch.object, convolution, "ALGORITHMS", others)
-            parts[name] = Part(patch)
-    for name, (place, value) in MECHANISMS.items():
+            parts[name] = Part(
+                functools.partial(mock.patch.object, convolution, "ALGORITHMS", kept)
+            )
+    for name, (place, value) in _mechanisms().items():
         parts[name] = Part(functools.partial(mock.patch, place, value))
     return parts
+
+
+def _mechanisms() -> dict[str, tuple[str, Any]]:
+    """The places of constants and functions, and their values without the mechanism."""
+    from fast import fusing, plan
+
+    return {
+        "slices of the batch": (
+            "fast.engine.plan",
+            lambda connections, stored: [*map(plan.whole, connections)],
+        ),
+        "tiles between layers": ("fast.plan._agree_on_tiles", lambda order, unstored: {}),
+        "ReLU after the pooling": ("fast.plan._pool_first", lambda row, unstored: list(row)),
+        "windows without background": (
+            "fast.window_tiles.WindowTiles.fits",
+            staticmethod(lambda *sizes: False),
+        ),
+        "items one at a time": ("fast.inner_product.FEW_ITEMS", 0),
+        "blocked products": ("fast.inner_product.MAX_BLOCK", 1 << 30),
+        "updates in blocks": ("netlib.updates.BLOCK", 1 << 40),
+        "reshape where shapes change": ("fast.whole_steps.WholeStep.forward", Step.forward),
+        "fusing": ("fast.engine.fuse", lambda connections, stored: fusing.release(connections)),
+        "Winograd for few tiles": ("fast.winograd.FEW_TILES", 0),
+        "depthwise by filter2D": ("fast.depthwise.FILTERED", 1 << 40),
+        "maxima at every place": ("fast.map_pooling.MAX_EVERYWHERE", 0),
+        "single poses": ("fast.kinematics.FEW", 0),
+    }
 
 
 def _last(place: str) -> str:
@@ -96,25 +104,6 @@ def _name_of(algorithm: Any) -> str:
     if hasattr(algorithm, "algorithm"):
         return _name_of(algorithm.algorithm)
     return type(algorithm).__name__
-
-
-@contextlib.contextmanager
-def _without(table: dict[str, str], key: str) -> Iterator[None]:
-    with mock.patch.dict(table):
-        del table[key]
-        yield
-
-
-def _whole(connection: Any) -> Any:
-    from fast.plan import whole
-
-    return whole(connection)
-
-
-def _release(connections: Any) -> None:
-    from fast.fusing import release
-
-    release(connections)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -135,7 +124,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Measure the selected parts and print a table for each net.
 
     Raises ImportError without fast/.
@@ -152,7 +141,6 @@ def run(args: argparse.Namespace) -> int:
                     rows.append([name, *(f"{ratio:.2f}" for ratio in ratios)])
             title = f"{net}: {1e3 * base.seconds:.2f} ms, {base.peak / 1e6:.1f} MB"
             print(f"{title}\n{aligned(rows)}\n", flush=True)
-    return DONE
 
 
 def applies(part: Part, work: Workload) -> bool:

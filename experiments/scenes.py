@@ -24,12 +24,12 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from experiments.constants import SURE
 from experiments.finder import WITHIN_MM
 from experiments.fit import add_network
 from experiments.labelled_frames import camera_of, first_scenes
+from experiments.tables import mean, tabulated
 from handpose import load_predictor
 from handpose.body.sides import Side, SideView, SoughtSide
 from handpose.estimate.finder import FoundHand
@@ -48,7 +48,6 @@ from netlib.net import Net
 from netlib.proto.schema import changed
 from netlib.training.trained import trained
 from tools.common.arguments import add_engine, count, seed
-from tools.common.console import DONE, aligned
 from tools.common.progress import ProgressBar
 
 FINER = 2  # resolution of the frames, relative to the training's
@@ -168,23 +167,17 @@ def cells_of(scenes: Sequence[SceneHands]) -> dict[str, str]:
     same = [mean_errors_14(around.mean(axis=0)[None], own[None]) for own in around]
     return {
         "hands": str(len(hands)),
-        "found": _mean("{:.0%}", [hand.estimate is not None for hand in hands]),
-        "side": _mean("{:.0%}", right),
-        "mean": _mean("{:.1f}", error[right]),
+        "found": mean("{:.0%}", [hand.estimate is not None for hand in hands]),
+        "side": mean("{:.0%}", right),
+        "mean": mean("{:.1f}", error[right]),
         "median": f"{np.median(error[right]):.1f}" if right.any() else "",
-        "joints": _mean("{:.0%}", given),
-        "good": _mean("{:.0%}", error[given] < GOOD_MM),
+        "joints": mean("{:.0%}", given),
+        "good": mean("{:.0%}", error[given] < GOOD_MM),
         "sure": str(sure.sum()),
-        "off": _mean("{:.1%}", error[sure] > GOOD_MM),
+        "off": mean("{:.1%}", error[sure] > GOOD_MM),
         "false": f"{len(false) / len(scenes):.2f}",
-        "same": _mean("{:.1f}", same),
+        "same": mean("{:.1f}", same),
     }
-
-
-def _mean(form: str, values: ArrayLike) -> str:
-    """The mean of some values, as text; empty without any."""
-    numbers = np.asarray(values)
-    return form.format(numbers.mean()) if numbers.size else ""
 
 
 # ------------------------------------------------------------------------------------- command line
@@ -203,7 +196,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_engine(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Find and fit the hands. Raises NetlibError."""
     net = None
     if args.network:
@@ -219,5 +212,4 @@ def run(args: argparse.Namespace) -> int:
                 scenes.append(scene)
                 progress(1)
             rows.append({"scenes": name, **cells_of(scenes)})
-    print(aligned([[*rows[0]], *([*row.values()] for row in rows)]))
-    return DONE
+    print(tabulated(rows))

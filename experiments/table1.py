@@ -28,6 +28,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from experiments.tables import tabulated
 from handpose.body import nyu
 from handpose.fit.joints import angles, companions
 from handpose.fit.joints.fit_joints import fit_joints
@@ -46,7 +47,7 @@ from netlib.training import solver_parameter
 from netlib.training.trained import trained
 from tools.common import training
 from tools.common.arguments import seed, weight, whole, workers
-from tools.common.console import DONE, aligned, say
+from tools.common.console import DONE, say
 from tools.common.progress import ProgressBar
 
 PROTOTXT = ROOT / "prototxt"
@@ -159,7 +160,7 @@ def run(args: argparse.Namespace) -> int:
     say(
         f"{len(predictions.joints)} test frames of {data} ({predictions.made_from}); errors in mm of 14 joints"
     )
-    print(aligned([list(row), list(row.values())]))
+    print(tabulated([row]))
     return DONE
 
 

@@ -21,18 +21,15 @@ import time
 from collections.abc import Callable
 from typing import NamedTuple
 
-import numpy as np
-
 from experiments.choices import add_choices
+from experiments.tables import figure, tabulated
 from handpose import CAMERAS, Tracker, load_predictor
 from handpose.scoring.tracks import HandScores, TrackScores, score
 from handpose.sequences.recordings import SCRIPTS, SyntheticRecording
 from tools.common.arguments import add_engine, seconds, seed
-from tools.common.console import DONE, aligned, say
+from tools.common.console import say
 from tools.common.progress import ProgressBar
 from tools.common.sources import rate
-
-COLUMNS = ("in sight", "found", "mean", "ids", "wrong side", "flips", "jitter", "lag")
 
 
 class Tracked(NamedTuple):
@@ -66,20 +63,18 @@ def follow(
     return Tracked(score(header, tracked, recording.truths()), elapsed)
 
 
-def cells_of(hand: HandScores) -> list[str]:
+def cells_of(hand: HandScores) -> dict[str, str]:
     """The columns of a hand; empty where a score does not exist."""
-    found = hand.found / hand.in_sight if hand.in_sight else np.nan
-    values = (
-        ("{}", hand.in_sight),
-        ("{:.1%}", found),
-        ("{:.1f}", hand.error_mm),
-        ("{}", hand.id_switches),
-        ("{}", hand.wrong_side),
-        ("{}", hand.side_switches),
-        ("{:.2f}", hand.jitter_mm),
-        ("{:.0f}", hand.lag_ms),
-    )
-    return ["" if np.isnan(value) else form.format(value) for form, value in values]
+    return {
+        "in sight": str(hand.in_sight),
+        "found": f"{hand.found / hand.in_sight:.1%}" if hand.in_sight else "",
+        "mean": figure("{:.1f}", hand.error_mm),
+        "ids": str(hand.id_switches),
+        "wrong side": str(hand.wrong_side),
+        "flips": str(hand.side_switches),
+        "jitter": figure("{:.2f}", hand.jitter_mm),
+        "lag": figure("{:.0f}", hand.lag_ms),
+    }
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -102,7 +97,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_engine(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Measure the tracker. Raises NetlibError."""
     recordings = []
     for camera, script, number in itertools.product(args.cameras, args.scripts, args.seeds):
@@ -110,7 +105,7 @@ def run(args: argparse.Namespace) -> int:
             script, CAMERAS[camera], rate=args.rate, seconds=args.seconds, seed=number
         )
         recordings.append((script, camera, number, recording))
-    rows, done = [["script", "camera", "seed", "hand", *COLUMNS]], []
+    rows, done = [], []
     frames = sum(recording.count for *_, recording in recordings)
     with ProgressBar(frames, what="tracking") as progress:
         for script, camera, number, recording in recordings:
@@ -119,11 +114,10 @@ def run(args: argparse.Namespace) -> int:
             tracked = follow(recording, tracker, progress)
             done.append(tracked)
             for id, hand in tracked.scores.hands.items():
-                names = [script, camera, str(number), f"{id} {hand.hand}"]
-                rows.append([*names, *cells_of(hand)])
-    print(aligned(rows))
+                names = {"script": script, "camera": camera, "seed": str(number)}
+                rows.append({**names, "hand": f"{id} {hand.hand}", **cells_of(hand)})
+    print(tabulated(rows))
     say(_summary(done))
-    return DONE
 
 
 def _summary(done: list[Tracked]) -> str:

@@ -36,7 +36,7 @@ from netlib.files.paths import find
 from netlib.proto.binaryproto import write_blob
 from tools.common import outputs
 from tools.common.arguments import caffes_flags, parser_of, side
-from tools.common.console import DONE, guarded, say
+from tools.common.console import guarded, say
 from tools.common.progress import ProgressBar
 
 OF_LISTS = ("root_folder", "resize_width", "resize_height", "gray")
@@ -74,7 +74,7 @@ def main(argv: list[str] | None = None) -> int:
     return guarded(run, args)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Compute the mean."""
     if is_database(args.input):
         inputs = [args.input, *Path(args.input).glob("*")]
@@ -106,7 +106,6 @@ def run(args: argparse.Namespace) -> int:
     say(f"Number of channels: {len(mean)}")
     for c, channel in enumerate(mean):
         say(f"mean_value channel [{c}]: {channel.mean(dtype=np.float64):.6g}")
-    return DONE
 
 
 def is_database(path: str) -> bool:

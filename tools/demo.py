@@ -38,7 +38,7 @@ from netlib.files import atomic
 from tools.common import outputs, prediction_outputs
 from tools.common.arguments import count, parser_of, seed
 from tools.common.commands import command
-from tools.common.console import DONE, guarded, say
+from tools.common.console import guarded, say
 from tools.common.progress import ProgressBar
 
 VIEWS = 3  # of a hand: the skeleton on the crop, the fitted surface, the hand in space
@@ -57,7 +57,7 @@ def main(argv: list[str] | None = None) -> int:
     return guarded(run, parser.parse_args(argv))
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Render, predict and draw. Raises NetlibError."""
     outputs.make_folder(args.out)
     predictor = load_predictor(NYU)
@@ -94,7 +94,6 @@ def run(args: argparse.Namespace) -> int:
     say(f"{args.frames} frames in {time.perf_counter() - begun:.1f} s: {args.out / 'hands.png'}")
     options = [str(args.out / "frame_0.png"), "--camera", "nyu", "--out", str(args.out)]
     say(f"For your own camera: {command('predict')} {shlex.join(options)}")
-    return DONE
 
 
 def scene(number: int) -> tuple[NDArray[np.uint16], Array]:

@@ -27,7 +27,7 @@ from netlib.files import atomic
 from netlib.proto import schema
 from tools.common import outputs
 from tools.common.arguments import expected, parser_of
-from tools.common.console import DONE, guarded, say
+from tools.common.console import guarded, say
 from tools.common.deploy_nets import deploy_net
 
 
@@ -58,14 +58,13 @@ def shape(text: str) -> tuple[str, tuple[int, ...]]:
     return name, tuple(map(int, sizes))
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Write the net. Raises NetlibError."""
     outputs.check_place(args.out, [args.net])
     made = deploy_net(args.net, args.out, dict(args.shape))
     comments = "".join(f"# {line}\n" for line in made.comments)
     atomic.replace_text(args.out, comments + str(schema.to_tree(made.param)))
     say(f"wrote {args.out}: {len(made.param.layer)} layers", *made.comments[1:], sep="\n")
-    return DONE
 
 
 if __name__ == "__main__":

@@ -27,7 +27,7 @@ from netlib.errors import NetlibError, did_you_mean
 from netlib.files.paths import own
 from tools.common.arguments import parser_of
 from tools.common.commands import command
-from tools.common.console import DONE, guarded, say
+from tools.common.console import guarded, say
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -42,16 +42,16 @@ def main(argv: list[str] | None = None) -> int:
     return guarded(run, parser.parse_args(argv))
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Print what the arguments select. Raises NetlibError."""
     pages = _pages()
     if not args.page:
         _list(pages)
-        return DONE
+        return
     word = args.page.removeprefix("docs/").removesuffix(".md")
     if word in pages:
         print(pages[word], end="")
-        return DONE
+        return
     lines = [
         f"{name}: {line.strip()}"
         for name, text in pages.items()
@@ -65,7 +65,6 @@ def run(args: argparse.Namespace) -> int:
         )
     say(f"no page is called {word!r}{did_you_mean(word, pages)}; these lines contain it:")
     say(*lines, sep="\n")
-    return DONE
 
 
 def _pages() -> dict[str, str]:

@@ -30,7 +30,7 @@ from netlib.proto import prototxt, wire
 from netlib.proto.messages import NetParameter
 from netlib.proto.upgrade import upgraded
 from tools.common.arguments import parser_of
-from tools.common.console import DONE, guarded, notify, say
+from tools.common.console import guarded, notify, say
 from tools.common.deploy_nets import deploy_command
 
 PHASES = {"TRAIN": TRAIN, "TEST": TEST, "ALL": None}
@@ -68,7 +68,7 @@ def main(argv: list[str] | None = None) -> int:
     return guarded(run, parser.parse_args(argv))
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Draw the net."""
     from netlib.caffe import draw
     from netlib.caffe.proto import caffe_pb2
@@ -81,7 +81,6 @@ def run(args: argparse.Namespace) -> int:
     say(f"wrote {out}")
     if shapes and (deploy := deploy_command(args.input_net_proto_file)):
         notify(f"this is a training net; {deploy} writes it without data and losses")
-    return DONE
 
 
 def _shapes(model: str) -> dict[str, tuple[int, ...]]:

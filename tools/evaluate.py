@@ -52,7 +52,7 @@ from layers.hand import skeleton as skeletons
 from netlib.errors import DataError
 from tools.common import outputs
 from tools.common.arguments import expected, name_in, parser_of
-from tools.common.console import DONE, aligned, guarded, notify
+from tools.common.console import aligned, guarded, notify
 from tools.common.progress import ProgressBar
 
 PICTURES = (".png", ".svg", ".pdf")
@@ -101,7 +101,7 @@ def main(argv: list[str] | None = None) -> int:
     return guarded(run, args)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Score the predictions."""
     if args.plot:
         outputs.refuse_inputs(
@@ -136,7 +136,6 @@ def run(args: argparse.Namespace) -> int:
             notify(warning)
         fitted = published.compare_angles(skeletons.load(), truth, predictions, ProgressBar)
         print(f"\nangles of the fitted hand\n\n{_angle_table(fitted)}")
-    return DONE
 
 
 def _formats() -> str:

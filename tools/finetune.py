@@ -23,6 +23,7 @@ import math
 import shlex
 import sys
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -214,7 +215,7 @@ def _train(args: argparse.Namespace, old: Net, how: Preprocessing) -> int:
             )
         except NotFrozenError as why:
             notify(f"all layers are computed in each step: {why}")
-        _print_accuracy(solver, console)
+        solver.on_test = partial(_print_accuracy, solver, console)
         status = training.solve(solver, console)
     if status != DONE:
         training.say_how_to_continue(
@@ -223,15 +224,13 @@ def _train(args: argparse.Namespace, old: Net, how: Preprocessing) -> int:
     return status
 
 
-def _print_accuracy(solver: HeadSolver, console: training.BarHandler) -> None:
-    """Print the accuracy on the held-out pictures after each test of a solver."""
-
-    def print_accuracy(means: Mapping[str, Any]) -> None:
-        if "accuracy" in means:
-            step = f"step {solver.iter} of {solver.param.max_iter}"
-            console.print(f"{step}: accuracy {means['accuracy'].item():.2f}")
-
-    solver.on_test.append(print_accuracy)
+def _print_accuracy(
+    solver: HeadSolver, console: training.BarHandler, means: Mapping[str, Any]
+) -> None:
+    """Print the accuracy on the held-out pictures, if a test has it among its means."""
+    if "accuracy" in means:
+        step = f"step {solver.iter} of {solver.param.max_iter}"
+        console.print(f"{step}: accuracy {means['accuracy'].item():.2f}")
 
 
 def pictures_of(folder: Path, color: bool) -> dict[str, list[str]]:

@@ -44,7 +44,7 @@ from netlib.errors import DataError, NetlibError, reason_of
 from netlib.files.hdf5 import File, read_list
 from tools.common import outputs
 from tools.common.arguments import count, parser_of, real, reject_given
-from tools.common.console import DONE, duration, guarded, notify, say
+from tools.common.console import duration, guarded, notify, say
 from tools.common.progress import ProgressBar
 
 
@@ -94,7 +94,7 @@ def main(argv: list[str] | None = None) -> int:
     return guarded(run, args)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Fit the joints."""
     skeleton = skeletons.load(args.skeleton) if args.skeleton else skeletons.load()
     begun = time.perf_counter()
@@ -108,7 +108,6 @@ def run(args: argparse.Namespace) -> int:
         f"(mean over joints), {np.median(frame):.4f} median frame, {frame.max():.4f} worst frame; "
         f"{broken:.2%} of the frames have an angle outside its limits"
     )
-    return DONE
 
 
 def _fit_text(args: argparse.Namespace, skeleton: Skeleton) -> tuple[Any, Any]:

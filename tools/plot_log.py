@@ -25,7 +25,7 @@ from netlib import files
 from netlib.errors import DataError
 from tools.common import outputs
 from tools.common.arguments import parser_of
-from tools.common.console import DONE, guarded, notify, say
+from tools.common.console import guarded, notify, say
 
 _NUMBER = r"([-+]?(?:\d+(?:\.\d*)?(?:[eE][-+]?\d+)?|nan|inf))"
 _ITERATION = re.compile(r"Iteration (\d{1,18})(?!\d)")
@@ -55,13 +55,12 @@ def main(argv: list[str] | None = None) -> int:
     return guarded(run, parser.parse_args(argv))
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Plot the logs."""
     outputs.refuse_inputs(args.out, args.logs)
     logs = {path: read_log(path) for path in args.logs}
     plot(logs, args.out)
     say(f"wrote {args.out}")
-    return DONE
 
 
 def read_log(path: str | Path) -> dict[str, Curve]:

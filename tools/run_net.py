@@ -27,7 +27,7 @@ from __future__ import annotations
 import argparse
 import sys
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
@@ -47,7 +47,7 @@ from netlib.files.paths import find
 from netlib.net import Net
 from tools.common import outputs
 from tools.common.arguments import add_engine, count, name_in, parser_of, pixels, real
-from tools.common.console import DONE, guarded, say
+from tools.common.console import guarded, say
 from tools.common.deploy_nets import refuse_training_net
 from tools.common.net_images import (
     PICTURES,
@@ -148,7 +148,7 @@ def _add_output_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Run the net on all images. Raises NetlibError."""
     paths, truth = _paths(args.images, args.root_folder)
     if args.out:
@@ -158,35 +158,33 @@ def run(args: argparse.Namespace) -> int:
     net = Net(args.net, args.weights, netlib.TEST, engine=args.engine)
     preprocessing = preprocessing_of(net, args, args.size, args.resize, args.crop)
     blobs = _blobs(net, args)
-    results = [Results(net, blob, labels, args.labels) for blob in blobs]
-    places = _pictures(args.draw, paths, results) if args.draw else []
-    confusion = _confusion(blobs, labels, truth) if args.confusion else None
     top = args.top or (TOP if args.threshold is None else None)
     shown = Shown(top, -np.inf if args.threshold is None else args.threshold)
-    is_printed = not args.confusion and (labels or not args.out)
-    with ProgressBar(0 if is_printed else len(paths), "images") as progress:
-        done = 0
+    results = [Results(net, blob, labels, args.labels, shown, preprocessing) for blob in blobs]
+    places = _pictures(args.draw, paths, results) if args.draw else []
+    confusion = _confusion(blobs, labels, truth) if args.confusion else None
+    printed = results if not args.confusion and (labels or not args.out) else []
+
+    def found() -> Iterator[tuple[str, Array, Sequence[Array]]]:
         for some, images, arrays in passes(net, paths, preprocessing, blobs, args.batch):
-            found = [result.add(arrays[result.blob], len(some)) for result in results]
-            progress(len(some))
-            for number, (path, image) in enumerate(zip(some, images)):
-                for result, items in zip(results, found) if is_printed else ():
-                    first, *others = result.lines(items[number], shown, preprocessing, image.shape)
-                    say(f"{path}: {first}", *others, sep="\n")
-                if places:
-                    outputs.write_image(
-                        places[done],
-                        results[0].drawn(found[0][number], shown, preprocessing, image),
-                    )
-                if confusion:
-                    results[0].check_labels(found[0][number].size)
-                    confusion.add(path, truth[done], found[0][number])
-                done += 1
+            values = [result.add(arrays[result.blob], len(some)) for result in results]
+            yield from zip(some, images, zip(*values))
+
+    with ProgressBar(0 if printed else len(paths), "images") as progress:
+        for number, (path, image, values) in enumerate(found()):
+            for result, of_blob in zip(printed, values):
+                first, *others = result.lines(of_blob, image.shape)
+                say(f"{path}: {first}", *others, sep="\n")
+            if places:
+                outputs.write_image(places[number], results[0].drawn(values[0], image))
+            if confusion:
+                results[0].check_labels(values[0].size)
+                confusion.add(path, truth[number], values[0])
+            progress(1)
     for line in confusion.lines() if confusion else ():
         say(line)
     if args.out:
         _write(Path(args.out), {result.blob: result.array() for result in results})
-    return DONE
 
 
 def _paths(images: Sequence[str], root: str) -> tuple[list[str], list[int]]:

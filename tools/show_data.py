@@ -34,7 +34,7 @@ from netlib import files
 from netlib.errors import DataError
 from tools.common import outputs
 from tools.common.arguments import count, name_in, parser_of
-from tools.common.console import DONE, guarded, notify
+from tools.common.console import guarded, notify
 
 COLUMNS = 8
 
@@ -66,7 +66,7 @@ def main(argv: list[str] | None = None) -> int:
     return guarded(run, parser.parse_args(argv))
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Draw the figure."""
     skeleton = skeletons.load(args.skeleton) if args.skeleton else skeletons.load()
     with files.noted() as read:
@@ -95,7 +95,6 @@ def run(args: argparse.Namespace) -> int:
             titles.append("")
     outputs.write_image(args.out, strokes.sheet(images, columns, titles, gap=4))
     notify(f"wrote {args.out}")
-    return DONE
 
 
 if __name__ == "__main__":

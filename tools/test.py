@@ -50,7 +50,7 @@ from netlib.files.paths import ROOT
 from netlib.net import Net
 from tools.common import outputs
 from tools.common.arguments import add_engine, name_in, parser_of, reject_given
-from tools.common.console import DONE, aligned, guarded, notify, say
+from tools.common.console import aligned, guarded, notify, say
 from tools.common.costs import warn_of_another_net
 from tools.common.progress import ProgressBar
 
@@ -101,7 +101,7 @@ def main(argv: list[str] | None = None) -> int:
     return guarded(run, args)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Score the snapshots."""
     rows = []
     net = Net(args.model, netlib.TEST, engine=args.engine)
@@ -121,7 +121,7 @@ def run(args: argparse.Namespace) -> int:
     by_joint = errors_by_joint(predictions, skeleton) if args.joints else {}
     if args.json:
         print(_json(args.model, predictions, rows, by_joint))
-        return DONE
+        return
     cubes = sorted(set((2 * predictions.half_cube).round(1).tolist()))
     say(
         f"{len(predictions.joints)} frames ({predictions.made_from}), errors about the crop's centre, "
@@ -130,7 +130,6 @@ def run(args: argparse.Namespace) -> int:
     print(_table(rows))
     for name, mm in by_joint.items():
         print(f"  {name:<16}{mm:7.1f} mm")
-    return DONE
 
 
 def _predict(net: Net, snapshot: str) -> held_out.Predictions:

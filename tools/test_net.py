@@ -25,7 +25,7 @@ import netlib
 from netlib.errors import NetlibError
 from netlib.net import Net
 from tools.common.arguments import add_engine, count, parser_of
-from tools.common.console import DONE, guarded, notify, say
+from tools.common.console import guarded, notify, say
 from tools.common.costs import mean_scores, warn_of_another_net
 
 
@@ -49,7 +49,7 @@ def main(argv: list[str] | None = None) -> int:
     return guarded(run, parser.parse_args(argv))
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Test the weights one after the other. Raises NetlibError."""
     net = Net(args.net, netlib.TEST, engine=args.engine)
     if net.inputs:
@@ -66,7 +66,6 @@ def run(args: argparse.Namespace) -> int:
         say(f"{weights}: {args.iterations} batches, loss {loss:.6g}")
         for score in scores:
             say(f"  {score}")
-    return DONE
 
 
 if __name__ == "__main__":

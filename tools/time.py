@@ -30,7 +30,7 @@ from netlib.errors import NetlibError
 from netlib.layer import PHASES
 from netlib.net import Net
 from tools.common.arguments import add_engine, count, parser_of
-from tools.common.console import DONE, guarded, say
+from tools.common.console import guarded, say
 from tools.common.costs import memory_of, report_time
 from tools.common.deploy_nets import deploy_command
 
@@ -52,7 +52,7 @@ def main(argv: list[str] | None = None) -> int:
     return guarded(run, parser.parse_args(argv))
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Time the net."""
     if args.threads:
         engine.get(args.engine).set_threads(args.threads)
@@ -65,7 +65,6 @@ def run(args: argparse.Namespace) -> int:
         _print_memory(net)
     else:
         _print_times(net, args.iterations)
-    return DONE
 
 
 def _new_net(args: argparse.Namespace) -> Net:

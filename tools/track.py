@@ -171,7 +171,11 @@ def _track_recording(
             raise DataError(f"{recording.name}: no frames were tracked")
         return status
     seconds = time.perf_counter() - begin or 1e-3  # 0: a coarse clock
-    _say_summary(summary, seconds, later.sure_hands.note, outputs, report, inspection.doubt)
+    found = aligned(summary.rows).split("\n") if summary.hands else _nothing(summary, inspection)
+    speed = f"{summary.frames} frames of {summary.seconds:.1f} s, {summary.frames / seconds:.0f} frames/s"
+    notes = filter(None, [later.sure_hands.note])  # on hands below the minimum confidence
+    written = (f"wrote {name}" for name in outputs.written)
+    say(speed, *found, *notes, *written, sep="\n", file=report)
     warnings = summary.doubts if args.size is None else []
     if RATE_UNKNOWN in recording.remarks:
         warnings.append(RATE_UNKNOWN)
@@ -216,26 +220,10 @@ def _track(
             write(later.finish())
 
 
-def _say_summary(
-    summary: Summary, seconds: float, note: str, outputs: Outputs, report: TextIO, doubt: str
-) -> None:
-    """Print a summary, one line per hand, and the names of the outputs.
-
-    note   how often a hand was below the minimum confidence; empty if never
-    doubt  what may explain that no hand was found; empty if nothing
-    """
-    rate = summary.frames / seconds
-    say(f"{summary.frames} frames of {summary.seconds:.1f} s, {rate:.0f} frames/s", file=report)
-    if not summary.hands:
-        say(f"{summary.nothing_found}{doubt and f'; {doubt}'}", file=report)
-        if summary.present:
-            say(NO_POSE, file=report)
-    else:
-        print(aligned(summary.rows), file=report)
-    if note:
-        say(note, file=report)
-    for name in outputs.written:
-        say(f"wrote {name}", file=report)
+def _nothing(summary: Summary, inspection: Inspection) -> list[str]:
+    """What is reported without hands, and what may explain it."""
+    why = "; ".join(filter(None, [summary.nothing_found, inspection.doubt]))
+    return [why, NO_POSE] if summary.present else [why]
 
 
 if __name__ == "__main__":

@@ -34,7 +34,7 @@ from netlib.proto.prototxt import Field, Message, Scalar
 from netlib.proto.upgrade import AnyNetParameter, upgraded
 from netlib.training.solver_parameter import OLD_TYPES
 from tools.common.arguments import parser_of
-from tools.common.console import DONE, guarded, notify, say
+from tools.common.console import guarded, notify, say
 
 INPUTS = ("input", "input_shape", "input_dim")
 
@@ -48,7 +48,7 @@ def main(argv: list[str] | None = None) -> int:
     return guarded(run, parser.parse_args(argv))
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Upgrade the file."""
     old = str(find(args.old, None))
     content = files.read_bytes(old, "the net")
@@ -64,7 +64,6 @@ def run(args: argparse.Namespace) -> int:
         notify(f"{old}: already in the current format")
     replace_bytes(Path(args.new), image)
     say(f"wrote {args.new}")
-    return DONE
 
 
 def _is_text(content: bytes) -> bool:

@@ -14,8 +14,9 @@ from experiments.confidence import (
     cells_of,
     evidence_of_track,
     fitted,
-    poses_of,
+    gathered,
     text_of,
+    tracked_poses,
     true_labels,
 )
 from experiments.constants import tracked_labels
@@ -96,7 +97,8 @@ def test_the_columns() -> None:
     made = poses("a", IN_USE, seed=3)
     made.fingers_mm[:40] = np.nan  # no hands
     made.error_mm[:40] = LOST_MM
-    name, count, sure, off, correlation, expected, true, *others = cells_of("a", [made], IN_USE)
+    cells = cells_of("a", [made], IN_USE)
+    name, count, sure, off, correlation, expected, true, *others = cells.values()
     confidence = JUDGE.judged(made.evidence).confidence[:40]
     assert (name, count, off, *others) == ("a", "360", "0.0%", "40", str((confidence >= 0.3).sum()))
     assert 0 < int(sure) < 360
@@ -126,7 +128,7 @@ def test_the_evidence_gives_the_confidence_that_the_tracker_reports(mirrored: bo
         assert hand.confidence == pytest.approx(hand.side_confidence * found.confidence[0])
         assert hand.error_mm == pytest.approx(found.error_mm[0])
         assert_allclose(hand.finger_error_mm, found.finger_error_mm[0])
-    made = poses_of("rest", iter(frames))
+    made = gathered("rest", tracked_poses(iter(frames)))
     assert made.evidence.signs.shape == (recording.count, len(SIGNS)) and made.error_mm.mean() < 25
     assert made.share.sum() == pytest.approx(1)
 
@@ -138,7 +140,7 @@ def test_a_pose_away_from_the_label_counts_as_a_lost_hand() -> None:
     middle, pixels = frame.label.mean(axis=(0, 1)), np.zeros(frame.depth.shape, bool)
     places = (middle + (40, 0, 0), middle + (-200, 0, 0))
     frame.tracker.finder = Said(*(FoundHand(0.9, place, pixels) for place in places))
-    found = poses_of("rest", iter([frame]))
+    found = gathered("rest", tracked_poses(iter([frame])))
     assert len(found.error_mm) == 2 and found.error_mm[0] < 25 and found.error_mm[1] == LOST_MM
     assert np.isnan(found.fingers_mm).any(axis=1).tolist() == [False, True]
     assert found.share == pytest.approx([2 / 3, 1 / 3])
@@ -147,8 +149,8 @@ def test_a_pose_away_from_the_label_counts_as_a_lost_hand() -> None:
 def test_labels_without_a_tracked_hand_are_rejected() -> None:
     recording = SyntheticRecording("rest", ICVL, rate=5, seconds=0.2, seed=1)
     labels = np.full((recording.count, 5, 3, 3), np.nan)
-    with pytest.raises(DataError, match="rest: no hand is tracked in any labelled frame"):
-        poses_of("rest", tracked_labels(recording, labels, 0, False))
+    with pytest.raises(DataError, match="rest: no labelled hand is found in any frame"):
+        gathered("rest", tracked_poses(tracked_labels(recording, labels, 0, False)))
 
 
 def test_the_command_of_the_card(tmp_path: Path) -> None:

@@ -18,8 +18,8 @@ from tools.common.commands import command
 DONE, FAILED = 0, 1  # argparse exits with 2 for wrong usage
 
 
-def guarded(run: Callable[[argparse.Namespace], int], args: argparse.Namespace) -> int:
-    """Run a tool.
+def guarded(run: Callable[[argparse.Namespace], int | None], args: argparse.Namespace) -> int:
+    """Run a tool; returns the exit status, which is 0 if ``run`` returns none.
 
     A user's mistake gives one line on stderr and exit status 1, never a traceback.
     """
@@ -28,7 +28,7 @@ def guarded(run: Callable[[argparse.Namespace], int], args: argparse.Namespace) 
             tools.interruptible(),
             python_layer.allowed(not getattr(args, "no_python_layers", False)),
         ):
-            return run(args)
+            return run(args) or DONE
     except NetlibError as error:
         print(_with_advice(error), file=sys.stderr)
     except UnicodeEncodeError as error:

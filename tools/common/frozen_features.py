@@ -83,21 +83,18 @@ class HeadSolver(Solver):
     """A solver whose nets may have features.
 
     first_layer  name of the first layer that runs in each step
-    on_test      functions that are called with the means of each test
+    on_test      called with the means of each test
     """
 
     net_class = HeadNet
     first_layer = ""
-
-    def __init__(self, *args: Any, **options: Any) -> None:
-        super().__init__(*args, **options)
-        self.on_test: list[Callable[[Mapping[str, Any]], object]] = []
+    on_test: Callable[[Mapping[str, Any]], object] | None = None
 
     def test(self, number: int) -> dict[str, Any]:
         """Run one test net, and report the means of its outputs."""
         means = super().test(number)
-        for function in self.on_test:
-            function(means)
+        if self.on_test is not None:
+            self.on_test(means)
         return means
 
 

@@ -19,6 +19,7 @@ from tools.common.console import aligned
 from tools.common.net_images import Preprocessing
 
 MAX_SHOWN = 20  # classes in a table of confusions
+FONT, WHITE = cv2.FONT_HERSHEY_SIMPLEX, (255, 255, 255)
 
 
 class Shown(NamedTuple):
@@ -37,14 +38,24 @@ class Results:
 
     A top of DetectionOutput (1, 1, D, 7) has any number of rows per image: item, label, confidence
     and the corners xmin, ymin, xmax, ymax of a box, in units of the input's width and height.
-    Other blobs have the image as first axis. ``labels`` are the names of the classes, from the
-    file ``source``.
+    Other blobs have the image as first axis.
+
+    labels         names of the classes, from the file ``source``
+    shown          how much of an image's result is shown
+    preprocessing  of the images
     """
 
     def __init__(
-        self, net: Net, blob: str, labels: Sequence[str] | None, source: str | None
+        self,
+        net: Net,
+        blob: str,
+        labels: Sequence[str] | None,
+        source: str | None,
+        shown: Shown,
+        preprocessing: Preprocessing,
     ) -> None:
         self.blob, self.labels, self.source = blob, labels, source
+        self._shown, self._preprocessing = shown, preprocessing
         makers: list[Any] = [layer for layer in net.layers if blob in layer.spec.top]
         self.classes = (
             makers[-1].param.num_classes if makers and makers[-1].type == "DetectionOutput" else 0
@@ -82,9 +93,7 @@ class Results:
         ]
         return np.concatenate(rows).astype(np.float32)[None, None]
 
-    def lines(
-        self, values: Array, shown: Shown, preprocessing: Preprocessing, shape: Sequence[int]
-    ) -> Iterator[str]:
+    def lines(self, values: Array, shape: Sequence[int]) -> Iterator[str]:
         """Yield lines about an image of ``shape`` (H, W, C): its detections or classes, or the
         range of the values.
 
@@ -93,12 +102,12 @@ class Results:
         """
         if self.classes:
             yield f"{self.blob}: {np.count_nonzero(values[:, 1] >= 0)} detections"
-            for confidence, name, _, box in self.boxes(values, shown, preprocessing, shape):
+            for confidence, name, _, box in self.boxes(values, shape):
                 yield f"  {confidence:.4f}  {name}  {' '.join(f'{side:.0f}' for side in box)}"
         elif self.are_classes(values):
             self.check_labels(values.size)
             yield self.blob
-            for number in _best(values.ravel(), shown):
+            for number in self._best(values.ravel()):
                 yield f"  {values.flat[number]:.4f}  {self._name(number)}"
         else:
             yield (
@@ -111,9 +120,7 @@ class Results:
         is_row = max(values.shape, default=1) == values.size
         return not self.classes and is_row and bool(self.labels or self.is_softmax)
 
-    def boxes(
-        self, values: Array, shown: Shown, preprocessing: Preprocessing, shape: Sequence[int]
-    ) -> Iterator[tuple[float, str, int, Array]]:
+    def boxes(self, values: Array, shape: Sequence[int]) -> Iterator[tuple[float, str, int, Array]]:
         """Yield confidence, name and number of the class, and the box (4,) in px, of an image's
         detections, best first.
 
@@ -121,28 +128,23 @@ class Results:
         """
         self.check_labels(self.classes)
         rows = values[values[:, 1] >= 0]
-        for row in rows[_best(rows[:, 2], shown)]:
-            yield (
-                float(row[2]),
-                self._name(int(row[1])),
-                int(row[1]),
-                preprocessing.to_image(row[3:], shape),
-            )
+        for row in rows[self._best(rows[:, 2])]:
+            number = int(row[1])
+            box = self._preprocessing.to_image(row[3:], shape)
+            yield float(row[2]), self._name(number), number, box
 
-    def drawn(
-        self, values: Array, shown: Shown, preprocessing: Preprocessing, image: Array
-    ) -> NDArray[np.uint8]:
+    def drawn(self, values: Array, image: Array) -> NDArray[np.uint8]:
         """The image (H, W, 3), blue first, with the boxes of its detections and their classes.
 
         Raises NetlibError.
         """
         height, width = image.shape[:2]
-        channels = image.size // (height * width)
-        picture = np.repeat(image.reshape(height, width, channels), 3 // channels, axis=2)
+        grey = image.reshape(height, width, -1)
+        picture = np.repeat(grey, 3 // grey.shape[2], axis=2)
         unit = max(height, width) / 600
         line = max(1, round(2 * unit))
         scale = max(0.4, 0.6 * unit)
-        found = list(self.boxes(values, shown, preprocessing, image.shape))
+        found = list(self.boxes(values, image.shape))
         for confidence, name, number, box in reversed(found):  # the best on top
             hue = number * 0.618 % 1  # the golden ratio keeps neighbours apart
             colour = tuple(round(255 * part) for part in colorsys.hsv_to_rgb(hue, 0.9, 0.75))
@@ -152,19 +154,11 @@ class Results:
             )
             cv2.rectangle(picture, (left, top), (right, bottom), colour, line)
             text = f"{name} {confidence:.0%}"
-            (w, h), below = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, scale, line)
+            (w, h), below = cv2.getTextSize(text, FONT, scale, line)
             x = min(max(left, 0), max(width - w, 0))
             y = max(top, h + 2 * below)
             cv2.rectangle(picture, (x, y - h - 2 * below), (x + w, y), colour, cv2.FILLED)
-            cv2.putText(
-                picture,
-                text,
-                (x, y - below),
-                cv2.FONT_HERSHEY_SIMPLEX,
-                scale,
-                (255, 255, 255),
-                line,
-            )
+            cv2.putText(picture, text, (x, y - below), FONT, scale, WHITE, line)
         return picture
 
     def check_labels(self, classes: int) -> None:
@@ -179,11 +173,10 @@ class Results:
     def _name(self, number: int) -> str:
         return self.labels[number] if self.labels else f"class {number}"
 
-
-def _best(values: Array, shown: Shown) -> Array:
-    """The indices of the values that are shown, the largest first."""
-    order = np.argsort(-values, kind="stable")
-    return order[~(values[order] < shown.threshold)][: shown.top]
+    def _best(self, values: Array) -> Array:
+        """The indices of the values that are shown, the largest first."""
+        order = np.argsort(-values, kind="stable")
+        return order[~(values[order] < self._shown.threshold)][: self._shown.top]
 
 
 class Confusion:
@@ -217,13 +210,10 @@ class Confusion:
             wrong = self.counts - np.diag(np.diag(self.counts))
             for at in np.argsort(-wrong.ravel(), kind="stable")[:MAX_SHOWN]:
                 if wrong.flat[at]:
-                    truth, found = divmod(int(at), len(self._names))
-                    yield f"{self._names[truth]} taken for {self._names[found]}: {wrong.flat[at]}"
+                    name, other = (self._names[n] for n in divmod(int(at), len(self._names)))
+                    yield f"{name} taken for {other}: {wrong.flat[at]}"
         yield f"accuracy {right / max(total, 1):.4f} ({right} of {total})"
-        if (
-            np.count_nonzero(self.counts.any(axis=0))
-            == 1
-            < np.count_nonzero(self.counts.any(axis=1))
-        ):
-            only = self._names[int(self.counts.any(axis=0).argmax())]
+        true, found = (self.counts.any(axis=axis) for axis in (1, 0))
+        if true.sum() > 1 == found.sum():
+            only = self._names[int(found.argmax())]
             yield f"all images were taken for {only!r}: are the mean, the scale and the weights those of this net?"

@@ -201,25 +201,20 @@ def print_inspection(found: Inspection, file: TextIO | None = None) -> None:
         if recording.count is None
         else f"{recording.count} frames"
     )
-    say(f"{recording.name}: {length}, {camera.width} x {camera.height} pixels{rate}", file=file)
-    say(
-        f"  camera {camera.name}: fx {camera.fx:g}, fy {camera.fy:g}, u0 {camera.u0:g}, v0 {camera.v0:g}; "
-        f"field of view {view[0]:.0f} x {view[1]:.0f} degrees",
-        file=file,
-    )
+    lines = [
+        f"camera {camera.name}: fx {camera.fx:g}, fy {camera.fy:g}, u0 {camera.u0:g}, v0 {camera.v0:g}; "
+        f"field of view {view[0]:.0f} x {view[1]:.0f} degrees"
+    ]
     if found.depth_mm is not None and found.nearest is not None:
         low, middle, high = found.depth_mm
-        say(
-            f"  depth {low:.0f} to {high:.0f} mm, median {middle:.0f}; {found.zeros:.0%} of the pixels empty; "
+        away, wide = found.nearest
+        lines += [
+            f"depth {low:.0f} to {high:.0f} mm, median {middle:.0f}; {found.zeros:.0%} of the pixels empty; "
             f"unit {recording.unit_mm:g} mm",
-            file=file,
-        )
-        say(
-            f"  nearest object: {found.nearest[0]:.0f} mm away, {found.nearest[1]:.0f} mm wide",
-            file=file,
-        )
-    for remark in found.remarks:
-        say(f"  {remark}", file=file)
+            f"nearest object: {away:.0f} mm away, {wide:.0f} mm wide",
+        ]
+    first = f"{recording.name}: {length}, {camera.width} x {camera.height} pixels{rate}"
+    say(first, *lines, *found.remarks, sep="\n  ", file=file)
     for warning in found.warnings:
         notify(f"warning: {recording.name}: {warning}")
 

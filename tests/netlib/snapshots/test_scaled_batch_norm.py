@@ -26,6 +26,7 @@ Array = NDArray[np.float32]
 MEAN, VARIANCE = np.float32([0.1, 0.2, 0.3]), np.float32([1, 2, 3])
 GAIN, BIAS = np.float32([2, 3, 4]), np.float32([0.5, 0.6, 0.7])
 ONE = np.ones(1, np.float32)
+FIVE = MEAN, VARIANCE, ONE, GAIN, BIAS
 SHAPE = (2, 3, 2, 2)
 X = np.random.default_rng(0).normal(size=SHAPE).astype(np.float32)
 
@@ -68,21 +69,27 @@ def binary(folder: Path, **layers: Sequence[Array]) -> str:
     return str(path)
 
 
-def output(net: Net) -> Array:
-    (found,) = net.forward(x=X).values()
-    return found
+OutputOf = Callable[[str, Path | str], Array]
+
+
+@pytest.fixture
+def output_of(net_of: Callable[..., Net]) -> OutputOf:
+    """``output_of(form, weights)``: the output of a net of this form with all weights of a file."""
+
+    def output(form: str, weights: Path | str) -> Array:
+        net = net_of(inputs(x=SHAPE) + NETS[form], phase=netlib.TEST)
+        assert net.copy_from(weights, strict=True) == ([], [])
+        (found,) = net.forward(x=X).values()
+        return found
+
+    return output
 
 
 @pytest.mark.parametrize("form", list(NETS))
 def test_a_net_computes_what_the_fork_computes(
-    form: str, net_of: Callable[..., Net], tmp_path: Path
+    form: str, output_of: OutputOf, tmp_path: Path
 ) -> None:
-    net = net_of(inputs(x=SHAPE) + NETS[form], phase=netlib.TEST)
-    ignored, missing = net.copy_from(
-        binary(tmp_path, bn=[MEAN, VARIANCE, ONE, GAIN, BIAS]), strict=True
-    )
-    assert (ignored, missing) == ([], [])
-    assert_allclose(output(net), expected(), rtol=1e-5, atol=1e-6)
+    assert_allclose(output_of(form, binary(tmp_path, bn=FIVE)), expected(), rtol=1e-5, atol=1e-6)
 
 
 @pytest.mark.parametrize("arrays", [
@@ -92,26 +99,21 @@ def test_a_net_computes_what_the_fork_computes(
     [a.reshape(1, -1, 1, 1) for a in (GAIN, BIAS, MEAN, VARIANCE, ONE)],
 ], ids=["factor 0", "sums", "older order", "four axes"])  # fmt: skip
 def test_forms_of_the_five_parameters(
-    arrays: Sequence[Array], net_of: Callable[..., Net], tmp_path: Path
+    arrays: Sequence[Array], output_of: OutputOf, tmp_path: Path
 ) -> None:
-    net = net_of(inputs(x=SHAPE) + NETS["scale_bias"], phase=netlib.TEST)
-    net.copy_from(binary(tmp_path, bn=arrays))
-    assert_allclose(output(net), expected(), rtol=1e-5, atol=1e-6)
+    found = output_of("scale_bias", binary(tmp_path, bn=arrays))
+    assert_allclose(found, expected(), rtol=1e-5, atol=1e-6)
 
 
-def test_a_file_with_both_scales(net_of: Callable[..., Net], tmp_path: Path) -> None:
-    net = net_of(inputs(x=SHAPE) + NETS["a Scale"], phase=netlib.TEST)
-    net.copy_from(binary(tmp_path, bn=[MEAN, VARIANCE, ONE, GAIN, BIAS], sc=[BIAS, GAIN]))
-    assert_allclose(output(net), expected(BIAS * GAIN, BIAS * BIAS + GAIN), rtol=1e-5)
+def test_a_file_with_both_scales(output_of: OutputOf, tmp_path: Path) -> None:
+    found = output_of("a Scale", binary(tmp_path, bn=FIVE, sc=[BIAS, GAIN]))
+    assert_allclose(found, expected(BIAS * GAIN, BIAS * BIAS + GAIN), rtol=1e-5)
 
 
-def test_hdf5(net_of: Callable[..., Net], tmp_path: Path) -> None:
+def test_hdf5(output_of: OutputOf, tmp_path: Path) -> None:
     path = tmp_path / "w.caffemodel.h5"
-    five = (MEAN, VARIANCE, ONE, GAIN, BIAS)
-    write_hdf5(path, **{f"data/bn/{i}": array for i, array in enumerate(five)})
-    net = net_of(inputs(x=SHAPE) + NETS["a Scale"], phase=netlib.TEST)
-    net.copy_from(path)
-    assert_allclose(output(net), expected(), rtol=1e-5, atol=1e-6)
+    write_hdf5(path, **{f"data/bn/{i}": array for i, array in enumerate(FIVE)})
+    assert_allclose(output_of("a Scale", path), expected(), rtol=1e-5, atol=1e-6)
 
 
 @pytest.mark.parametrize("after", ["", RELU, scale().replace("true", "false")])
@@ -122,7 +124,7 @@ def test_a_net_without_the_scale_is_refused_with_the_way_out(
     with pytest.raises(
         WeightsError, match=r"'bn' has 5 parameters.* NVIDIA's.*scale_bias: true.*Scale"
     ):
-        net.copy_from(binary(tmp_path, bn=[MEAN, VARIANCE, ONE, GAIN, BIAS]))
+        net.copy_from(binary(tmp_path, bn=FIVE))
 
 
 def test_statistics_that_count_as_zero_are_mentioned(

@@ -14,6 +14,7 @@ from tests.support.nets import inputs
 from tools.common.net_images import Preprocessing
 from tools.common.net_results import Confusion, Results, Shown
 
+SHOWN = Shown()
 STEPS = Preprocessing((10, 10), (10, 10), False, False, np.zeros((3, 1, 1)), 1.0)
 NET = (
     inputs(data=(1, 3, 10, 10), loc=(1, 4), conf=(1, 2))
@@ -29,8 +30,11 @@ layer { name: "found" type: "DetectionOutput" bottom: "loc" bottom: "conf" botto
 
 @pytest.fixture
 def results_of(net_of: Callable[..., netlib.Net]) -> Callable[..., Results]:
-    """``results_of(blob, labels)`` of a net with a Softmax and a DetectionOutput."""
-    return lambda blob, labels=None: Results(net_of(NET, netlib.TEST), blob, labels, "labels.txt")
+    """``results_of(blob, shown, labels)`` of a net with a Softmax and a DetectionOutput."""
+    net = net_of(NET, netlib.TEST)
+    return lambda blob, shown=SHOWN, labels=None: Results(
+        net, blob, labels, "labels.txt", shown, STEPS
+    )
 
 
 def test_detections_of_several_passes(results_of: Callable[..., Results]) -> None:
@@ -45,10 +49,11 @@ def test_detections_of_several_passes(results_of: Callable[..., Results]) -> Non
     (nothing,) = results.add(np.array([[0, *[-1] * 6]], np.float32)[None, None], 1)
     assert results.array().shape == (1, 1, 3, 7)
     assert results.array()[0, 0, :, 0].tolist() == [1, 1, 2]
+    shape = (100, 200, 3)
+    assert list(results.lines(nothing, shape)) == ["found: 0 detections"]
     expected = ["found: 2 detections", "  0.9000  class 1  20 20 60 40"]
-    assert list(results.lines(second, Shown(1), STEPS, (100, 200, 3))) == expected
-    assert list(results.lines(nothing, Shown(5), STEPS, (100, 200, 3))) == ["found: 0 detections"]
-    assert len(list(results.lines(second, Shown(None, 0.5), STEPS, (100, 200, 3)))) == 3
+    assert list(results_of("found", Shown(1)).lines(second, shape)) == expected
+    assert len(list(results_of("found", Shown(None, 0.5)).lines(second, shape))) == 3
 
 
 @pytest.mark.parametrize(
@@ -60,9 +65,9 @@ def test_detections_in_the_picture(
     """Each class has its colour, along the sides of the box and behind its name; the rest
     stays as it is.
     """
-    results = results_of("found", ["background", "hand"])
+    labels = ["background", "hand"]
     rows = np.array([[0, 1, 0.9, 0.25, 0.5, 0.75, 0.9], [0, 0, 0.4, -1, 0, 9, 0.2]], np.float32)
-    picture = results.drawn(rows, Shown(None, 0.5), STEPS, image)
+    picture = results_of("found", Shown(None, 0.5), labels).drawn(rows, image)
     assert picture.shape == (100, 200, 3)
     assert not image.any()
     seen = picture.any(axis=2)
@@ -75,7 +80,7 @@ def test_detections_in_the_picture(
     assert not seen[:, :45].any()
     assert not seen[94:].any()
     assert (picture == 255).all(axis=2)[:50].any()  # the name above the box
-    both = results.drawn(rows, Shown(), STEPS, image)
+    both = results_of("found", Shown(), labels).drawn(rows, image)
     assert len({tuple(both[80, 50]), tuple(both[20, 100])}) == 2
 
 
@@ -121,18 +126,18 @@ def test_classes(results_of: Callable[..., Results]) -> None:
     scores = np.array([[0.25, 0.75]], np.float32)
     results = results_of("soft")
     (found,) = results.add(scores, 1)
-    assert list(results.lines(found, Shown(), STEPS, (1, 1, 3))) == [
+    assert list(results.lines(found, (1, 1, 3))) == [
         "soft",
         "  0.7500  class 1",
         "  0.2500  class 0",
     ]
     results = results_of("conf")
-    assert list(results.lines(results.add(scores, 1)[0], Shown(), STEPS, (1, 1, 3))) == [
+    assert list(results.lines(results.add(scores, 1)[0], (1, 1, 3))) == [
         "conf (2,), values from 0.25 to 0.75, mean 0.5"
     ]
-    results = results_of("conf", ["cat", "dog"])
+    results = results_of("conf", Shown(1), ["cat", "dog"])
     (found,) = results.add(scores, 1)
-    assert list(results.lines(found, Shown(1), STEPS, (1, 1, 3))) == ["conf", "  0.7500  dog"]
+    assert list(results.lines(found, (1, 1, 3))) == ["conf", "  0.7500  dog"]
 
 
 def test_a_blob_without_images(results_of: Callable[..., Results]) -> None:

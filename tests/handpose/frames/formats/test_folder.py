@@ -320,10 +320,6 @@ def test_times_in_the_archives_of_frames(
             (2, 1),
             "...: timestamp_ms[1] is 1; expected finite times, each after the one before",
         ),
-        "of another length": (
-            (1, [2, 3]),
-            "...: timestamp_ms is int64 (3,), expected (2,): a time for each frame",
-        ),
         "missing": (
             (1, None),
             "...: timestamp_ms is float64 (1,), expected (2,): a time for each frame",
