@@ -15,13 +15,12 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
 
-from handpose.body.joint_formats.frames import LONG_FINGERS, POINTS, Point, joints_of, weights_of
+from handpose.body.joint_formats.frames import POINTS, Point, joints_of, weights_of
 from handpose.body.sides import Side
 from handpose.frames.cameras import Camera
 from layers.hand.skeleton import Skeleton
@@ -31,8 +30,6 @@ from netlib.errors import DataError, did_you_mean
 FormatName = Literal["mediapipe", "mano", "nyu"]
 FORMAT_NAMES: tuple[FormatName, ...] = get_args(FormatName)
 METRE = 1000.0
-# the joints of a finger, from the palm outwards
-PARTS, PARTS_OF_THUMB = ("mcp", "pip", "dip", "tip"), ("cmc", "mcp", "ip", "tip")
 
 
 @dataclass(frozen=True)
@@ -42,84 +39,142 @@ class JointFormat:
     joints   names in order, and the point of each
     bones    pairs of names to draw lines between
     unit     of positions: "m" or "mm"
-    axes     signs that turn camera axes (x right, y up, z away) into the format's
-    in_words of the axes
+    up       sign of y: camera axes are x right, y up, z away
     """
 
-    name: FormatName
     joints: dict[str, Point]
     bones: tuple[tuple[str, str], ...]
     unit: Literal["m", "mm"] = "m"
-    axes: tuple[int, int, int] = (1, -1, 1)
-    in_words: str = "x right, y down, z away from the camera"
+    up: Literal[1, -1] = -1
+
+    @property
+    def in_words(self) -> str:
+        """The axes in words."""
+        return f"x right, y {'up' if self.up > 0 else 'down'}, z away from the camera"
 
 
-def _points_of(finger: str, names: Sequence[str]) -> dict[str, Point]:
-    """The points of the joints of a finger, from the palm outwards, by these names."""
-    parts = PARTS_OF_THUMB if finger == "thumb" else PARTS
-    return {name: POINTS[f"{finger}_{part}"] for name, part in zip(names, parts)}
+# Joints in order, with the point of each; those of NYU are joints of the skeleton.
+MEDIAPIPE_JOINTS = """\
+WRIST wrist
+THUMB_CMC thumb_cmc
+THUMB_MCP thumb_mcp
+THUMB_IP thumb_ip
+THUMB_TIP thumb_tip
+INDEX_FINGER_MCP index_mcp
+INDEX_FINGER_PIP index_pip
+INDEX_FINGER_DIP index_dip
+INDEX_FINGER_TIP index_tip
+MIDDLE_FINGER_MCP middle_mcp
+MIDDLE_FINGER_PIP middle_pip
+MIDDLE_FINGER_DIP middle_dip
+MIDDLE_FINGER_TIP middle_tip
+RING_FINGER_MCP ring_mcp
+RING_FINGER_PIP ring_pip
+RING_FINGER_DIP ring_dip
+RING_FINGER_TIP ring_tip
+PINKY_MCP little_mcp
+PINKY_PIP little_pip
+PINKY_DIP little_dip
+PINKY_TIP little_tip
+"""
+MANO_JOINTS = """\
+wrist wrist
+index1 index_mcp
+index2 index_pip
+index3 index_dip
+middle1 middle_mcp
+middle2 middle_pip
+middle3 middle_dip
+pinky1 little_mcp
+pinky2 little_pip
+pinky3 little_dip
+ring1 ring_mcp
+ring2 ring_pip
+ring3 ring_dip
+thumb1 thumb_cmc
+thumb2 thumb_mcp
+thumb3 thumb_ip
+thumb_tip thumb_skin
+index_tip index_skin
+middle_tip middle_skin
+ring_tip ring_skin
+pinky_tip little_skin
+"""
+NYU_JOINTS = """\
+little_tip
+little_pip_a
+ring_tip
+ring_pip_a
+middle_tip
+middle_pip_a
+index_tip
+index_pip_a
+thumb_tip
+thumb_dip
+thumb_pip
+wrist_left
+wrist_middle
+palm
+"""
+# Each line: joints with a bone between every two neighbours.
+MEDIAPIPE_BONES = """\
+THUMB_CMC THUMB_MCP THUMB_IP THUMB_TIP
+INDEX_FINGER_MCP INDEX_FINGER_PIP INDEX_FINGER_DIP INDEX_FINGER_TIP
+MIDDLE_FINGER_MCP MIDDLE_FINGER_PIP MIDDLE_FINGER_DIP MIDDLE_FINGER_TIP
+RING_FINGER_MCP RING_FINGER_PIP RING_FINGER_DIP RING_FINGER_TIP
+PINKY_MCP PINKY_PIP PINKY_DIP PINKY_TIP
+WRIST THUMB_CMC
+WRIST INDEX_FINGER_MCP
+WRIST PINKY_MCP
+INDEX_FINGER_MCP MIDDLE_FINGER_MCP RING_FINGER_MCP PINKY_MCP
+"""
+MANO_BONES = """\
+wrist index1 index2 index3 index_tip
+wrist middle1 middle2 middle3 middle_tip
+wrist pinky1 pinky2 pinky3 pinky_tip
+wrist ring1 ring2 ring3 ring_tip
+wrist thumb1 thumb2 thumb3 thumb_tip
+"""
+NYU_BONES = """\
+index_pip_a index_tip
+middle_pip_a middle_tip
+ring_pip_a ring_tip
+little_pip_a little_tip
+palm index_pip_a
+palm middle_pip_a
+palm ring_pip_a
+palm little_pip_a
+palm wrist_left
+palm wrist_middle
+palm thumb_pip thumb_dip thumb_tip
+"""
 
 
-def _mediapipe() -> JointFormat:
-    joints = {"WRIST": POINTS["wrist"]}
-    bones: list[tuple[str, str]] = []
-    for finger in ("thumb", *LONG_FINGERS):
-        own = {"thumb": "THUMB", "little": "PINKY"}.get(finger, f"{finger.upper()}_FINGER")
-        parts = PARTS_OF_THUMB if finger == "thumb" else PARTS
-        names = [f"{own}_{part.upper()}" for part in parts]
-        joints |= _points_of(finger, names)
-        bones += itertools.pairwise(names)
-    knuckles = [f"{name}_MCP" for name in ("INDEX_FINGER", "MIDDLE_FINGER", "RING_FINGER", "PINKY")]
-    bones += [
-        ("WRIST", "THUMB_CMC"),
-        ("WRIST", knuckles[0]),
-        ("WRIST", knuckles[-1]),
-        *itertools.pairwise(knuckles),
-    ]
-    return JointFormat("mediapipe", joints, tuple(bones))
-
-
-def _mano() -> JointFormat:
-    joints = {"wrist": POINTS["wrist"]}
-    bones: list[tuple[str, str]] = []
-    for finger in ("index", "middle", "little", "ring", "thumb"):
-        names = [f"{_pinky(finger)}{i}" for i in (1, 2, 3)]
-        joints |= _points_of(finger, names)
-        bones += [
-            ("wrist", names[0]),
-            *itertools.pairwise(names),
-            (names[2], f"{_pinky(finger)}_tip"),
-        ]
-    joints |= {
-        f"{_pinky(finger)}_tip": POINTS[f"{finger}_skin"] for finger in ("thumb", *LONG_FINGERS)
+def _points_in(joints: str) -> dict[str, Point]:
+    """The points of a table by joint."""
+    return {
+        joint: POINTS[point[0]] if point else _annotated(joint)
+        for joint, *point in map(str.split, joints.splitlines())
     }
-    return JointFormat("mano", joints, tuple(bones))
 
 
-def _pinky(finger: str) -> str:
-    return "pinky" if finger == "little" else finger
+def _annotated(joint: str) -> Point:
+    """A joint of the skeleton, as NYU annotates it."""
+    moved = "; of the packaged hand 5 to 8 mm distal" if joint.endswith("_pip_a") else ""
+    return Point({joint: 1}, f"as annotated{moved}")
 
 
-def _nyu() -> JointFormat:
-    names = [f"{finger}_{part}" for finger in reversed(LONG_FINGERS) for part in ("tip", "pip_a")]
-    names += ["thumb_tip", "thumb_dip", "thumb_pip", "wrist_left", "wrist_middle", "palm"]
-    moved = "as annotated; of the packaged hand 5 to 8 mm distal"
-    joints = {
-        name: Point({name: 1}, moved if name.endswith("_pip_a") else "as annotated")
-        for name in names
-    }
-    bones = [(f"{finger}_pip_a", f"{finger}_tip") for finger in LONG_FINGERS]
-    bones += [("palm", f"{finger}_pip_a") for finger in LONG_FINGERS] + [
-        ("palm", "wrist_left"),
-        ("palm", "wrist_middle"),
-    ]
-    bones += [("palm", "thumb_pip"), ("thumb_pip", "thumb_dip"), ("thumb_dip", "thumb_tip")]
-    return JointFormat(
-        "nyu", joints, tuple(bones), "mm", (1, 1, 1), "x right, y up, z away from the camera"
-    )
+def _bones_in(chains: str) -> tuple[tuple[str, str], ...]:
+    """The bones of a table."""
+    each = (itertools.pairwise(line.split()) for line in chains.splitlines())
+    return tuple(itertools.chain(*each))
 
 
-FORMATS: dict[FormatName, JointFormat] = {one.name: one for one in (_mediapipe(), _mano(), _nyu())}
+FORMATS: dict[FormatName, JointFormat] = {
+    "mediapipe": JointFormat(_points_in(MEDIAPIPE_JOINTS), _bones_in(MEDIAPIPE_BONES)),
+    "mano": JointFormat(_points_in(MANO_JOINTS), _bones_in(MANO_BONES)),
+    "nyu": JointFormat(_points_in(NYU_JOINTS), _bones_in(NYU_BONES), "mm", 1),
+}
 
 
 @dataclass(frozen=True)
@@ -163,7 +218,7 @@ def formatted(
     chosen = FORMATS[name]
     xyz = joints_of(skeleton, hand, xyz)
     points = _weights(name, skeleton) @ xyz
-    scale = np.array(chosen.axes) / (METRE if chosen.unit == "m" else 1.0)
+    scale = np.array([1, chosen.up, 1]) / (METRE if chosen.unit == "m" else 1.0)
     landmarks = _landmarks(points, camera, cube_mm) if name == "mediapipe" else None
     return FormattedHand(chosen, points * scale, landmarks)
 
