@@ -25,6 +25,7 @@ from handpose.synthetic.generator import Split, rng_of
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.scenes import prior as scene_prior
 from handpose.synthetic.scenes.cameras import HEIGHT, WIDTH, draw_cameras, slopes_of
+from handpose.synthetic.scenes.draws import Draw
 from handpose.synthetic.scenes.people import draw_people
 from handpose.synthetic.scenes.prior import ScenePrior
 from handpose.synthetic.scenes.sight import GROUPS, PERSON_OBJECT, THINGS, sight_of
@@ -86,14 +87,14 @@ class SceneGenerator:
 
     def block(self, number: int) -> Scenes:
         """Scenes ``number * SCENES_PER_BLOCK`` and following, as a camera measures them."""
-        rng = rng_of(self.seed, self.split, number, STREAM)
-        cameras = draw_cameras(rng, self.prior.view, SCENES_PER_BLOCK)
+        draw = Draw(rng_of(self.seed, self.split, number, STREAM), SCENES_PER_BLOCK)
+        cameras = draw_cameras(draw, self.prior.view)
         rays = cameras.rays(self.finer)
-        people = draw_people(rng, self.prior, self.sampler, cameras)
-        sight = sight_of(rng, self.prior, people, rays)
+        people = draw_people(draw, self.prior, self.sampler, cameras)
+        sight = sight_of(draw, self.prior, people, rays)
         focal = self.finer * cameras.focal
         clean = zip(sight.depth, sight.which > 0, focal, sight.reflects)
-        depth = np.stack([measure_frame(rng, *frame) for frame in clean])
+        depth = np.stack([measure_frame(draw.rng, *frame) for frame in clean])
         what_of_number = np.array([*range(THINGS - 1), THINGS - 2, *(THINGS - 1 + sight.of)])
         what = what_of_number[sight.number]
         classes = np.select([sight.which > 0, what == PERSON_OBJECT], [HAND, PERSON], OTHER)
