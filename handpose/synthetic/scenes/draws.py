@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +33,8 @@ class Sizes(Range):
         return np.exp(rng.uniform(np.log(self.low), np.log(self.high), shape))
 
 
-class Draw(NamedTuple):
+@dataclass(frozen=True)
+class Draw:
     """Draws numbers for each of N = ``count`` scenes, or of what is in them: arrays (N, ...), whose
     other axes are the arguments ``shape``.
     """
