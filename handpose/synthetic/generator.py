@@ -122,6 +122,10 @@ class Generator:
         """Frames ``number * BLOCK`` and following; the result depends on the number only."""
         scene = self.scene(number)
         bodies = scene.bodies
+        posers = {}
+        if not self.recipe.around:  # the roots of hands in scenes have no inputs
+            own = len(self.sampler.skeleton.joint_names)
+            posers = {"dof": bodies.inputs, "bones": bodies.bones[:, :own]}
         return Frames.of(
             crops=scene.depth,
             joints=bodies.joints,
@@ -129,7 +133,7 @@ class Generator:
             camera=scene.camera,
             half_cube=scene.cube_mm / 2,
             index=np.arange(number * BLOCK, (number + 1) * BLOCK),
-            **self._posers(bodies.inputs, bodies.bones),
+            **posers,
         )
 
     def scene(self, number: int) -> Scene:
@@ -153,28 +157,6 @@ class Generator:
             depth = sense(rng, depth, z + half, sensor, camera, pixel)
             _blank_outside(depth, center_uvd, camera, cube_mm)
         return Scene(bodies, camera, center_uvd, normalise_depth(depth, z, cube_mm), cube_mm)
-
-    def columns(self) -> dict[str, Array]:
-        """Arrays without rows, of the shapes and types of the frames'."""
-        K = len(self.sampler.skeleton.joint_names)
-        no_inputs = np.zeros((0, len(self.sampler.skeleton.dof_names)))
-        return Frames.of(
-            crops=np.zeros((0, SIZE, SIZE)),
-            joints=np.zeros((0, K, 3)),
-            center_uvd=np.zeros((0, 3)),
-            camera=NYU,
-            half_cube=0.0,
-            index=np.zeros(0, np.int64),
-            **self._posers(no_inputs, np.zeros((0, K))),
-        ).arrays()
-
-    def _posers(self, inputs: Array, bones: Array) -> dict[str, Array]:
-        """The columns of what poses the skeleton; none for hands in scenes, whose roots have no
-        inputs.
-        """
-        if self.recipe.around:
-            return {}
-        return {"dof": inputs, "bones": bones[:, : len(self.sampler.skeleton.joint_names)]}
 
     def made_from(self, *rows: int) -> dict[str, object]:
         """Everything that the frames depend on, as JSON values; the same for all ``rows``."""

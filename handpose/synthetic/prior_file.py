@@ -362,7 +362,7 @@ class Named:
         return np.array(dofs, dtype=int)
 
     def _translation(self, prior: PosePrior) -> list[int]:
-        """Raises unless the centre of crops is on a joint that moves the whole body, as required."""
+        """Raises unless the centre of crops is on a joint that moves the whole body."""
         if prior.center is None:
             for name in ("center_jitter", "center_jitter_wide"):
                 expect(prior, name, not getattr(prior, name), "a center { ... } to be away from")
