@@ -149,7 +149,6 @@ def _first_rotation(
     rests  (N,) whether the hand lies on a table
     along  (N,) whether the forearm is along the line of sight
     """
-    count = len(place)
     up = cameras.up[:, None]
     rotations = draw.rotation(TRIALS)
     forearm = turned(rotations, unit(hand.elbow - hand.wrist))
@@ -163,7 +162,7 @@ def _first_rotation(
     score += cameras.facing[:, None] * ((cosine > 0) - HANGING_SCORE * dot(forearm, up))
     score -= rests[:, None] * RESTING_SCORE * dot(turned(rotations, hand.palmar), up)
     score += along[:, None] * ALONG_SCORE * np.abs(cosine)
-    return rotations[np.arange(count), score.argmax(1)]
+    return rotations[np.arange(draw.count), score.argmax(1)]
 
 
 def _owner(draw: Draw, cameras: Cameras, wearer: Torsos, hand: Hands) -> Torsos:
@@ -199,7 +198,6 @@ def _second_hand(
     place  (N, 3) mm, of the first hands
     side   (N,) of the first hands
     """
-    count = len(side)
     of_stranger = draw.chance(prior.stranger)
     own_side = np.where(of_stranger, draw.rng.choice((LEFT, RIGHT), draw.count), -side)
     hand = draw_hands(draw, sampler, own_side)
@@ -212,7 +210,7 @@ def _second_hand(
     score = IN_SIGHT_SCORE * in_sight + draw.between(0, 1, TRIALS)
     score += IN_FRONT_SCORE * in_front
     score -= TOO_CLOSE_PENALTY * too_close
-    best = np.arange(count), score.argmax(1)
+    best = np.arange(draw.count), score.argmax(1)
     nearby = place + draw.direction() * draw(prior.close_mm, 1)
     depth = place[:, 2] * np.exp(draw(LOG_DEPTH_RATIO))
     anywhere = cameras.anywhere(draw, MARGIN_PX, depth)
@@ -277,13 +275,13 @@ def draw_arm(
 
 def draw_body(draw: Draw, prior: BodyParameter, person: Torsos) -> Capsules:
     """Trunk, shoulders, neck, head, and the legs of some who sit."""
-    count = len(person.size)
+    count = draw.count
     axes = np.stack([person.right, person.up, person.face], axis=1)
     sideways = HIPS_MM[:, 0] + np.array([-1, 1]) * draw(KNEE_OUTWARD_MM, 1)
     height = HIPS_MM[:, 1] + draw(KNEE_UP_MM, 2)
     knees = np.stack([sideways, height, np.full((count, 2), KNEE_FORWARD_MM)], axis=-1)
     starts, ends, start_radii, end_radii = zip(*BODY)
-    begin = np.tile([*starts, *HIPS_MM], (count, 1, 1))
+    begin = np.array([*starts, *HIPS_MM])
     end = np.concatenate([np.tile(ends, (count, 1, 1)), knees], axis=1)
     middle, size = person.middle[:, None], person.size[:, None]
     a, b = (middle + size * (points @ axes) for points in (begin, end))
@@ -291,6 +289,6 @@ def draw_body(draw: Draw, prior: BodyParameter, person: Torsos) -> Capsules:
     at_hip, at_knee = THIGH_RADII_MM
     radius_a = np.array([*start_radii, at_hip, at_hip]) * width
     radius_b = np.array([*end_radii, at_knee, at_knee]) * width
-    there = np.ones((count, len(BODY) + 2), bool)
-    there[:, len(BODY) :] = draw.chance(prior.legs)[:, None]
+    is_leg = np.arange(len(BODY) + 2) >= len(BODY)
+    there = ~is_leg | draw.chance(prior.legs)[:, None]
     return shown(Capsules(a, b, radius_a, radius_b), there)
