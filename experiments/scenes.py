@@ -40,7 +40,8 @@ from handpose.fit.settings import PLANS, Fit
 from handpose.frames.cameras import Camera
 from handpose.scoring.metrics import mean_errors_14
 from handpose.synthetic.scenes import prior as scene_prior
-from handpose.synthetic.scenes.prior import Range, ScenePrior
+from handpose.synthetic.scenes.draws import Range
+from handpose.synthetic.scenes.prior import ScenePrior
 from handpose.synthetic.whole_scenes import SceneGenerator
 from netlib.blob import Array
 from netlib.errors import DataError
