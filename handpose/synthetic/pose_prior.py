@@ -6,6 +6,7 @@ For their surfaces see ``surface_prior``.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -70,19 +71,13 @@ class BodySampler:
         scale, bones = self._draw_sizes(rng, count)
         inputs = np.zeros((count, len(surface.whole.initial)))
         inputs[:, self.rotation] = self.rotations(rng, count) - skeleton.initial[self.rotation]
-        todo = np.arange(count)
-        least = np.full(count, np.inf)
-        for _ in range(self.prior.redraws):
-            trial = inputs[todo]
-            self._draw_limbs(rng, trial)
-            penetration = self._penetration_mm(trial, bones[todo], scale[todo])
-            is_better = penetration < least[todo]
-            better = todo[is_better]
-            inputs[better] = trial[is_better]
-            least[better] = penetration[is_better]
-            todo = np.flatnonzero(least > self.prior.penetration)
-            if not len(todo):
-                break
+
+        def trial(todo: NDArray[np.int_], _: float) -> tuple[Array, Array]:
+            trials = inputs[todo]
+            self._draw_limbs(rng, trials)
+            return trials, self._penetration_mm(trials, bones[todo], scale[todo])
+
+        draw_again(inputs, self.prior.penetration, trial, range(self.prior.redraws))
         self._place(rng, inputs, bones, scale)
         joints = surface.kinematics.joints(inputs, bones)[:, : len(skeleton.joint_names)]
         return Bodies(inputs[:, : len(skeleton.initial)], bones, joints, scale)
@@ -197,6 +192,31 @@ class BodySampler:
         if straight == "UPPER":
             return upper - part * (upper - lower)
         return lower + part * (upper - lower)
+
+
+def draw_again(
+    best: Array,
+    most: float,
+    trial: Callable[[NDArray[np.int_], float], tuple[Array, Array]],
+    factors: Iterable[float],
+) -> None:
+    """Fill rows (N, ...) with the first draws whose badness is at most ``most``; where there is
+    none, with the least bad.
+
+    trial    draws some rows with a factor; returns them and their badness
+    factors  of the draws
+    """
+    todo = np.arange(len(best))
+    least = np.full(len(best), np.inf)
+    for factor in factors:
+        drawn, badness = trial(todo, factor)
+        is_better = badness < least[todo]
+        better = todo[is_better]
+        best[better] = drawn[is_better]
+        least[better] = badness[is_better]
+        todo = np.flatnonzero(least > most)
+        if not len(todo):
+            return
 
 
 def _normal(rng: np.random.Generator, normal: NormalParameter | TurnParameter, count: int) -> Array:

@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from handpose.body.model import Surface
 from handpose.body.render import Capsules, in_front, joined
-from handpose.synthetic.pose_prior import Bodies, cut_normal
+from handpose.synthetic.pose_prior import Bodies, cut_normal, draw_again
 from netlib.blob import Array
 
 
@@ -114,23 +115,18 @@ def _draw_ends(
     N = len(offset)
     inputs = np.zeros((N, len(whole.initial)))
     inputs[:, :own] = bodies.inputs
-    least = np.full(N, np.inf)
     best = np.zeros((N, len(whole.joint_names), 3))
-    todo = np.arange(N)
-    for factor in np.linspace(1, prior.redraw_wider, 1 + prior.redraws):
-        trial = inputs[todo]
+
+    def trial(todo: NDArray[np.int_], factor: float) -> tuple[Array, Array]:
+        trials = inputs[todo]
         drawn = factor * surface.deviation[free] * rng.standard_normal((len(todo), len(free)))
-        trial[:, free] = np.clip(drawn, whole.lower[free], whole.upper[free])
-        pose = surface.kinematics.forward(trial, bodies.bones[todo])
+        trials[:, free] = np.clip(drawn, whole.lower[free], whole.upper[free])
+        pose = surface.kinematics.forward(trials, bodies.bones[todo])
         ends = surface.ends(pose, bodies.scale[todo], offset[todo])
-        towards = _towards_camera(surface, ends)
-        is_better = towards < least[todo]
-        better = todo[is_better]
-        best[better] = ends[is_better]
-        least[better] = towards[is_better]
-        todo = np.flatnonzero(least > prior.towards_camera)
-        if not len(todo):
-            break
+        return ends, _towards_camera(surface, ends)
+
+    factors = np.linspace(1, prior.redraw_wider, 1 + prior.redraws)
+    draw_again(best, prior.towards_camera, trial, factors)
     return best
 
 
