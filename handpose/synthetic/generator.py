@@ -88,9 +88,9 @@ class Scene(NamedTuple):
     """A block of frames, before anything is clipped to the cube."""
 
     bodies: Bodies  # half-cubes from the crop centres
-    camera: Camera
     center_uvd: Array  # (BLOCK, 3) crop centres: px, px, mm
     depth: Floats  # (BLOCK, 128, 128) crops in [-1, 1]
+    camera: Camera
     cube_mm: float  # edge of the crops
 
 
@@ -145,7 +145,7 @@ class Generator:
         camera, sensor = self.recipe.views[rng.integers(len(self.recipe.views))]
         if self.recipe.around and number % 2:
             drawn = draw_scene_crops(rng, self.recipe.around, sampler, camera, BLOCK)
-            return Scene(drawn.bodies, camera, drawn.center_uvd, drawn.depth, cube_mm)
+            return Scene(*drawn, camera, cube_mm)
         bodies = sampler.draw(rng, BLOCK)
         center_uvd = sampler.centers(rng, BLOCK, camera)
         center = camera.unproject(center_uvd)
@@ -156,7 +156,7 @@ class Generator:
             pixel = SIZE * z / (cube_mm * camera.fx)
             depth = sense(rng, depth, z + half, sensor, camera, pixel)
             _blank_outside(depth, center_uvd, camera, cube_mm)
-        return Scene(bodies, camera, center_uvd, normalise_depth(depth, z, cube_mm), cube_mm)
+        return Scene(bodies, center_uvd, normalise_depth(depth, z, cube_mm), camera, cube_mm)
 
     def made_from(self, *rows: int) -> dict[str, object]:
         """Everything that the frames depend on, as JSON values; the same for all ``rows``."""
