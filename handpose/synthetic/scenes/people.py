@@ -25,18 +25,19 @@ SHOULDER_MM = 170.0  # from the middle of the shoulders to one, for a person of 
 MEAN_HAND_SCALE = 0.92  # scale of the hand of a person of size 1
 MIN_SIZE, MAX_SIZE = 0.8, 1.2  # of people
 OPTICAL_AXIS = np.array([0.0, 0.0, 1.0])
-# Capsules of trunk, neck and head: start and end (right, up and forward of the middle of the
-# shoulders), radius at the start and at the end, in mm.
-BODY = (
-    ((-60, -60, 0), (-60, -420, 10), 95, 110),
-    ((60, -60, 0), (60, -420, 10), 95, 110),
-    ((0, -120, 20), (0, -430, 30), 110, 125),
-    ((-140, -15, 0), (140, -15, 0), 65, 65),
-    ((0, 40, 15), (0, 150, 25), 58, 55),
-    ((0, 190, 30), (0, 255, 20), 85, 92),
-)
-THIGH_RADII_MM = (85.0, 62.0)  # at hip and knee
-HIPS_MM = np.array([(-95.0, -470.0, 20.0), (95.0, -470.0, 20.0)])
+# Capsules of trunk, neck and head, and of the thighs from the hips on: start and end (right, up and
+# forward of the middle of the shoulders), radius at the start and at the end, in mm.
+BODY = """\
+ -60  -60  0   -60 -420 10    95 110
+  60  -60  0    60 -420 10    95 110
+   0 -120 20     0 -430 30   110 125
+-140  -15  0   140  -15  0    65  65
+   0   40 15     0  150 25    58  55
+   0  190 30     0  255 20    85  92
+ -95 -470 20   -95 -470 20    85  62
+  95 -470 20    95 -470 20    85  62
+"""
+LEGS = slice(-2, None)
 KNEE_FORWARD_MM = 440.0  # of the middle of the shoulders
 # relative to the hips
 KNEE_OUTWARD_MM, KNEE_UP_MM = Range(-60.0, 120.0), Range(-120.0, 60.0)
@@ -275,20 +276,15 @@ def draw_arm(
 
 def draw_body(draw: Draw, prior: BodyParameter, person: Torsos) -> Capsules:
     """Trunk, shoulders, neck, head, and the legs of some who sit."""
-    count = draw.count
+    body = np.loadtxt(BODY.splitlines())
     axes = np.stack([person.right, person.up, person.face], axis=1)
-    sideways = HIPS_MM[:, 0] + np.array([-1, 1]) * draw(KNEE_OUTWARD_MM, 1)
-    height = HIPS_MM[:, 1] + draw(KNEE_UP_MM, 2)
-    knees = np.stack([sideways, height, np.full((count, 2), KNEE_FORWARD_MM)], axis=-1)
-    starts, ends, start_radii, end_radii = zip(*BODY)
-    begin = np.array([*starts, *HIPS_MM])
-    end = np.concatenate([np.tile(ends, (count, 1, 1)), knees], axis=1)
+    begin, end = body[:, :3], np.tile(body[:, 3:6], (draw.count, 1, 1))
+    end[:, LEGS, 0] += np.array([-1, 1]) * draw(KNEE_OUTWARD_MM, 1)
+    end[:, LEGS, 1] += draw(KNEE_UP_MM, 2)
+    end[:, LEGS, 2] = KNEE_FORWARD_MM
     middle, size = person.middle[:, None], person.size[:, None]
     a, b = (middle + size * (points @ axes) for points in (begin, end))
     width = person.size * draw(prior.width, 1)
-    at_hip, at_knee = THIGH_RADII_MM
-    radius_a = np.array([*start_radii, at_hip, at_hip]) * width
-    radius_b = np.array([*end_radii, at_knee, at_knee]) * width
-    is_leg = np.arange(len(BODY) + 2) >= len(BODY)
-    there = ~is_leg | draw.chance(prior.legs)[:, None]
-    return shown(Capsules(a, b, radius_a, radius_b), there)
+    there = np.ones(a.shape[:2], bool)
+    there[:, LEGS] = draw.chance(prior.legs)[:, None]
+    return shown(Capsules(a, b, body[:, 6] * width, body[:, 7] * width), there)
