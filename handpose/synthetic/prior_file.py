@@ -271,6 +271,10 @@ def _check(prior: PosePrior) -> None:
         are_above = not std or std * prior.scale_clip < mean
         expect(message, name, are_above, "less than 1 / scale_clip, so that none is below 0")
     Named(prior, prior.body())
+    alone: list[Any] = [*prior.spread, *prior.between]
+    known = [dof for message in alone for dof in message.dof]
+    for part in (part for pose in prior.pose for part in pose.at):
+        _expect_known(part, "of", part.of, known)
 
 
 def messages(message: Any) -> Iterator[Any]:
@@ -327,14 +331,13 @@ class Named:
             for bend, own in zip(prior.bend, self.chains)
             for chain, dofs in zip(bend.chain, own)
         }
-        alone = np.concatenate([*self.spread, *self.between, np.zeros(0, int)])
-        limbs: dict[str, Bent] = {
-            skeleton.dof_names[d]: ("LOWER", np.array([d])) for d in alone.tolist()
+        dofs: dict[str, Bent] = {
+            name: ("LOWER", np.array([d])) for d, name in enumerate(skeleton.dof_names)
         }
         self.poses: dict[str, list[tuple[Bent, float]]] = {}
         for pose in prior.pose:
             expect(pose, "name", pose.name not in self.poses, f"pose {pose.name!r} once")
-            self.poses[pose.name] = [*_parts(pose.bend, chains), *_parts(pose.at, limbs)]
+            self.poses[pose.name] = [*_parts(pose.bend, chains), *_parts(pose.at, dofs)]
         expect(prior, "blend", not prior.blend or bool(prior.pose), "a pose { ... } to be between")
 
     def _joint(self, message: object, name: str) -> int:
