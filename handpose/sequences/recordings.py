@@ -18,7 +18,6 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import cast
 
 import numpy as np
 
@@ -27,7 +26,7 @@ from handpose.body.render import Capsules, in_front, joined, render
 from handpose.body.sides import Side
 from handpose.frames.cameras import NYU, UNIT_MM, Camera, Floats, View
 from handpose.frames.recording import DepthFrame, Recording
-from handpose.sequences.acts import Act, Actor, Kind, Volume
+from handpose.sequences.acts import Act, Actor, Volume
 from handpose.sequences.movements import Movement, Person
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
@@ -54,38 +53,37 @@ class Script:
     poses: tuple[PoseParameter, ...] = ()
 
 
-# Each line: a script and its seconds, what is behind its hands, a hand, and its acts with their
-# seconds.
-_SCRIPTS = """\
-rest 10 arms right rest 10
-gestures 20 arms right gestures 16 wave 3 rest 1.5
-moving 20 arms right rest 1.5 moving 18.5
-leaves 20 arms right moving 4 away 3.5 gestures 3
-two_hands 20 arms right moving 6 rest 1.5 gestures 6 wave 2.5 rest 1.5
-two_hands 20 arms left gestures 6 wave 2.5 rest 1.5 moving 6 rest 1.5
-left 20 arms left moving 6 rest 1.5 gestures 6 wave 2.5 rest 1.5
-body 20 body right moving 6 rest 1.5 gestures 6 wave 2.5 rest 1.5
-minute 60 body right rest 2 gestures 10 moving 11 away 4
-minute 60 body right moving 6 rest 1.5 gestures 6 wave 2.5 rest 1.5
-minute 60 body right moving 6 rest 1.5 gestures 6 wave 2.5 rest 1.5
-minute 60 body left away 30 moving 6 rest 1.5 gestures 6 wave 2.5 rest 1.5 away 20
-"""
-
-
-def _scripts() -> dict[str, Script]:
-    """The scripts of the table; the acts of several lines follow each other."""
-    found: dict[str, Script] = {}
-    for line in _SCRIPTS.splitlines():
-        name, seconds, behind, hand, *acts = line.split()
-        side: Side = "left" if hand == "left" else "right"
-        script = found.setdefault(name, Script(float(seconds), {}, behind == "body"))
-        pairs = zip(acts[::2], acts[1::2])
-        own = [Act(cast(Kind, kind), float(lasts)) for kind, lasts in pairs]
-        script.acts[side] = (*script.acts.get(side, ()), *own)
-    return found
-
-
-SCRIPTS = _scripts()
+_LIVELY = (
+    Act("moving", 6),
+    Act("rest", 1.5),
+    Act("gestures", 6),
+    Act("wave", 2.5),
+    Act("rest", 1.5),
+)
+SCRIPTS = {
+    "rest": Script(10, {"right": (Act("rest", 10),)}),
+    "gestures": Script(20, {"right": (Act("gestures", 16), Act("wave", 3), Act("rest", 1.5))}),
+    "moving": Script(20, {"right": (Act("rest", 1.5), Act("moving", 18.5))}),
+    "leaves": Script(20, {"right": (Act("moving", 4), Act("away", 3.5), Act("gestures", 3))}),
+    "two_hands": Script(20, {"right": _LIVELY, "left": (*_LIVELY[2:], *_LIVELY[:2])}),
+    "left": Script(20, {"left": _LIVELY}),
+    "body": Script(20, {"right": _LIVELY}, body=True),
+    "minute": Script(
+        60,
+        {
+            "right": (
+                Act("rest", 2),
+                Act("gestures", 10),
+                Act("moving", 11),
+                Act("away", 4),
+                *_LIVELY,
+                *_LIVELY,
+            ),
+            "left": (Act("away", 30), *_LIVELY, Act("away", 20)),
+        },
+        body=True,
+    ),
+}
 OTHER_SIDE: dict[Side, Side] = {"right": "left", "left": "right"}
 
 # Head, neck, shoulders, trunk: from, to, both radii; mm from the middle between the shoulders.

@@ -116,46 +116,52 @@ wrist_left
 wrist_middle
 palm
 """
-# Each line: joints with a bone between every two neighbours.
+# Each line: the numbers of joints with a bone between every two neighbours.
 MEDIAPIPE_BONES = """\
-THUMB_CMC THUMB_MCP THUMB_IP THUMB_TIP
-INDEX_FINGER_MCP INDEX_FINGER_PIP INDEX_FINGER_DIP INDEX_FINGER_TIP
-MIDDLE_FINGER_MCP MIDDLE_FINGER_PIP MIDDLE_FINGER_DIP MIDDLE_FINGER_TIP
-RING_FINGER_MCP RING_FINGER_PIP RING_FINGER_DIP RING_FINGER_TIP
-PINKY_MCP PINKY_PIP PINKY_DIP PINKY_TIP
-WRIST THUMB_CMC
-WRIST INDEX_FINGER_MCP
-WRIST PINKY_MCP
-INDEX_FINGER_MCP MIDDLE_FINGER_MCP RING_FINGER_MCP PINKY_MCP
+1 2 3 4
+5 6 7 8
+9 10 11 12
+13 14 15 16
+17 18 19 20
+0 1
+0 5
+0 17
+5 9 13 17
 """
 MANO_BONES = """\
-wrist index1 index2 index3 index_tip
-wrist middle1 middle2 middle3 middle_tip
-wrist pinky1 pinky2 pinky3 pinky_tip
-wrist ring1 ring2 ring3 ring_tip
-wrist thumb1 thumb2 thumb3 thumb_tip
+0 1 2 3 17
+0 4 5 6 18
+0 7 8 9 20
+0 10 11 12 19
+0 13 14 15 16
 """
 NYU_BONES = """\
-index_pip_a index_tip
-middle_pip_a middle_tip
-ring_pip_a ring_tip
-little_pip_a little_tip
-palm index_pip_a
-palm middle_pip_a
-palm ring_pip_a
-palm little_pip_a
-palm wrist_left
-palm wrist_middle
-palm thumb_pip thumb_dip thumb_tip
+7 6
+5 4
+3 2
+1 0
+13 7
+13 5
+13 3
+13 1
+13 11
+13 12
+13 10 9 8
 """
 
 
-def _points_in(joints: str) -> dict[str, Point]:
-    """The points of a table by joint."""
-    return {
+def _format(
+    joints: str, bones: str, unit: Literal["m", "mm"] = "m", up: Literal[1, -1] = -1
+) -> JointFormat:
+    """The format of two tables."""
+    points = {
         joint: POINTS[point[0]] if point else _annotated(joint)
         for joint, *point in map(str.split, joints.splitlines())
     }
+    names = list(points)
+    chains = ([names[int(number)] for number in line.split()] for line in bones.splitlines())
+    pairs = itertools.chain(*map(itertools.pairwise, chains))
+    return JointFormat(points, tuple(pairs), unit, up)
 
 
 def _annotated(joint: str) -> Point:
@@ -164,16 +170,10 @@ def _annotated(joint: str) -> Point:
     return Point({joint: 1}, f"as annotated{moved}")
 
 
-def _bones_in(chains: str) -> tuple[tuple[str, str], ...]:
-    """The bones of a table."""
-    each = (itertools.pairwise(line.split()) for line in chains.splitlines())
-    return tuple(itertools.chain(*each))
-
-
 FORMATS: dict[FormatName, JointFormat] = {
-    "mediapipe": JointFormat(_points_in(MEDIAPIPE_JOINTS), _bones_in(MEDIAPIPE_BONES)),
-    "mano": JointFormat(_points_in(MANO_JOINTS), _bones_in(MANO_BONES)),
-    "nyu": JointFormat(_points_in(NYU_JOINTS), _bones_in(NYU_BONES), "mm", 1),
+    "mediapipe": _format(MEDIAPIPE_JOINTS, MEDIAPIPE_BONES),
+    "mano": _format(MANO_JOINTS, MANO_BONES),
+    "nyu": _format(NYU_JOINTS, NYU_BONES, "mm", 1),
 }
 
 
