@@ -98,12 +98,13 @@ def read_crop_centers(files: Sequence[File]) -> tuple[Array, Camera]:
     Files have each centre in pixels and in mm, which determines the camera: that of ``CAMERAS``
     which maps them.
     """
-    stored = [
-        [_numbers(file, name, [shape], shape) for name in ("center_uvd", "center")]
-        for file in files
-        for shape in [(file.rows, 3)]
-    ]
-    uvd, xyz = np.concatenate(stored, axis=1)
+
+    def stored(name: str) -> Array:
+        """The centres of all files in a data set."""
+        each = [_numbers(file, name, [(file.rows, 3)], (file.rows, 3)) for file in files]
+        return np.concatenate(each)
+
+    uvd, xyz = stored("center_uvd"), stored("center")
     # the quotients of larger coordinates may overflow
     are_small = np.abs([uvd, xyz]).max(initial=0) <= MAX_PX_OR_MM  # False for NaN
     if not are_small or not (xyz[:, 2] > MIN_CENTER_MM).all():

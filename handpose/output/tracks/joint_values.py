@@ -57,13 +57,12 @@ def hand_values(name: FormatName, pose: HandPose, camera: Camera | None) -> dict
 
 def columns(name: FormatName) -> list[str]:
     """The columns of a table, as ``numbers`` has their values."""
-    joints = list(FORMATS[name].joints)
-    parts = [(joints, f"_{FORMATS[name].unit}")]
+    joints = FORMATS[name].joints
+    points = [f"{joint}_%s_{FORMATS[name].unit}" for joint in joints]
     if name == "mediapipe":
-        parts = [(joints, ""), ([f"{joint}_world" for joint in joints], "_m"), (["center"], "_m")]
-    found = [
-        f"{point}_{axis}{unit}" for points, unit in parts for point in points for axis in "xyz"
-    ]
+        world = [f"{joint}_world_%s_m" for joint in joints]
+        points = [*(f"{joint}_%s" for joint in joints), *world, "center_%s_m"]
+    found = [point % axis for point in points for axis in "xyz"]
     return found + [f"{angle}_deg" for angle in ANGLES]
 
 
