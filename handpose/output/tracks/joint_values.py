@@ -48,11 +48,10 @@ def format_values(name: FormatName) -> dict[str, Any]:
 def hand_values(name: FormatName, pose: HandPose, camera: Camera | None) -> dict[str, Any]:
     """The JSON values of a pose in a format. Raises DataError for another body than a hand."""
     digits = DECIMALS[FORMATS[name].unit]
-    parts = _parts(name, pose, camera).items()
-    return {
-        name: {key: rounded_if_known(values, digits) for key, values in parts},
-        ANGLES_KEY: dict(zip(pose.angles, rounded([*pose.angles.values()], 2))),
-    }
+    parts = _parts(name, pose, camera)
+    joints = {key: rounded_if_known(values, digits) for key, values in parts.items()}
+    angles = dict(zip(pose.angles, rounded([*pose.angles.values()], 2)))
+    return {name: joints, ANGLES_KEY: angles}
 
 
 def columns(name: FormatName) -> list[str]:
