@@ -166,10 +166,3 @@ def test_three_spheres_in_a_row_have_no_facet() -> None:
         one = wedge(corners, radii)
         plain = render_crop(one._replace(facets=NO_FACETS), CENTER, 300.0)
         assert np.array_equal(render_crop(one, CENTER, 300.0), plain)
-
-
-def test_a_part_of_a_capsule() -> None:
-    whole = capsules(((0, 0, 500), (100, 0, 500), 10, 20))
-    part = whole.part(np.array([[0.5]]), np.array([[1.0]]))
-    assert part.a[0, 0].tolist() == [50, 0, 500] and part.b[0, 0].tolist() == [100, 0, 500]
-    assert (part.radius_a[0, 0], part.radius_b[0, 0]) == (15, 20)
