@@ -37,15 +37,15 @@ STRAIGHT = (100.0, 14.0)  # degrees: where the probability is one half, and the 
 # palms; on the seeds of the choice (docs/gestures.md) at most 0.76 across, at least 0.87 out
 OUT = (0.81, 0.04)
 TOUCH = (0.32, 0.03)
-# 1 for straight fingers: index, middle, ring, little; and whether the thumb is out (-: either).
-STRAIGHT_FINGERS = {
-    "open": "1111 1",
-    "fist": "0000 0",
-    "point": "1000 -",
-    "thumb_up": "0000 1",
-    "two": "1100 -",
-    "three": "1110 -",
-    "four": "1111 0",
+# Straight fingers: index, middle, ring, little; and whether the thumb is out (None: either).
+STRAIGHT_FINGERS: dict[str, tuple[tuple[bool, bool, bool, bool], bool | None]] = {
+    "open": ((True, True, True, True), True),
+    "fist": ((False, False, False, False), False),
+    "point": ((True, False, False, False), None),
+    "thumb_up": ((False, False, False, False), True),
+    "two": ((True, True, False, False), None),
+    "three": ((True, True, True, False), None),
+    "four": ((True, True, True, True), False),
 }
 PINCH = "pinch"  # thumb and index finger touch, the middle finger is straight
 GESTURES = (*STRAIGHT_FINGERS, PINCH)
@@ -74,11 +74,12 @@ def scores(
     out = _over(_distance(at["thumb_tip"], at["middle_mcp"]) / palm, OUT)
     touch = 1 - _over(_distance(at["thumb_tip"], at["index_tip"]) / palm, TOUCH)
     found = {PINCH: touch * straight[1]}
-    by_thumb = {"1": out, "0": 1 - out, "-": 1.0}
-    for name, wanted in STRAIGHT_FINGERS.items():
-        fingers, thumb = wanted.split()
-        likely = np.prod([part if one == "1" else 1 - part for part, one in zip(straight, fingers)])
-        found[name] = float(likely * by_thumb[thumb] * (1 - found[PINCH]))
+    by_thumb = {True: out, False: 1 - out, None: 1.0}
+    for name, (wanted, thumb) in STRAIGHT_FINGERS.items():
+        fingers = np.prod(
+            [part if is_straight else 1 - part for part, is_straight in zip(straight, wanted)]
+        )
+        found[name] = float(fingers * by_thumb[thumb] * (1 - found[PINCH]))
     return {name: found[name] for name in GESTURES}
 
 

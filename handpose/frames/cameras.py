@@ -118,20 +118,20 @@ def by_field_of_view(
     return View(name, at)
 
 
-def _model(name: str, min_range_mm: str, *shapes: str) -> View:
+def _model(
+    name: str, degrees: dict[tuple[int, int], float], min_range_mm: float = MIN_RANGE_MM
+) -> View:
     """A model of camera, with its horizontal field of view for frames of each shape."""
 
     def at(width: int, height: int) -> Camera:
-        for shape, degrees in zip(shapes[::2], shapes[1::2]):
-            w, h = map(int, shape.split(":"))
+        for (w, h), horizontal in degrees.items():
             if abs(width * h - height * w) <= SAME_SHAPE * height * w:
-                view = by_field_of_view(name, float(degrees), None, float(min_range_mm))
-                return view.at(width, height)
-        known = ", ".join(shapes[::2])
+                return by_field_of_view(name, horizontal, None, min_range_mm).at(width, height)
+        shapes = ", ".join(f"{w}:{h}" for w, h in degrees)
         from netlib.errors import DataError  # imported here, because a camera needs NumPy alone
 
         raise DataError(
-            f"frames of {width} x {height} px; depth frames of {name} are {known}; if they are cut or "
+            f"frames of {width} x {height} px; depth frames of {name} are {shapes}; if they are cut or "
             "turned, give --camera FX,FY,U0,V0"
         )
 
@@ -146,17 +146,19 @@ KINECT2 = Camera("kinect2", 363.9, 363.9, 255.4, 206.3, 512, 424)
 SR305 = Camera("sr305", 476.007, 476.007, 313.68, 242.76, 640, 480)
 
 CAMERAS = {camera.name: camera for camera in (NYU, ICVL, MSRA15, KINECT2, SR305)}
-# Models, their minimum range in mm, and the field of view in degrees that corresponds to their
-# usual focal length in frames of each shape: factory calibrations of single cameras differ by some
-# 3%. Data sheets of stereo cameras subtract what one imager does not see.
-MODELS = """\
-d405     70  16:9 89    4:3 78.5  16:10 89
-d415    200  16:9 69.4  4:3 54.9
-d435    200  16:9 90    4:3 79.6  16:10 90
-d455    200  16:9 90    4:3 79.6  16:10 90
-azure   200  10:9 64.8  1:1 90.9
-femto   200  10:9 64.8  1:1 90.9
-kinect1 200  4:3 58.1
-"""
-VIEWS = {line.split()[0]: _model(*line.split()) for line in MODELS.splitlines()}
+# Models, by the field of view in degrees that corresponds to their usual focal length in frames of
+# each shape: factory calibrations of single cameras differ by some 3%. Data sheets of stereo
+# cameras subtract what one imager does not see.
+VIEWS = {
+    view.name: view
+    for view in (
+        _model("d405", {(16, 9): 89.0, (4, 3): 78.5, (16, 10): 89.0}, 70.0),
+        _model("d415", {(16, 9): 69.4, (4, 3): 54.9}),
+        _model("d435", {(16, 9): 90.0, (4, 3): 79.6, (16, 10): 90.0}),
+        _model("d455", {(16, 9): 90.0, (4, 3): 79.6, (16, 10): 90.0}),
+        _model("azure", {(10, 9): 64.8, (1, 1): 90.9}),
+        _model("femto", {(10, 9): 64.8, (1, 1): 90.9}),
+        _model("kinect1", {(4, 3): 58.1}),
+    )
+}
 UNIT_MM = {"sr305": 0.125}  # depth unit of the cameras' images, where it is not 1 mm
