@@ -22,18 +22,16 @@ CENTER_IN_PALM = (-16.7, -21.5, 5.1)
 CUBE_MM = 300.0  # edge of the cube around the hand
 SECOND_CUBE_MM = 300.0 * 0.87  # ... around the second subject's hand
 
-# The annotated joint of each of the model's 31 joints, in lines: little finger, ring, middle and
-# index finger, tip to base; their knuckles; palm and two points of the wrist; thumb, root to tip.
-_ANNOTATIONS = """\
-0 1 2 3 4
-6 7 8 9 10
-12 13 14 15 16
-18 19 20 21 22
-5 11 17 23
-32 30 31
-28 27 25 24
-"""
-ANNOTATION_OF_JOINT = tuple(map(int, _ANNOTATIONS.split()))
+# The annotated joint of each of the model's 31 joints.
+ANNOTATION_OF_JOINT = (
+    *(0, 1, 2, 3, 4),  # little finger, tip to base
+    *(6, 7, 8, 9, 10),  # ring
+    *(12, 13, 14, 15, 16),  # middle
+    *(18, 19, 20, 21, 22),  # index
+    *(5, 11, 17, 23),  # knuckles: little, ring, middle, index
+    *(32, 30, 31),  # palm, two points of the wrist
+    *(28, 27, 25, 24),  # thumb, root to tip
+)
 
 # The 14 joints on which results on NYU are compared, as annotated, and the same as
 # joints of the model.

@@ -87,12 +87,15 @@ SCRIPTS = {
 OTHER_SIDE: dict[Side, Side] = {"right": "left", "left": "right"}
 
 # Head, neck, shoulders, trunk: from, to, both radii; mm from the middle between the shoulders.
-BODY = """\
-   0 180 20     0  260 10    85  95
-   0  40 20     0  180 20    60  60
--150 -20  0   150  -20  0    70  70
-   0 -90  0     0 -420  0   150 160
-"""
+BODY = np.array(
+    [
+        (0, 180, 20, 0, 260, 10, 85, 95),
+        (0, 40, 20, 0, 180, 20, 60, 60),
+        (-150, -20, 0, 150, -20, 0, 70, 70),
+        (0, -90, 0, 0, -420, 0, 150, 160),
+    ],
+    np.float64,
+)
 NOWHERE_MM = 1e4  # beyond the range of any camera
 BEHIND_MM = 300.0  # from the farthest place of a hand to the middle between the shoulders
 SHOULDER_MM = 170.0  # from that middle
@@ -119,7 +122,7 @@ def draw_surroundings(
         (camera.height, camera.width), wall if rng.random() < 0.5 else NOWHERE_MM, dtype=np.float32
     )
     if body:
-        parts = np.loadtxt(BODY.splitlines())[None]
+        parts = BODY[None]
         whole = Capsules(parts[..., :3], parts[..., 3:6], parts[..., 6], parts[..., 7])
         shown = in_front(whole.moved(middle))
         np.minimum(image, render_image(shown, camera, np.inf)[0], out=image)

@@ -15,12 +15,13 @@ from __future__ import annotations
 
 import functools
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
 
-from handpose.body.joint_formats.frames import POINTS, Point, joints_of, weights_of
+from handpose.body.joint_formats.frames import LONG_FINGERS, POINTS, Point, joints_of, weights_of
 from handpose.body.sides import Side
 from handpose.frames.cameras import Camera
 from layers.hand.skeleton import Skeleton
@@ -30,6 +31,8 @@ from netlib.errors import DataError, did_you_mean
 FormatName = Literal["mediapipe", "mano", "nyu"]
 FORMAT_NAMES: tuple[FormatName, ...] = get_args(FormatName)
 METRE = 1000.0
+# the joints of a finger, from the palm outwards
+PARTS, PARTS_OF_THUMB = ("mcp", "pip", "dip", "tip"), ("cmc", "mcp", "ip", "tip")
 
 
 @dataclass(frozen=True)
@@ -39,142 +42,84 @@ class JointFormat:
     joints   names in order, and the point of each
     bones    pairs of names to draw lines between
     unit     of positions: "m" or "mm"
-    up       sign of y: camera axes are x right, y up, z away
+    axes     signs that turn camera axes (x right, y up, z away) into the format's
+    in_words of the axes
     """
 
+    name: FormatName
     joints: dict[str, Point]
     bones: tuple[tuple[str, str], ...]
     unit: Literal["m", "mm"] = "m"
-    up: Literal[1, -1] = -1
-
-    @property
-    def in_words(self) -> str:
-        """The axes in words."""
-        return f"x right, y {'up' if self.up > 0 else 'down'}, z away from the camera"
+    axes: tuple[int, int, int] = (1, -1, 1)
+    in_words: str = "x right, y down, z away from the camera"
 
 
-# Joints in order, with the point of each; those of NYU are joints of the skeleton.
-MEDIAPIPE_JOINTS = """\
-WRIST wrist
-THUMB_CMC thumb_cmc
-THUMB_MCP thumb_mcp
-THUMB_IP thumb_ip
-THUMB_TIP thumb_tip
-INDEX_FINGER_MCP index_mcp
-INDEX_FINGER_PIP index_pip
-INDEX_FINGER_DIP index_dip
-INDEX_FINGER_TIP index_tip
-MIDDLE_FINGER_MCP middle_mcp
-MIDDLE_FINGER_PIP middle_pip
-MIDDLE_FINGER_DIP middle_dip
-MIDDLE_FINGER_TIP middle_tip
-RING_FINGER_MCP ring_mcp
-RING_FINGER_PIP ring_pip
-RING_FINGER_DIP ring_dip
-RING_FINGER_TIP ring_tip
-PINKY_MCP little_mcp
-PINKY_PIP little_pip
-PINKY_DIP little_dip
-PINKY_TIP little_tip
-"""
-MANO_JOINTS = """\
-wrist wrist
-index1 index_mcp
-index2 index_pip
-index3 index_dip
-middle1 middle_mcp
-middle2 middle_pip
-middle3 middle_dip
-pinky1 little_mcp
-pinky2 little_pip
-pinky3 little_dip
-ring1 ring_mcp
-ring2 ring_pip
-ring3 ring_dip
-thumb1 thumb_cmc
-thumb2 thumb_mcp
-thumb3 thumb_ip
-thumb_tip thumb_skin
-index_tip index_skin
-middle_tip middle_skin
-ring_tip ring_skin
-pinky_tip little_skin
-"""
-NYU_JOINTS = """\
-little_tip
-little_pip_a
-ring_tip
-ring_pip_a
-middle_tip
-middle_pip_a
-index_tip
-index_pip_a
-thumb_tip
-thumb_dip
-thumb_pip
-wrist_left
-wrist_middle
-palm
-"""
-# Each line: the numbers of joints with a bone between every two neighbours.
-MEDIAPIPE_BONES = """\
-1 2 3 4
-5 6 7 8
-9 10 11 12
-13 14 15 16
-17 18 19 20
-0 1
-0 5
-0 17
-5 9 13 17
-"""
-MANO_BONES = """\
-0 1 2 3 17
-0 4 5 6 18
-0 7 8 9 20
-0 10 11 12 19
-0 13 14 15 16
-"""
-NYU_BONES = """\
-7 6
-5 4
-3 2
-1 0
-13 7
-13 5
-13 3
-13 1
-13 11
-13 12
-13 10 9 8
-"""
+def _points_of(finger: str, names: Sequence[str]) -> dict[str, Point]:
+    """The points of the joints of a finger, from the palm outwards, by these names."""
+    parts = PARTS_OF_THUMB if finger == "thumb" else PARTS
+    return {name: POINTS[f"{finger}_{part}"] for name, part in zip(names, parts)}
 
 
-def _format(
-    joints: str, bones: str, unit: Literal["m", "mm"] = "m", up: Literal[1, -1] = -1
-) -> JointFormat:
-    """The format of two tables."""
-    points = {
-        joint: POINTS[point[0]] if point else _annotated(joint)
-        for joint, *point in map(str.split, joints.splitlines())
+def _mediapipe() -> JointFormat:
+    joints = {"WRIST": POINTS["wrist"]}
+    bones: list[tuple[str, str]] = []
+    for finger in ("thumb", *LONG_FINGERS):
+        own = {"thumb": "THUMB", "little": "PINKY"}.get(finger, f"{finger.upper()}_FINGER")
+        parts = PARTS_OF_THUMB if finger == "thumb" else PARTS
+        names = [f"{own}_{part.upper()}" for part in parts]
+        joints |= _points_of(finger, names)
+        bones += itertools.pairwise(names)
+    knuckles = [f"{name}_MCP" for name in ("INDEX_FINGER", "MIDDLE_FINGER", "RING_FINGER", "PINKY")]
+    bones += [
+        ("WRIST", "THUMB_CMC"),
+        ("WRIST", knuckles[0]),
+        ("WRIST", knuckles[-1]),
+        *itertools.pairwise(knuckles),
+    ]
+    return JointFormat("mediapipe", joints, tuple(bones))
+
+
+def _mano() -> JointFormat:
+    joints = {"wrist": POINTS["wrist"]}
+    bones: list[tuple[str, str]] = []
+    for finger in ("index", "middle", "little", "ring", "thumb"):
+        names = [f"{_pinky(finger)}{i}" for i in (1, 2, 3)]
+        joints |= _points_of(finger, names)
+        bones += [
+            ("wrist", names[0]),
+            *itertools.pairwise(names),
+            (names[2], f"{_pinky(finger)}_tip"),
+        ]
+    joints |= {
+        f"{_pinky(finger)}_tip": POINTS[f"{finger}_skin"] for finger in ("thumb", *LONG_FINGERS)
     }
-    names = list(points)
-    chains = ([names[int(number)] for number in line.split()] for line in bones.splitlines())
-    pairs = itertools.chain(*map(itertools.pairwise, chains))
-    return JointFormat(points, tuple(pairs), unit, up)
+    return JointFormat("mano", joints, tuple(bones))
 
 
-def _annotated(joint: str) -> Point:
-    """A joint of the skeleton, as NYU annotates it."""
-    moved = "; of the packaged hand 5 to 8 mm distal" if joint.endswith("_pip_a") else ""
-    return Point({joint: 1}, f"as annotated{moved}")
+def _pinky(finger: str) -> str:
+    return "pinky" if finger == "little" else finger
 
 
-FORMATS: dict[FormatName, JointFormat] = {
-    "mediapipe": _format(MEDIAPIPE_JOINTS, MEDIAPIPE_BONES),
-    "mano": _format(MANO_JOINTS, MANO_BONES),
-    "nyu": _format(NYU_JOINTS, NYU_BONES, "mm", 1),
-}
+def _nyu() -> JointFormat:
+    names = [f"{finger}_{part}" for finger in reversed(LONG_FINGERS) for part in ("tip", "pip_a")]
+    names += ["thumb_tip", "thumb_dip", "thumb_pip", "wrist_left", "wrist_middle", "palm"]
+    moved = "as annotated; of the packaged hand 5 to 8 mm distal"
+    joints = {
+        name: Point({name: 1}, moved if name.endswith("_pip_a") else "as annotated")
+        for name in names
+    }
+    bones = [(f"{finger}_pip_a", f"{finger}_tip") for finger in LONG_FINGERS]
+    bones += [("palm", f"{finger}_pip_a") for finger in LONG_FINGERS] + [
+        ("palm", "wrist_left"),
+        ("palm", "wrist_middle"),
+    ]
+    bones += [("palm", "thumb_pip"), ("thumb_pip", "thumb_dip"), ("thumb_dip", "thumb_tip")]
+    return JointFormat(
+        "nyu", joints, tuple(bones), "mm", (1, 1, 1), "x right, y up, z away from the camera"
+    )
+
+
+FORMATS: dict[FormatName, JointFormat] = {one.name: one for one in (_mediapipe(), _mano(), _nyu())}
 
 
 @dataclass(frozen=True)
@@ -218,7 +163,7 @@ def formatted(
     chosen = FORMATS[name]
     xyz = joints_of(skeleton, hand, xyz)
     points = _weights(name, skeleton) @ xyz
-    scale = np.array([1, chosen.up, 1]) / (METRE if chosen.unit == "m" else 1.0)
+    scale = np.array(chosen.axes) / (METRE if chosen.unit == "m" else 1.0)
     landmarks = _landmarks(points, camera, cube_mm) if name == "mediapipe" else None
     return FormattedHand(chosen, points * scale, landmarks)
 

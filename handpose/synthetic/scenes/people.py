@@ -27,16 +27,19 @@ MIN_SIZE, MAX_SIZE = 0.8, 1.2  # of people
 OPTICAL_AXIS = np.array([0.0, 0.0, 1.0])
 # Capsules of trunk, neck and head, and of the thighs from the hips on: start and end (right, up and
 # forward of the middle of the shoulders), radius at the start and at the end, in mm.
-BODY = """\
- -60  -60  0   -60 -420 10    95 110
-  60  -60  0    60 -420 10    95 110
-   0 -120 20     0 -430 30   110 125
--140  -15  0   140  -15  0    65  65
-   0   40 15     0  150 25    58  55
-   0  190 30     0  255 20    85  92
- -95 -470 20   -95 -470 20    85  62
-  95 -470 20    95 -470 20    85  62
-"""
+BODY = np.array(
+    [
+        (-60, -60, 0, -60, -420, 10, 95, 110),
+        (60, -60, 0, 60, -420, 10, 95, 110),
+        (0, -120, 20, 0, -430, 30, 110, 125),
+        (-140, -15, 0, 140, -15, 0, 65, 65),
+        (0, 40, 15, 0, 150, 25, 58, 55),
+        (0, 190, 30, 0, 255, 20, 85, 92),
+        (-95, -470, 20, -95, -470, 20, 85, 62),
+        (95, -470, 20, 95, -470, 20, 85, 62),
+    ],
+    np.float64,
+)
 LEGS = slice(-2, None)
 KNEE_FORWARD_MM = 440.0  # of the middle of the shoulders
 # relative to the hips
@@ -276,9 +279,8 @@ def draw_arm(
 
 def draw_body(draw: Draw, prior: BodyParameter, person: Torsos) -> Capsules:
     """Trunk, shoulders, neck, head, and the legs of some who sit."""
-    body = np.loadtxt(BODY.splitlines())
     axes = np.stack([person.right, person.up, person.face], axis=1)
-    begin, end = body[:, :3], np.tile(body[:, 3:6], (draw.count, 1, 1))
+    begin, end = BODY[:, :3], np.tile(BODY[:, 3:6], (draw.count, 1, 1))
     end[:, LEGS, 0] += np.array([-1, 1]) * draw(KNEE_OUTWARD_MM, 1)
     end[:, LEGS, 1] += draw(KNEE_UP_MM, 2)
     end[:, LEGS, 2] = KNEE_FORWARD_MM
@@ -287,4 +289,4 @@ def draw_body(draw: Draw, prior: BodyParameter, person: Torsos) -> Capsules:
     width = person.size * draw(prior.width, 1)
     there = np.ones(a.shape[:2], bool)
     there[:, LEGS] = draw.chance(prior.legs)[:, None]
-    return shown(Capsules(a, b, body[:, 6] * width, body[:, 7] * width), there)
+    return shown(Capsules(a, b, BODY[:, 6] * width, BODY[:, 7] * width), there)

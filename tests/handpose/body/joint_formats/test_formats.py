@@ -17,11 +17,31 @@ from netlib.blob import Array
 
 
 def test_orders() -> None:
-    """The number of a joint is that of the format's own documents."""
-    places = {"mediapipe": (8, "INDEX_FINGER_TIP"), "mano": (16, "thumb_tip"), "nyu": (13, "palm")}
-    for name, (number, joint) in places.items():
-        assert list(FORMATS[name].joints)[number] == joint  # type: ignore[index]
-    assert [len(one.joints) for one in FORMATS.values()] == [21, 21, 14]
+    assert [list(FORMATS["mediapipe"].joints)[i] for i in (0, 1, 4, 5, 8, 17, 20)] == [
+        "WRIST",
+        "THUMB_CMC",
+        "THUMB_TIP",
+        "INDEX_FINGER_MCP",
+        "INDEX_FINGER_TIP",
+        "PINKY_MCP",
+        "PINKY_TIP",
+    ]
+    assert [list(FORMATS["mano"].joints)[i] for i in (0, 1, 4, 7, 10, 13, 15, 16, 20)] == [
+        "wrist",
+        "index1",
+        "middle1",
+        "pinky1",
+        "ring1",
+        "thumb1",
+        "thumb3",
+        "thumb_tip",
+        "pinky_tip",
+    ]
+    assert {name: len(one.joints) for name, one in FORMATS.items()} == {
+        "mediapipe": 21,
+        "mano": 21,
+        "nyu": 14,
+    }
 
 
 @pytest.mark.parametrize("name", FORMATS)
