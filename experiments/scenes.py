@@ -40,7 +40,7 @@ from handpose.fit.settings import PLANS, Fit
 from handpose.frames.cameras import Camera
 from handpose.scoring.metrics import mean_errors_14
 from handpose.synthetic.scenes import prior as scene_prior
-from handpose.synthetic.scenes.prior import Range, ScenePrior
+from handpose.synthetic.scenes.draws import Range
 from handpose.synthetic.whole_scenes import SceneGenerator
 from netlib.blob import Array
 from netlib.errors import DataError
@@ -72,7 +72,7 @@ class SceneHand(NamedTuple):
         return float(mean_errors_14(self.estimate.xyz[None], self.joints[None])[0])
 
 
-def other_setting() -> ScenePrior:
+def other_setting() -> scene_prior.ScenePrior:
     """Another setting than the packaged prior's."""
     prior = scene_prior.load()
     distance = Range(350.0, 1100.0)

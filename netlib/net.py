@@ -375,13 +375,11 @@ class Net(Graph):
 
 def _names_of(blobs: Iterable[str] | None) -> list[str]:
     """The blobs to return. Raises NetlibError for arrays, which have to be given by name."""
-    if isinstance(blobs, (Mapping, np.ndarray)):
+    if isinstance(blobs, (str, Mapping, np.ndarray)):
         raise NetlibError(
-            f"expected the names of blobs to return, found a {type(blobs).__name__}; arrays are given by name, "
+            f"expected a list of names of blobs to return, found a {type(blobs).__name__}; arrays are given by name, "
             "as in forward(data=images)"
         )
-    if isinstance(blobs, str):
-        raise NetlibError(f"expected a list of names of blobs, found {blobs!r}; give [{blobs!r}]")
     return list(blobs or [])
 
 

@@ -37,26 +37,26 @@ class Size(NamedTuple):
 ROOMS = {
     "docs": Size(12_932, 1_085, 16, 8_324),
     "exercises": Size(8_988, 819, 7, 32_352),
-    "experiments": Size(15_807, 1_397, 22, 9_255),
+    "experiments": Size(15_632, 1_373, 22, 9_227),
     "export": Size(8_324, 730, 6, 3_871),
     "fast": Size(29_198, 2_576, 12, 2_370),
-    "handpose": Size(98_001, 8_842, 117, 33_895),
-    "handpose/synthetic": Size(16_863, 1_519, 26, 1_978),
+    "handpose": Size(97_620, 8_830, 115, 34_700),
+    "handpose/synthetic": Size(16_216, 1_472, 23, 1_990),
     "layers": Size(36_988, 3_200, 30, 18_250),
-    "netlib": Size(44_019, 4_498, 54, 66_393),
+    "netlib": Size(44_113, 4_508, 54, 66_501),
     "setup.py": Size(180, 10, 1, 284),
-    "tests": Size(255_029, 19_013, 367, 313_986),
-    "tools": Size(30_386, 2_886, 46, 31_538),
+    "tests": Size(254_426, 18_990, 366, 314_753),
+    "tools": Size(30_345, 2_870, 45, 31_546),
 }
 LINES = {  # of files that are not Python, by their patterns
-    "prototxt/*.prototxt models/*.prototxt": 4_084,
+    "prototxt/*.prototxt models/*.prototxt": 4_082,
     "*.json": 400,
     "*.js *.css *.html": 2_832,
 }
 WORDS = {  # of documents, by their pattern
-    ":(glob)docs/*.md": 25_926,
+    ":(glob)docs/*.md": 25_912,
     "README.md": 899,
-    "*.md": 64_995,
+    "*.md": 65_000,
 }
 OTHERS = LINES | WORDS
 LIMITS = {  # that no recorded total may exceed: syntax nodes of rooms, lines, words

@@ -77,6 +77,13 @@ class Capsules(NamedTuple):
         axes = axes.reshape(-1, 1, 3)
         return self._replace(a=self.a * axes, b=self.b * axes)
 
+    def part(self, first: Array, last: Array) -> Capsules:
+        """The parts from one fraction of their length to another, (N, M) or (N, 1)."""
+        along, wider = self.b - self.a, self.radius_b - self.radius_a
+        a, b = (self.a + at[..., None] * along for at in (first, last))
+        ra, rb = (self.radius_a + at * wider for at in (first, last))
+        return Capsules(a, b, ra, rb, self.facets)
+
     def frames(self, rows: slice | NDArray[np.int_]) -> Capsules:
         """The capsules of some frames."""
         return Capsules(
@@ -112,11 +119,10 @@ def in_front(capsules: Capsules, clear_mm: ArrayLike = CLEAR_MM) -> Capsules:
     first = np.where(near[0] < 0, np.clip(-near[0] / change, 0, 1), 0.0)
     last = np.where(near[1] < 0, np.clip(-near[0] / change, 0, 1), 1.0)
     away = (near[0] < 0) & (near[1] < 0)
-    along, wider = capsules.b - capsules.a, capsules.radius_b - capsules.radius_a
-    ends = [capsules.a + part[..., None] * along for part in (first, last)]
-    radii = [np.where(away, _SPECK, capsules.radius_a + part * wider) for part in (first, last)]
-    ends = [np.where(away[..., None], (0.0, 0.0, _FAR), end) for end in ends]
-    return Capsules(ends[0], ends[1], radii[0], radii[1], capsules.facets)
+    a, b, ra, rb, facets = capsules.part(first, last)
+    a, b = (np.where(away[..., None], (0.0, 0.0, _FAR), end) for end in (a, b))
+    ra, rb = (np.where(away, _SPECK, radius) for radius in (ra, rb))
+    return Capsules(a, b, ra, rb, facets)
 
 
 def render_crop(

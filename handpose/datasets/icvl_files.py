@@ -12,7 +12,6 @@ Files, pictures and joints are as published. ICVL shows the mirror image of NYU'
 
 from __future__ import annotations
 
-import array
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -68,16 +67,16 @@ def read_annotation(paths: Sequence[Path]) -> IcvlAnnotation:
     Each line is the path of an image below Depth/, and 16 times u v d.
     """
     files: list[Path] = []
-    values = array.array("d")
+    rows: list[Array] = []
     for path in paths:
         for number, line in enumerate(read_text(path, "the labels").split("\n"), 1):
             words = line.split()
             if words:
                 files.append(path.parent / "Depth" / words[0].replace("\\", "/").lstrip("/"))
-                _append(values, words[1:], f"{path}:{number}")
-    uvd = np.frombuffer(values, dtype=np.float64).reshape(-1, len(JOINTS), 3)
+                rows.append(_joints(words[1:], f"{path}:{number}"))
     if not files:
         raise DataError(f"{paths[0]}: no labels in it")
+    uvd = np.stack(rows)
     u, v, d = np.nanmedian(uvd[:, PALM_JOINT], axis=0)
     if not (0 <= u < ICVL.width and 0 <= v < ICVL.height and 50 < d < 5000):
         raise DataError(
@@ -87,18 +86,18 @@ def read_annotation(paths: Sequence[Path]) -> IcvlAnnotation:
     return IcvlAnnotation(files, uvd)
 
 
-def _append(values: array.array[float], words: list[str], where: str) -> None:
-    """The joints of one line. Raises DataError."""
+def _joints(words: list[str], where: str) -> Array:
+    """The joints (16, 3) of one line. Raises DataError."""
     count = 3 * len(JOINTS)
-    try:
-        if len(words) != count:
-            raise ValueError
-        values.extend([float(word) for word in words])
-    except ValueError:
-        found = f"{len(words)} values" if len(words) != count else "something that is not a number"
-        raise DataError(
-            f"{where}: found {found} after the path, expected {count} numbers, u v d of 16 joints"
-        ) from None
+    found = f"{len(words)} values"
+    if len(words) == count:
+        try:
+            return np.array(words, np.float64).reshape(-1, 3)
+        except ValueError:
+            found = "something that is not a number"
+    raise DataError(
+        f"{where}: found {found} after the path, expected {count} numbers, u v d of 16 joints"
+    )
 
 
 def read_split(root: Path, split: str, centers: Path | None = None) -> PublishedFrames:

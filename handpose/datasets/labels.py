@@ -50,12 +50,8 @@ class Labels:
 def read(path: Path, count: int) -> Labels:
     """Read the labels of a file with ``count`` joints. Raises DataError."""
     file = File(path, ("joint",))
-    stored = file.datasets[0].numbers()
-    if stored.shape[1:] not in ((3 * count,), (count, 3)):
-        raise DataError(
-            f"{path}: data set 'joint' has shape {stored.shape}, expected (N, {3 * count}) for {count} "
-            "joints"
-        )
+    shapes = (file.rows, 3 * count), (file.rows, count, 3)
+    stored = _numbers(file, "joint", shapes, f"(N, {3 * count}) for {count} joints")
     joints = stored.reshape(file.rows, count, 3)
     infinite = np.isinf(joints).any(axis=(1, 2))
     if infinite.any():
@@ -73,13 +69,9 @@ def read_half_cubes(file: File) -> Array:
     """
     if "half_cube" not in file.names:
         return np.full(file.rows, CUBE_MM / 2)
-    stored = File(file.path, ("half_cube",)).datasets[0].numbers()
-    if stored.shape not in ((file.rows,), (file.rows, 1)):
-        raise DataError(
-            f"{file.path}: data set 'half_cube' has shape {stored.shape}, expected ({file.rows},): "
-            "mm, one number per frame"
-        )
-    half_cube = stored.reshape(file.rows)
+    shapes = (file.rows,), (file.rows, 1)
+    expected = f"({file.rows},): mm, one number per frame"
+    half_cube = _numbers(file, "half_cube", shapes, expected).reshape(file.rows)
     low, high = (edge / 2 for edge in CUBES_MM)
     wrong = ~((half_cube >= low) & (half_cube <= high))
     if wrong.any():
@@ -91,13 +83,28 @@ def read_half_cubes(file: File) -> Array:
     return half_cube
 
 
+def _numbers(file: File, name: str, shapes: Sequence[tuple[int, ...]], expected: object) -> Array:
+    """A data set of an open file, of one of some shapes. Raises DataError."""
+    stored = File(file.path, (name,)).datasets[0].numbers()
+    if stored.shape not in shapes:
+        found = f"data set {name!r} has shape {stored.shape}"
+        raise DataError(f"{file.path}: {found}, expected {expected}")
+    return stored
+
+
 def read_crop_centers(files: Sequence[File]) -> tuple[Array, Camera]:
     """Crop centres (n, 3) of all frames, px, px, mm, and their camera. Raises DataError.
 
     Files have each centre in pixels and in mm, which determines the camera: that of ``CAMERAS``
     which maps them.
     """
-    uvd, xyz = np.concatenate([_stored_centers(file) for file in files], axis=1)
+
+    def stored(name: str) -> Array:
+        """The centres of all files in a data set."""
+        each = [_numbers(file, name, [(file.rows, 3)], (file.rows, 3)) for file in files]
+        return np.concatenate(each)
+
+    uvd, xyz = stored("center_uvd"), stored("center")
     # the quotients of larger coordinates may overflow
     are_small = np.abs([uvd, xyz]).max(initial=0) <= MAX_PX_OR_MM  # False for NaN
     if not are_small or not (xyz[:, 2] > MIN_CENTER_MM).all():
@@ -111,16 +118,6 @@ def read_crop_centers(files: Sequence[File]) -> tuple[Array, Camera]:
             f"{', '.join(CAMERAS)}; expected frames of one of them, not all of them in the middle"
         )
     return uvd, cameras[0]
-
-
-def _stored_centers(file: File) -> Array:
-    """The crop centres (2, n, 3) of a file: px, px, mm, and in mm. Raises DataError."""
-    stored = [dataset.numbers() for dataset in File(file.path, ("center_uvd", "center")).datasets]
-    if any(array.shape != (file.rows, 3) for array in stored):
-        raise DataError(
-            f"{file.path}: centres of shape {stored[0].shape}, expected ({file.rows}, 3)"
-        )
-    return np.stack(stored)
 
 
 def _maps(camera: Camera, xyz: Array, uvd: Array) -> bool:

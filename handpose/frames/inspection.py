@@ -219,10 +219,9 @@ def _is_turned(camera: Camera) -> bool:
     """Whether the principal point is near the middle of frames of exchanged width and
     height alone.
     """
-    middle, size = (camera.u0, camera.v0), (camera.width, camera.height)
-    here = [abs(one - full / 2) / full for one, full in zip(middle, size)]
-    turned = [abs(one - full / 2) / full for one, full in zip(middle, size[::-1])]
-    return max(turned) < TURNED < min(here)
+    middle, size = np.array([camera.u0, camera.v0]), np.array([camera.width, camera.height])
+    here, turned = (np.abs(middle / full - 0.5) for full in (size, size[::-1]))
+    return bool(turned.max() < TURNED < here.min())
 
 
 def _of_times(times: NDArray[np.float64], rate: float | None) -> Iterator[str]:

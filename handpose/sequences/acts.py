@@ -14,7 +14,15 @@ from scipy.spatial.transform import Rotation
 
 from handpose.body.sides import Side, mirror_of
 from handpose.frames.cameras import Camera
-from handpose.sequences.movements import TOP_SPEED, Movement, Person, Values, fingers_of, posed
+from handpose.sequences.movements import (
+    TOP_SPEED,
+    Movement,
+    Person,
+    Turns,
+    Values,
+    fingers_of,
+    posed,
+)
 from handpose.synthetic.pose_prior import BodySampler
 from netlib.blob import Array
 
@@ -130,10 +138,11 @@ class Actor:
         self.rng, self.sampler, self.person = rng, sampler, person
         self.side, self.volume, self.outward = side, volume, outward
         self.time = 0.0
-        fingers = self._gesture("relaxed")
+        fingers = Values(self._gesture("relaxed"))
         palm, arm = self.next_palm(None, FACING)
+        place = Values(volume.place(rng))
         self.movement = Movement(
-            sampler, person, side, volume.camera, fingers, palm, arm, volume.place(rng)
+            sampler, person, side, volume.camera, fingers, Turns(palm), Values(arm), place
         )
 
     def act(self, acts: Sequence[Act], seconds: float) -> Movement:

@@ -216,6 +216,7 @@ class Turns(Values):
         return turned
 
 
+@dataclass(frozen=True)
 class Movement:
     """One hand of a person, over time.
 
@@ -226,20 +227,14 @@ class Movement:
     place    (3,) mm, camera axes: centre of a crop
     """
 
-    def __init__(
-        self,
-        sampler: BodySampler,
-        person: Person,
-        side: Side,
-        camera: Camera,
-        fingers: Array,
-        palm: Rotation,
-        arm: Array,
-        place: Array,
-    ) -> None:
-        self.sampler, self.person, self.side, self.camera = sampler, person, side, camera
-        self.fingers, self.palm = Values(fingers), Turns(palm)
-        self.arm, self.place = Values(arm), Values(place)
+    sampler: BodySampler
+    person: Person
+    side: Side
+    camera: Camera
+    fingers: Values
+    palm: Turns
+    arm: Values
+    place: Values
 
     def pose_at(self, time: float) -> HandPose:
         """The pose at a time in s."""

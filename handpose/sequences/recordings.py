@@ -86,11 +86,15 @@ SCRIPTS = {
 }
 OTHER_SIDE: dict[Side, Side] = {"right": "left", "left": "right"}
 
-HEAD_AND_TRUNK = (  # from, to, both radii; mm from the middle between the shoulders
-    ((0, 180, 20), (0, 260, 10), 85, 95),  # head
-    ((0, 40, 20), (0, 180, 20), 60, 60),  # neck
-    ((-150, -20, 0), (150, -20, 0), 70, 70),  # shoulders
-    ((0, -90, 0), (0, -420, 0), 150, 160),  # trunk
+# Head, neck, shoulders, trunk: from, to, both radii; mm from the middle between the shoulders.
+BODY = np.array(
+    [
+        (0, 180, 20, 0, 260, 10, 85, 95),
+        (0, 40, 20, 0, 180, 20, 60, 60),
+        (-150, -20, 0, 150, -20, 0, 70, 70),
+        (0, -90, 0, 0, -420, 0, 150, 160),
+    ],
+    np.float64,
 )
 NOWHERE_MM = 1e4  # beyond the range of any camera
 BEHIND_MM = 300.0  # from the farthest place of a hand to the middle between the shoulders
@@ -118,11 +122,11 @@ def draw_surroundings(
         (camera.height, camera.width), wall if rng.random() < 0.5 else NOWHERE_MM, dtype=np.float32
     )
     if body:
-        ends = np.array([(a, b) for a, b, _, _ in HEAD_AND_TRUNK], dtype=np.float64) + middle
-        radii = np.array([(ra, rb) for _, _, ra, rb in HEAD_AND_TRUNK], dtype=np.float64)
-        a, b = ends[None, :, 0], ends[None, :, 1]
-        trunk = in_front(Capsules(a, b, radii[None, :, 0], radii[None, :, 1]))
-        np.minimum(image, render_image(trunk, camera, np.inf)[0], out=image)
+        parts = BODY[None]
+        a, b = parts[..., :3], parts[..., 3:6]
+        whole = Capsules(a, b, parts[..., 6], parts[..., 7])
+        shown = in_front(whole.moved(middle))
+        np.minimum(image, render_image(shown, camera, np.inf)[0], out=image)
     return image, middle
 
 

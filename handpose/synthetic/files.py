@@ -116,7 +116,7 @@ class DataSet:
     def __init__(
         self, out: Path, sources: Sequence[tuple[Generator, int]], force: bool = False
     ) -> None:
-        parts.check_space(out, [(count, generator.columns()) for generator, count in sources])
+        parts.check_space(out, [(count, made.block(0).arrays()) for made, count in sources])
         self.lists: dict[Path, str] = {}
         every: dict[Part, Generator] = {}
         for generator, count in sources:

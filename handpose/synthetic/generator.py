@@ -88,9 +88,9 @@ class Scene(NamedTuple):
     """A block of frames, before anything is clipped to the cube."""
 
     bodies: Bodies  # half-cubes from the crop centres
-    camera: Camera
     center_uvd: Array  # (BLOCK, 3) crop centres: px, px, mm
     depth: Floats  # (BLOCK, 128, 128) crops in [-1, 1]
+    camera: Camera
     cube_mm: float  # edge of the crops
 
 
@@ -122,6 +122,10 @@ class Generator:
         """Frames ``number * BLOCK`` and following; the result depends on the number only."""
         scene = self.scene(number)
         bodies = scene.bodies
+        posers = {}
+        if not self.recipe.around:  # the roots of hands in scenes have no inputs
+            own = len(self.sampler.skeleton.joint_names)
+            posers = {"dof": bodies.inputs, "bones": bodies.bones[:, :own]}
         return Frames.of(
             crops=scene.depth,
             joints=bodies.joints,
@@ -129,7 +133,7 @@ class Generator:
             camera=scene.camera,
             half_cube=scene.cube_mm / 2,
             index=np.arange(number * BLOCK, (number + 1) * BLOCK),
-            **self._posers(bodies.inputs, bodies.bones),
+            **posers,
         )
 
     def scene(self, number: int) -> Scene:
@@ -141,7 +145,7 @@ class Generator:
         camera, sensor = self.recipe.views[rng.integers(len(self.recipe.views))]
         if self.recipe.around and number % 2:
             drawn = draw_scene_crops(rng, self.recipe.around, sampler, camera, BLOCK)
-            return Scene(drawn.bodies, camera, drawn.center_uvd, drawn.depth, cube_mm)
+            return Scene(*drawn, camera, cube_mm)
         bodies = sampler.draw(rng, BLOCK)
         center_uvd = sampler.centers(rng, BLOCK, camera)
         center = camera.unproject(center_uvd)
@@ -152,29 +156,7 @@ class Generator:
             pixel = SIZE * z / (cube_mm * camera.fx)
             depth = sense(rng, depth, z + half, sensor, camera, pixel)
             _blank_outside(depth, center_uvd, camera, cube_mm)
-        return Scene(bodies, camera, center_uvd, normalise_depth(depth, z, cube_mm), cube_mm)
-
-    def columns(self) -> dict[str, Array]:
-        """Arrays without rows, of the shapes and types of the frames'."""
-        K = len(self.sampler.skeleton.joint_names)
-        no_inputs = np.zeros((0, len(self.sampler.skeleton.dof_names)))
-        return Frames.of(
-            crops=np.zeros((0, SIZE, SIZE)),
-            joints=np.zeros((0, K, 3)),
-            center_uvd=np.zeros((0, 3)),
-            camera=NYU,
-            half_cube=0.0,
-            index=np.zeros(0, np.int64),
-            **self._posers(no_inputs, np.zeros((0, K))),
-        ).arrays()
-
-    def _posers(self, inputs: Array, bones: Array) -> dict[str, Array]:
-        """The columns of what poses the skeleton; none for hands in scenes, whose roots have no
-        inputs.
-        """
-        if self.recipe.around:
-            return {}
-        return {"dof": inputs, "bones": bones[:, : len(self.sampler.skeleton.joint_names)]}
+        return Scene(bodies, center_uvd, normalise_depth(depth, z, cube_mm), camera, cube_mm)
 
     def made_from(self, *rows: int) -> dict[str, object]:
         """Everything that the frames depend on, as JSON values; the same for all ``rows``."""

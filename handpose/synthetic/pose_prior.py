@@ -6,7 +6,7 @@ For their surfaces see ``surface_prior``.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -17,8 +17,9 @@ from handpose.frames.cameras import Camera
 from handpose.synthetic import prior_file
 from handpose.synthetic.prior_file import (
     BendParameter,
+    Bent,
+    Named,
     NormalParameter,
-    PoseParameter,
     PosePrior,
     TurnParameter,
 )
@@ -58,17 +59,11 @@ class BodySampler:
         self.cube_mm = cube_mm or prior.cube_mm
         self.skeleton = skeleton or prior.body()
         self.surface = Surface(self.skeleton)
-        self.rotation = self._dofs(turn.dof for turn in prior.turn)
-        self.translation = self._translation()
-        # DoFs, in the order of the prior's messages
-        self._chains = [[self._dofs(chain.dof) for chain in bend.chain] for bend in prior.bend]
-        self._spread = [self._dofs(spread.dof) for spread in prior.spread]
-        self._between = [self._dofs(between.dof) for between in prior.between]
-        drawn = [*itertools.chain(*self._chains), *self._spread, *self._between]
+        self._named = named = Named(prior, self.skeleton)
+        self.rotation, self.translation = named.rotation, named.translation
+        drawn = [*itertools.chain(*named.chains), *named.spread, *named.between]
         self.limbs = np.sort(np.concatenate([*drawn, np.zeros(0, int)]))
-        index = self.skeleton.joint_names.index
-        self._groups = [[index(name) for name in group.joint] for group in prior.proportion]
-        self.poses = {pose.name: self._inputs_of(pose) for pose in prior.pose}
+        self.poses = {name: self._inputs_of(parts) for name, parts in named.poses.items()}
 
     def draw(self, rng: np.random.Generator, count: int) -> Bodies:
         """Draw ``count`` bodies in poses without collisions of their parts."""
@@ -76,19 +71,13 @@ class BodySampler:
         scale, bones = self._draw_sizes(rng, count)
         inputs = np.zeros((count, len(surface.whole.initial)))
         inputs[:, self.rotation] = self.rotations(rng, count) - skeleton.initial[self.rotation]
-        todo = np.arange(count)
-        least = np.full(count, np.inf)
-        for _ in range(self.prior.redraws):
-            trial = inputs[todo]
-            self._draw_limbs(rng, trial)
-            penetration = self._penetration_mm(trial, bones[todo], scale[todo])
-            is_better = penetration < least[todo]
-            better = todo[is_better]
-            inputs[better] = trial[is_better]
-            least[better] = penetration[is_better]
-            todo = np.flatnonzero(least > self.prior.penetration)
-            if not len(todo):
-                break
+
+        def trial(todo: NDArray[np.int_], _: float) -> tuple[Array, Array]:
+            trials = inputs[todo]
+            self._draw_limbs(rng, trials)
+            return trials, self._penetration_mm(trials, bones[todo], scale[todo])
+
+        draw_again(inputs, self.prior.penetration, trial, range(self.prior.redraws))
         self._place(rng, inputs, bones, scale)
         joints = surface.kinematics.joints(inputs, bones)[:, : len(skeleton.joint_names)]
         return Bodies(inputs[:, : len(skeleton.initial)], bones, joints, scale)
@@ -120,7 +109,7 @@ class BodySampler:
         scale = cut_normal(rng, p.scale_mean, p.scale_std, (count,), p.scale_clip)
         factors = cut_normal(rng, 1, p.bone_std, (count, len(bones)), p.scale_clip)
         drawn = bones * scale[:, None] * factors
-        for group, joints in zip(p.proportion, self._groups):
+        for group, joints in zip(p.proportion, self._named.groups):
             drawn[:, joints] *= cut_normal(rng, 1, group.std, (count, 1), p.scale_clip)
         return scale, drawn
 
@@ -133,12 +122,12 @@ class BodySampler:
     def _draw_limbs(self, rng: np.random.Generator, inputs: Array) -> None:
         """Set the limbs in ``inputs`` (N, D), within their limits."""
         N, lower, upper = len(inputs), self.skeleton.lower, self.skeleton.upper
-        for bend, chains in zip(self.prior.bend, self._chains):
+        for bend, chains in zip(self.prior.bend, self._named.chains):
             self._bend(rng, inputs, bend, chains)
-        for spread, d in zip(self.prior.spread, self._spread):
+        for spread, d in zip(self.prior.spread, self._named.spread):
             values = spread.noise * rng.standard_normal((N, len(d))) * (upper - lower)[d]
             inputs[:, d] = np.clip(values, lower[d], upper[d])
-        for between, d in zip(self.prior.between, self._between):
+        for between, d in zip(self.prior.between, self._named.between):
             part = rng.beta(between.a, between.b, (N, len(d)))
             inputs[:, d] = lower[d] + part * (upper - lower)[d]
         if self.prior.blend:
@@ -159,7 +148,7 @@ class BodySampler:
         part = np.where(rng.random((N, 1)) < bend.independent, own, shared)
         each = np.repeat(part, [len(d) for d in chains], axis=1)
         noisy = each + bend.noise * rng.standard_normal(each.shape)
-        inputs[:, dofs] = self._bent_by(bend, dofs, np.clip(noisy, 0, 1))
+        inputs[:, dofs] = self._bent_by((bend.straight, dofs), np.clip(noisy, 0, 1))
 
     def _blend(self, rng: np.random.Generator, inputs: Array) -> None:
         """Set the limbs of some bodies between two named poses."""
@@ -189,40 +178,45 @@ class BodySampler:
         center = center_mm / (self.cube_mm / 2)
         inputs[:, self.translation] = -center - self.skeleton.initial[self.translation]
 
-    def _inputs_of(self, pose: PoseParameter) -> Array:
+    def _inputs_of(self, parts: list[tuple[Bent, float]]) -> Array:
         """The inputs (D,) of a named pose."""
-        lower, upper = self.skeleton.lower, self.skeleton.upper
-        inputs = np.zeros(len(lower))
-        chains = {
-            chain.name: (bend, dofs)
-            for bend, dofs_of_chains in zip(self.prior.bend, self._chains)
-            for chain, dofs in zip(bend.chain, dofs_of_chains)
-        }
-        for part in pose.bend:
-            bend, dofs = chains[part.of]
-            inputs[dofs] = self._bent_by(bend, dofs, np.full(len(dofs), part.part))
-        for part in pose.at:
-            d = self.skeleton.dof_names.index(part.of)
-            inputs[d] = lower[d] + part.part * (upper - lower)[d]
+        inputs = np.zeros(len(self.skeleton.initial))
+        for bent, part in parts:
+            inputs[bent[1]] = self._bent_by(bent, part)
         return inputs
 
-    def _bent_by(self, bend: BendParameter, dofs: NDArray[np.int_], part: Array) -> Array:
+    def _bent_by(self, bent: Bent, part: Array | float) -> Array:
         """The inputs (..., n) of DoFs bent by a fraction from 0 to 1."""
+        straight, dofs = bent
         lower, upper = self.skeleton.lower[dofs], self.skeleton.upper[dofs]
-        if bend.straight == "UPPER":
+        if straight == "UPPER":
             return upper - part * (upper - lower)
         return lower + part * (upper - lower)
 
-    def _dofs(self, names: Iterable[str]) -> NDArray[np.int_]:
-        return np.array([self.skeleton.dof_names.index(name) for name in names], dtype=int)
 
-    def _translation(self) -> NDArray[np.int_]:
-        """The DoFs that move the centre's joint along x, y, z of the world."""
-        if self.prior.center is None:
-            return np.zeros(0, dtype=int)
-        joint = self.skeleton.joint_names.index(self.prior.center.joint)
-        along = prior_file.translations(self.skeleton, joint)
-        return np.array([along[axis] for axis in range(3)], dtype=int)  # the file was checked
+def draw_again(
+    best: Array,
+    most: float,
+    trial: Callable[[NDArray[np.int_], float], tuple[Array, Array]],
+    factors: Iterable[float],
+) -> None:
+    """Fill rows (N, ...) with the first draws whose badness is at most ``most``; where there is
+    none, with the least bad.
+
+    trial    draws some rows with a factor; returns them and their badness
+    factors  of the draws
+    """
+    todo = np.arange(len(best))
+    least = np.full(len(best), np.inf)
+    for factor in factors:
+        drawn, badness = trial(todo, factor)
+        is_better = badness < least[todo]
+        better = todo[is_better]
+        best[better] = drawn[is_better]
+        least[better] = badness[is_better]
+        todo = np.flatnonzero(least > most)
+        if not len(todo):
+            return
 
 
 def _normal(rng: np.random.Generator, normal: NormalParameter | TurnParameter, count: int) -> Array:

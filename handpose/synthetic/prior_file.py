@@ -19,12 +19,13 @@ from __future__ import annotations
 import functools
 import math
 import sys
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from handpose.frames.cameras import CAMERAS
 from layers.hand import skeleton as skeletons
@@ -258,14 +259,22 @@ BOUNDS = {
 
 def _check(prior: PosePrior) -> None:
     """Raise PrototxtError for invalid numbers and unknown names."""
-    skeleton = prior.body()
     _expect_known(prior, "camera", prior.camera, CAMERAS)
     for message in messages(prior):
         _check_numbers(message)
-    _check_sizes(prior, skeleton)
-    _check_center(prior, skeleton)
-    _check_dofs(prior, skeleton)
-    _check_poses(prior)
+    for message, name, mean in (
+        (prior, "scale_std", prior.scale_mean),
+        (prior, "bone_std", 1.0),
+        *((group, "std", 1.0) for group in prior.proportion),
+    ):
+        std = getattr(message, name)
+        are_above = not std or std * prior.scale_clip < mean
+        expect(message, name, are_above, "less than 1 / scale_clip, so that none is below 0")
+    Named(prior, prior.body())
+    alone: list[Any] = [*prior.spread, *prior.between]
+    known = [dof for message in alone for dof in message.dof]
+    for part in (part for pose in prior.pose for part in pose.at):
+        _expect_known(part, "of", part.of, known)
 
 
 def messages(message: Any) -> Iterator[Any]:
@@ -291,84 +300,98 @@ def _check_numbers(message: Any) -> None:
         expect(message, "a", 0 < message.a < np.inf and 0 < message.b < np.inf, "a and b > 0")
 
 
-def _check_sizes(prior: PosePrior, skeleton: Skeleton) -> None:
-    """Check that no size or bone length can be drawn below 0."""
-    _check_above_zero(prior, "scale_std", prior.scale_mean, prior)
-    _check_above_zero(prior, "bone_std", 1.0, prior)
-    for group in prior.proportion:
-        _check_above_zero(group, "std", 1.0, prior)
-        for joint in group.joint:
-            _expect_known(group, "joint", joint, skeleton.joint_names)
+Bent = tuple[Literal["LOWER", "UPPER"], NDArray[np.int_]]  # the limit of straight DoFs, and these
 
 
-def _check_above_zero(message: object, name: str, mean: float, prior: PosePrior) -> None:
-    """Check that numbers with this mean, and the deviation in a field, are above 0."""
-    std = getattr(message, name)
-    are_above = not std or std * prior.scale_clip < mean
-    expect(message, name, are_above, "less than 1 / scale_clip, so that none is below 0")
+class Named:
+    """What a prior names of a skeleton, as indices. Raises PrototxtError for what is unknown, is
+    drawn twice, or has no limits where they are needed.
 
+    rotation     DoFs of the turns
+    translation  DoFs along x, y, z of the joint with the crop centre; none without a centre
+    chains       DoFs of each chain of each bend
+    spread, between  DoFs of each of these messages
+    groups       joints of each proportion
+    poses        by name: what is bent, and by which fractions
+    """
 
-def _check_center(prior: PosePrior, skeleton: Skeleton) -> None:
-    """Raise unless the centre of crops is on a joint that moves the whole body, as required."""
-    if prior.center is None:
-        for name in ("center_jitter", "center_jitter_wide"):
-            expect(prior, name, not getattr(prior, name), "a center { ... } to be away from")
-        return
-    _expect_known(prior.center, "joint", prior.center.joint, skeleton.joint_names)
-    joint = skeleton.joint_names.index(prior.center.joint)
-    moves_body = skeleton.parents[joint] < 0 and len(translations(skeleton, joint)) == 3
-    expected = "one without a parent that translates along X, Y and Z"
-    expect(prior.center, "joint", moves_body, expected)
+    def __init__(self, prior: PosePrior, skeleton: Skeleton) -> None:
+        self._skeleton, self._file = skeleton, prior.skeleton
+        self._drawn: set[int] = set()
+        self.groups = [
+            [self._joint(group, one) for one in group.joint] for group in prior.proportion
+        ]
+        self.translation = self._translation(prior)
+        self.rotation = [self._dof(turn, turn.dof) for turn in prior.turn]
+        self.chains = [[self._limb(chain) for chain in bend.chain] for bend in prior.bend]
+        self.spread = [self._limb(spread) for spread in prior.spread]
+        self.between = [self._limb(between) for between in prior.between]
+        chains: dict[str, Bent] = {
+            chain.name: (bend.straight, dofs)
+            for bend, own in zip(prior.bend, self.chains)
+            for chain, dofs in zip(bend.chain, own)
+        }
+        dofs: dict[str, Bent] = {
+            name: ("LOWER", np.array([d])) for d, name in enumerate(skeleton.dof_names)
+        }
+        self.poses: dict[str, list[tuple[Bent, float]]] = {}
+        for pose in prior.pose:
+            expect(pose, "name", pose.name not in self.poses, f"pose {pose.name!r} once")
+            self.poses[pose.name] = [*_parts(pose.bend, chains), *_parts(pose.at, dofs)]
+        expect(prior, "blend", not prior.blend or bool(prior.pose), "a pose { ... } to be between")
 
+    def _joint(self, message: object, name: str) -> int:
+        _expect_known(message, "joint", name, self._skeleton.joint_names)
+        return self._skeleton.joint_names.index(name)
 
-def translations(skeleton: Skeleton, joint: int) -> dict[int, int]:
-    """The free DoFs that move a joint along x, y, z (0, 1, 2) of its parent."""
-    return {
-        motion.axis: motion.dof
-        for motion in skeleton.motions[joint]
-        if motion.kind == "translate" and motion.sign > 0 and motion.row >= 0
-    }
+    def _dof(self, message: object, name: str) -> int:
+        _expect_known(message, "dof", name, self._skeleton.dof_names)
+        d = self._skeleton.dof_names.index(name)
+        expect(message, "dof", d not in self._drawn, f"DoF {name!r} once")
+        expect(message, "dof", not self._skeleton.fixed[d], f"no fixed DoF such as {name!r}")
+        self._drawn.add(d)
+        return d
 
-
-def _check_dofs(prior: PosePrior, skeleton: Skeleton) -> None:
-    """Check that every DoF exists and is drawn once, and that those that need limits have them."""
-    chains = [chain for bend in prior.bend for chain in bend.chain]
-    limbs: list[Any] = [*chains, *prior.spread, *prior.between]
-    drawn: list[tuple[Any, str]] = [(turn, turn.dof) for turn in prior.turn]
-    drawn += [(message, dof) for message in limbs for dof in message.dof]
-    seen: set[str] = set()
-    for message, dof in drawn:
-        _expect_known(message, "dof", dof, skeleton.dof_names)
-        expect(message, "dof", dof not in seen, f"DoF {dof!r} once")
-        d = skeleton.dof_names.index(dof)
-        expect(message, "dof", not skeleton.fixed[d], f"no fixed DoF such as {dof!r}")
-        if not isinstance(message, TurnParameter):
+    def _limb(
+        self, message: ChainParameter | SpreadParameter | BetweenParameter
+    ) -> NDArray[np.int_]:
+        """The DoFs of a message, which need limits."""
+        skeleton = self._skeleton
+        dofs = [self._dof(message, name) for name in message.dof]
+        for d in dofs:
             is_bounded = bool(np.isfinite([skeleton.lower[d], skeleton.upper[d]]).all())
-            expect(message, "dof", is_bounded, f"limits of DoF {dof!r} in {prior.skeleton}")
-        seen.add(dof)
+            expected = f"limits of DoF {skeleton.dof_names[d]!r} in {self._file}"
+            expect(message, "dof", is_bounded, expected)
+        return np.array(dofs, dtype=int)
+
+    def _translation(self, prior: PosePrior) -> list[int]:
+        """Raises unless the centre of crops is on a joint that moves the whole body."""
+        if prior.center is None:
+            for name in ("center_jitter", "center_jitter_wide"):
+                expect(prior, name, not getattr(prior, name), "a center { ... } to be away from")
+            return []
+        joint = self._joint(prior.center, prior.center.joint)
+        along = {
+            motion.axis: motion.dof
+            for motion in self._skeleton.motions[joint]
+            if motion.kind == "translate" and motion.sign > 0 and motion.row >= 0
+        }
+        moves_body = self._skeleton.parents[joint] < 0 and len(along) == 3
+        expected = "one without a parent that translates along X, Y and Z"
+        expect(prior.center, "joint", moves_body, expected)
+        return [along[axis] for axis in range(3)]
 
 
-def _check_poses(prior: PosePrior) -> None:
-    """Check that the chains and DoFs of poses exist, and that each is given once."""
-    chains = [chain.name for bend in prior.bend for chain in bend.chain]
-    drawn = [dof for spread in prior.spread for dof in spread.dof]
-    drawn += [dof for between in prior.between for dof in between.dof]
-    names: set[str] = set()
-    for pose in prior.pose:
-        expect(pose, "name", pose.name not in names, f"pose {pose.name!r} once")
-        names.add(pose.name)
-        _check_parts(pose.bend, chains)
-        _check_parts(pose.at, drawn)
-    expect(prior, "blend", not prior.blend or bool(prior.pose), "a pose { ... } to be between")
-
-
-def _check_parts(parts: Sequence[PosePartParameter], known: Collection[str]) -> None:
-    """Check that the parts of a pose are of known names, each once."""
+def _parts(
+    parts: Sequence[PosePartParameter], known: Mapping[str, Bent]
+) -> Iterator[tuple[Bent, float]]:
+    """What the parts of a pose are of, each once."""
     names: set[str] = set()
     for part in parts:
         _expect_known(part, "of", part.of, known)
         expect(part, "of", part.of not in names, f"{part.of!r} once in a pose")
         names.add(part.of)
+        yield known[part.of], part.part
 
 
 def expect(message: object, field: str, holds: bool, expected: str) -> None:

@@ -25,6 +25,7 @@ from handpose.frames.crops import (
 )
 from handpose.synthetic.pose_prior import Bodies, BodySampler
 from handpose.synthetic.scenes.cameras import draw_cameras
+from handpose.synthetic.scenes.draws import Draw
 from handpose.synthetic.scenes.hands import Hands
 from handpose.synthetic.scenes.people import RIGHT, draw_people
 from handpose.synthetic.scenes.prior import ScenePrior
@@ -73,11 +74,12 @@ def _drawn(
 ) -> SceneCrops:
     """The crops of some scenes in which enough of the first hand is seen."""
     cube_mm = sampler.cube_mm
-    views = draw_cameras(rng, prior.view, SCENES)
-    people = draw_people(rng, prior, sampler, views, (RIGHT,))
+    draw = Draw(rng, SCENES)
+    views = draw_cameras(draw, prior.view)
+    people = draw_people(draw, prior, sampler, views, (RIGHT,))
     hands = people.hands[0]
     center_uvd = _centers(hands, camera)
-    sight = sight_of(rng, prior, people, crop_rays(center_uvd, cube_mm, camera))
+    sight = sight_of(draw, prior, people, crop_rays(center_uvd, cube_mm, camera))
     pixels = window(center_uvd, cube_mm, camera)
     candidates = _in_image(hands, camera) & (sight.share[:, 0] > MIN_SEEN)
     rows, crops = [], []

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from handpose.frames.cameras import Camera, Floats
-from netlib.blob import divide_up
+from netlib.blob import blocks, divide_up
 
 _CHUNK = 4  # frames per batch, so that their arrays stay in the cache
 _BYTE_STD = 256 / 12**0.5  # deviation of a uniformly random byte
@@ -122,16 +122,16 @@ def sense(
         depth = _spread(rng, depth, sensor, pixels)
     out = np.empty_like(depth)
     limits = np.asarray(far, dtype=np.float32)[:, None, None]
-    for first in range(0, len(depth), _CHUNK):
-        chunk = slice(first, first + _CHUNK)
-        out[chunk] = _shift(rng, depth[chunk], sensor)
+    for chunk in blocks(len(depth), _CHUNK):
+        some, limit = _shift(rng, depth[chunk], sensor), limits[chunk]
         if sensor.flying[1]:
-            _fly(rng, out[chunk], limits[chunk], sensor)
+            _fly(rng, some, limit, sensor)
         if sensor.baseline:
-            _quantise_disparity(rng, out[chunk], limits[chunk], sensor, camera.fx * sensor.baseline)
+            _quantise_disparity(rng, some, limit, sensor, camera.fx * sensor.baseline)
         else:
-            _quantise_depth(rng, out[chunk], limits[chunk], sensor)
-        _drop(rng, out[chunk], limits[chunk], sensor)
+            _quantise_depth(rng, some, limit, sensor)
+        _drop(rng, some, limit, sensor)
+        out[chunk] = some
     return out
 
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.body.model import Surface
-from handpose.body.render import NO_FACETS, Capsules, in_front, joined
-from handpose.synthetic.pose_prior import Bodies, cut_normal
+from handpose.body.render import Capsules, in_front, joined
+from handpose.synthetic.pose_prior import Bodies, cut_normal, draw_again
 from netlib.blob import Array
 
 
@@ -73,15 +73,15 @@ def draw_capsules(
     sleeve_from = rng.uniform(*prior.sleeve_from, N) * has_sleeve
     sleeve_mm = np.where(has_sleeve, rng.uniform(*prior.sleeve_mm, N), 0.0)
     limbs = surface.limbs
-    cut = _piece(a[:, limbs], b[:, limbs], radii[:, limbs], np.zeros(N), length)
-    a[:, limbs], b[:, limbs], radii[:, limbs] = cut
-    whole = _capsules(a, b, radii, surface.facets)
+    whole = Capsules(a, b, radii[..., 0], radii[..., 1], surface.facets)
+    cut = whole.chosen(limbs).part(np.zeros((N, 1)), length[:, None])
+    for values, own in zip(whole[:4], cut[:4]):
+        values[:, limbs] = own
     if not prior.sleeve:
         return in_front(whole)
     # bodies without a sleeve have a second limb in the same place
-    start, end, limb_radii = cut
-    thicker = limb_radii + sleeve_mm[:, None, None]
-    sleeves = _capsules(*_piece(start, end, thicker, sleeve_from, np.ones(N)))
+    ra, rb = cut.radius_a + sleeve_mm[:, None], cut.radius_b + sleeve_mm[:, None]
+    sleeves = cut._replace(radius_a=ra, radius_b=rb).part(sleeve_from[:, None], np.ones((N, 1)))
     return in_front(joined([whole, sleeves]))
 
 
@@ -101,11 +101,6 @@ def _draw_radii(
     return radii
 
 
-def _capsules(a: Array, b: Array, radii: Array, facets: NDArray[np.int_] = NO_FACETS) -> Capsules:
-    """The capsules with radii (N, M, 2)."""
-    return Capsules(a, b, radii[:, :, 0], radii[:, :, 1], facets)
-
-
 def _draw_ends(
     rng: np.random.Generator, prior: SurfacePrior, surface: Surface, bodies: Bodies, offset: Array
 ) -> Array:
@@ -120,23 +115,18 @@ def _draw_ends(
     N = len(offset)
     inputs = np.zeros((N, len(whole.initial)))
     inputs[:, :own] = bodies.inputs
-    least = np.full(N, np.inf)
     best = np.zeros((N, len(whole.joint_names), 3))
-    todo = np.arange(N)
-    for factor in np.linspace(1, prior.redraw_wider, 1 + prior.redraws):
-        trial = inputs[todo]
+
+    def trial(todo: NDArray[np.int_], factor: float) -> tuple[Array, Array]:
+        trials = inputs[todo]
         drawn = factor * surface.deviation[free] * rng.standard_normal((len(todo), len(free)))
-        trial[:, free] = np.clip(drawn, whole.lower[free], whole.upper[free])
-        pose = surface.kinematics.forward(trial, bodies.bones[todo])
+        trials[:, free] = np.clip(drawn, whole.lower[free], whole.upper[free])
+        pose = surface.kinematics.forward(trials, bodies.bones[todo])
         ends = surface.ends(pose, bodies.scale[todo], offset[todo])
-        towards = _towards_camera(surface, ends)
-        is_better = towards < least[todo]
-        better = todo[is_better]
-        best[better] = ends[is_better]
-        least[better] = towards[is_better]
-        todo = np.flatnonzero(least > prior.towards_camera)
-        if not len(todo):
-            break
+        return ends, _towards_camera(surface, ends)
+
+    factors = np.linspace(1, prior.redraw_wider, 1 + prior.redraws)
+    draw_again(best, prior.towards_camera, trial, factors)
     return best
 
 
@@ -145,17 +135,3 @@ def _towards_camera(surface: Surface, ends: Array) -> Array:
     limb = ends[:, surface.end[surface.limbs]] - ends[:, surface.start[surface.limbs]]
     component = -limb[..., 2] / np.linalg.norm(limb, axis=-1)
     return component.max(axis=1, initial=-1.0)
-
-
-def _piece(
-    a: Array, b: Array, radii: Array, first: Array, last: Array
-) -> tuple[Array, Array, Array]:
-    """The ends (N, M, 3) and radii (N, M, 2) of the parts of capsules from the fraction ``first``
-    (N,) of their length to the fraction ``last``.
-    """
-    along, wider = b - a, radii[:, :, 1] - radii[:, :, 0]
-    start = a + first[:, None, None] * along
-    end = a + last[:, None, None] * along
-    at_start = radii[:, :, 0] + first[:, None] * wider
-    at_end = radii[:, :, 0] + last[:, None] * wider
-    return start, end, np.stack([at_start, at_end], axis=2)

@@ -25,6 +25,7 @@ from handpose.synthetic.generator import Split, rng_of
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.scenes import prior as scene_prior
 from handpose.synthetic.scenes.cameras import HEIGHT, WIDTH, draw_cameras, slopes_of
+from handpose.synthetic.scenes.draws import Draw
 from handpose.synthetic.scenes.people import draw_people
 from handpose.synthetic.scenes.prior import ScenePrior
 from handpose.synthetic.scenes.sight import GROUPS, PERSON_OBJECT, THINGS, sight_of
@@ -86,32 +87,38 @@ class SceneGenerator:
 
     def block(self, number: int) -> Scenes:
         """Scenes ``number * SCENES_PER_BLOCK`` and following, as a camera measures them."""
-        rng = rng_of(self.seed, self.split, number, STREAM)
-        cameras = draw_cameras(rng, self.prior.view, SCENES_PER_BLOCK)
+        draw = Draw(rng_of(self.seed, self.split, number, STREAM), SCENES_PER_BLOCK)
+        cameras = draw_cameras(draw, self.prior.view)
         rays = cameras.rays(self.finer)
-        people = draw_people(rng, self.prior, self.sampler, cameras)
-        sight = sight_of(rng, self.prior, people, rays)
+        people = draw_people(draw, self.prior, self.sampler, cameras)
+        sight = sight_of(draw, self.prior, people, rays)
         focal = self.finer * cameras.focal
         clean = zip(sight.depth, sight.which > 0, focal, sight.reflects)
-        depth = np.stack([measure_frame(rng, *frame) for frame in clean])
+        depth = np.stack([measure_frame(draw.rng, *frame) for frame in clean])
         what_of_number = np.array([*range(THINGS - 1), THINGS - 2, *(THINGS - 1 + sight.of)])
         what = what_of_number[sight.number]
         classes = np.select([sight.which > 0, what == PERSON_OBJECT], [HAND, PERSON], OTHER)
-        middles = np.stack([hand.middle for hand in people.hands], axis=1)
-        scenes = Scenes(
+        middle = np.stack([hand.middle for hand in people.hands], axis=1)
+        pixels = cameras.pixels(middle)
+        seen = _pixels_of_hands(sight.which)
+        read = _pixels_of_hands(np.where(depth > 0, sight.which, 0))
+        is_read = (read > self.finer**2 * SEEN_PX) & (read > READ * seen)
+        is_near = middle[..., 2] < FARTHEST_MM
+        is_seen = (sight.share > SEEN) & _inside(pixels)
+        present = people.there & is_seen & is_near & is_read
+        return Scenes(
             depth=depth,
             classes=classes.astype(np.int8),
             which=sight.which,
             what=what.astype(np.int16),
             joints=np.stack([hand.joints for hand in people.hands], axis=1),
             is_right=np.stack([hand.side > 0 for hand in people.hands], axis=1),
-            middle=middles,
-            middle_px=self.finer * cameras.pixels(middles),
-            present=people.there & (sight.share > SEEN),
-            doubtful=people.there,
+            middle=middle,
+            middle_px=self.finer * pixels,
+            present=present,
+            doubtful=people.there & ~present & (seen > 0),
             slopes=slopes_of(rays),
         )
-        return _judged(scenes, self.finer)
 
 
 def _pixels_of_hands(which: Array) -> Array:
@@ -119,15 +126,7 @@ def _pixels_of_hands(which: Array) -> Array:
     return np.stack([(which == hand).sum((1, 2)) for hand in (1, 2)], axis=1)
 
 
-def _judged(scenes: Scenes, finer: int) -> Scenes:
-    """The scenes with those hands present that are read well enough too, and the
-    others doubtful.
-    """
-    u, v = np.moveaxis(scenes.middle_px, -1, 0)
-    z = scenes.middle[..., 2]
-    inside = (u > finer) & (u < finer * (WIDTH - 2)) & (v > finer) & (v < finer * (HEIGHT - 2))
-    seen = _pixels_of_hands(scenes.which)
-    read = _pixels_of_hands(np.where(scenes.depth > 0, scenes.which, 0))
-    is_read = (read > finer**2 * SEEN_PX) & (read > READ * seen)
-    present = scenes.present & inside & (z < FARTHEST_MM) & is_read
-    return scenes._replace(present=present, doubtful=scenes.doubtful & ~present & (seen > 0))
+def _inside(pixels: Array) -> NDArray[np.bool_]:
+    """Whether pixels (..., 2) of frames of the usual resolution are within the frame's border."""
+    u, v = np.moveaxis(pixels, -1, 0)
+    return (u > 1) & (u < WIDTH - 2) & (v > 1) & (v < HEIGHT - 2)

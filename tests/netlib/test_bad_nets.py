@@ -57,12 +57,13 @@ MASKED = np.ma.masked_equal(np.ones((2, 3)), 0)
         "blob": (lambda net: net.forward(["aaa"]), "net '' has no blob 'aaa'"),
         "one name": (
             lambda net: net.forward("a"),
-            "expected a list of names of blobs, found 'a'; give ['a']",
+            "expected a list of names of blobs to return, found a str; "
+            "arrays are given by name, as in forward(data=images)",
         ),
         # as in other libraries; it would run on the old input
         "array without a name": (
             lambda net: net.forward(np.ones((2, 3))),
-            "expected the names of blobs to return, found a ndarray; arrays are given by name, "
+            "expected a list of names of blobs to return, found a ndarray; arrays are given by name, "
             "as in forward(data=images)",
         ),
         "dictionary": (lambda net: net.forward({"x": np.ones((2, 3))}), "...found a dict; ..."),

@@ -427,36 +427,44 @@ def _readings(stems: list[str], unit: str | None) -> list[Reading]:
     Of several numbers that step alike, the last one is taken first; of counts, the one with the
     smallest range.
     """
-    how = "frames in the order of the numbers in their names"
+
+    def in_nanoseconds(matches: list[re.Match[str]], factor: int = NANO) -> list[int]:
+        return [int(Decimal(match[0].replace(",", ".")) * factor) for match in matches]
+
+    counted = "frames in the order of the numbers in their names"
     counts = [
-        _read(stems, matches, [int(match[0]) for match in matches], 0, how)
+        _read(stems, matches, [int(match[0]) for match in matches], 0, counted)
         for matches in _in_columns(stems, DIGITS)
     ]
-    counts = counts or [Reading([0] * len(stems), 0, how, stems)]
+    counts = counts or [Reading([0] * len(stems), 0, counted, stems)]
     counts.sort(key=lambda one: (len(set(one.times)) == 1, _range(one)))
     if unit == FRAME_UNIT:
         return counts
     if unit is not None:
-        how = f"times from the file names, in {unit} as given"
         factor = NANO // TICKS[unit]
-        given = []
-        for matches in _in_columns(stems, DECIMAL):
-            numbers = [Decimal(match[0].replace(",", ".")) for match in matches]
-            times = [int(number * factor) for number in numbers]
-            given.append(_read(stems, matches, times, NANO, how))
+        how = f"times from the file names, in {unit} as given"
+        given = [
+            _read(stems, matches, in_nanoseconds(matches, factor), NANO, how)
+            for matches in _in_columns(stems, DECIMAL)
+        ]
         return sorted(given, key=_range, reverse=True)
+    # numbers with a fraction, less than a second apart on average
+    how = "times from the file names, taken for s (--time-unit if that is wrong)"
+    seconds = [
+        _read(stems, matches, in_nanoseconds(matches), NANO, how)
+        for matches in _in_columns(stems, FRACTION)
+    ]
+    slow = [one for one in seconds if _range(one) < NANO * len(stems)]
     dense = [one for one in counts if _range(one) < SPARSE * len(stems)]
-    known = [*_with_units(stems), *_since_1970(stems)]
-    return [*known, *dense, *_dated(stems), *_fractions(stems), *counts]
+    return [*_with_units(stems), *_since_1970(stems), *dense, *_dated(stems), *slow, *counts]
 
 
 def _with_units(stems: list[str]) -> Iterator[Reading]:
-    """Numbers with their unit."""
+    """Numbers with their unit, which is one of the equal texts."""
     for matches in _in_columns(stems, NAMED_UNIT):
-        if len({match[2] for match in matches}) == 1:
-            unit = matches[0][2]
-            times = [int(match[1]) * (NANO // TICKS[unit]) for match in matches]
-            yield _read(stems, matches, times, NANO, f"times from the file names, in {unit}")
+        unit = matches[0][2]
+        times = [int(match[1]) * (NANO // TICKS[unit]) for match in matches]
+        yield _read(stems, matches, times, NANO, f"times from the file names, in {unit}")
 
 
 def _since_1970(stems: list[str]) -> Iterator[Reading]:
@@ -495,16 +503,6 @@ def _with_fractions(matches: list[re.Match[str]], digits: int) -> list[int]:
 
 def _largest_step(times: list[int]) -> int:
     return max((b - a for a, b in itertools.pairwise(sorted(times))), default=0)
-
-
-def _fractions(stems: list[str]) -> Iterator[Reading]:
-    """Numbers with a fraction, less than a second apart on average: seconds."""
-    how = "times from the file names, taken for s (--time-unit if that is wrong)"
-    for matches in _in_columns(stems, FRACTION):
-        times = [int(Decimal(match[0]) * NANO) for match in matches]
-        found = _read(stems, matches, times, NANO, how)
-        if _range(found) < NANO * len(stems):
-            yield found
 
 
 def _dated(stems: list[str]) -> Iterator[Reading]:

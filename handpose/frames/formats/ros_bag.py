@@ -35,7 +35,7 @@ from netlib.files import pictures
 from netlib.files.paths import exists
 
 OPTIONS = ("Depth_Units", "Depth Units")  # RealSense's names for one option, new and old
-REINDEX = "; a recorder that was killed leaves such a bag, and `rosbag reindex` repairs it"
+REINDEX = " (`rosbag reindex` repairs a bag whose recorder was killed)"
 
 
 class Bag(NamedTuple):
@@ -112,16 +112,10 @@ def _opened(path: Path) -> Iterator[Bag]:
             f"rosbags is missing: pip install rosbags ({reason_of(error)})"
         ) from error
     is_ros1 = path.suffix.lower() == ".bag" and not path.is_dir()
-    try:
+    damaged = f"cannot read the bag: damaged or cut{REINDEX if is_ros1 else ''}"
+    with errors_of(str(path), "the bag", damaged):
         reader = (rosbag1 if is_ros1 else rosbag2).Reader(path)
         reader.open()
-    except Exception as error:  # for a damaged bag the library may raise any exception
-        if system := system_error_of(error):
-            raise DataError(f"{path}: cannot read the bag: {reason_of(system)}") from error
-        raise DataError(
-            f"{path}: cannot read the bag: damaged or cut: {reason_of(error)}"
-            f"{REINDEX if is_ros1 and 'index' in str(error) else ''}"
-        ) from error
     with contextlib.closing(reader):
         yield Bag(reader, is_ros1, str(path))
 

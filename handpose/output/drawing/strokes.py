@@ -44,7 +44,12 @@ def text_within(
     canvas: Image, words: str, at: Array, colour: Colour, scale: float, width: int
 ) -> None:
     """Draw text, smaller if necessary, at most ``width`` pixels wide."""
-    text(canvas, words, at, colour, scale * min(1.0, width / max(text_width(words, scale), 1)))
+    text(canvas, words, at, colour, scale_within(words, scale, width))
+
+
+def scale_within(words: str, scale: float, width: int) -> float:
+    """The scale, or a smaller one, of a text at most ``width`` pixels wide."""
+    return scale * min(1.0, width / max(text_width(words, scale), 1))
 
 
 def text_width(words: str, scale: float) -> int:

@@ -230,8 +230,7 @@ class Tags:
         Unless it is ``sure``, the text is coloured on white.
         """
         height, width = self._canvas.shape[:2]
-        room = width - 2 * _BESIDE
-        scale = _WORDS * min(1.0, room / max(strokes.text_width(words, _WORDS), 1))
+        scale = strokes.scale_within(words, _WORDS, width - 2 * _BESIDE)
         wide = strokes.text_width(words, scale) + 2 * _BESIDE
         x = int(np.clip(left, 0, max(width - wide, 0)))
         wanted = int(np.clip(bottom - TAG_HEIGHT, 0, height - TAG_HEIGHT))

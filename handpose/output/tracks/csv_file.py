@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import csv
 import io
+import itertools
 import math
 from collections.abc import Iterable, Sequence
 
@@ -32,12 +33,13 @@ from handpose.body.model import FINGERS, has_fingers
 from handpose.frames.cameras import Camera
 from handpose.output.tracks import joint_values
 from handpose.output.tracks.json_values import free_dofs
+from handpose.output.tracks.plain_numbers import fields_of
 from handpose.tracking.track import HandPose, TrackedFrame, TrackedHand, TrackHeader, side_name
 from layers.hand.skeleton import Skeleton
 
 NO_HAND_SEEN = "no hand is seen"
 # the columns of what is known of a hand, and the digits of their values
-QUALITY = {"presence": "%.3f", "confidence": "%.4f", "error_mm": "%.2f"}
+QUALITY = {"presence": 3, "confidence": 4, "error_mm": 2}
 
 
 class FrameRows:
@@ -52,14 +54,10 @@ class FrameRows:
         self, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False
     ) -> None:
         self._camera = header.camera
-        self._columns = HandColumns(header.skeleton, joints)
+        self._columns = columns = HandColumns(header.skeleton, joints)
         self._gestures = gestures
-        own = [
-            *self._columns.about,
-            *self._columns.pose,
-            *["gesture", "gesture_confidence"] * gestures,
-        ]
-        self._empty = [""] * len(own)
+        own = [*columns.about, *columns.pose, *["gesture", "gesture_confidence"] * gestures]
+        self._count = len(own)
         self._posed: set[int] = set()  # ids of the hands that had joints
         self.head = rows_of([["number", "time_s", "id", "hand", "lost", *own]])
 
@@ -67,27 +65,24 @@ class FrameRows:
         """The lines of a frame."""
         self._posed.update(hand.id for hand in frame.hands)
         present = [one for one in frame.present if one.id in self._posed]
-        about = [frame.number, f"{frame.time:.6f}"]
         rows = [
-            [*about, hand.id, side_name(hand.known_side), hand.reason, *self._values(hand)]
+            [hand.id, side_name(hand.known_side), hand.reason, *self._values(hand)]
             for hand in (*frame.hands, *frame.lost, *present)
         ]
-        return rows_of(rows or [[*about, "", "", *self._without_hands(frame)]])
-
-    def _without_hands(self, frame: TrackedFrame) -> list[str]:
-        if not frame.present:
-            return [NO_HAND_SEEN, *self._empty]
-        most = max(frame.present, key=lambda hand: hand.presence)
-        return [most.reason, *self._values(most)]
+        if not rows:
+            most = max(frame.present, key=lambda hand: hand.presence, default=None)
+            nothing = [NO_HAND_SEEN, *[""] * self._count]
+            rows = [["", "", *([most.reason, *self._values(most)] if most else nothing)]]
+        return rows_of([frame.number, f"{frame.time:.6f}", *row] for row in rows)
 
     def _values(self, hand: TrackedHand) -> list[str]:
         values = self._columns.about_values(hand)
         if hand.pose is None:
-            return [*values[:2], *self._empty[2:]]
+            return values[:2] + [""] * (self._count - 2)
         values += self._columns.pose_values(hand.pose, self._camera)
         if self._gestures:
             name, confidence = hand.gesture or ("", math.nan)
-            values += [name, known("%.3f", confidence)]
+            values += [name, *fields_of(confidence, 3)]
         return values
 
 
@@ -102,8 +97,8 @@ class HandColumns:
         self._skeleton = skeleton
         self._joints = joints
         self._angles = free_dofs(skeleton)[0] if angles else {}
-        self._fingers = FINGERS if has_fingers(skeleton) else ()
-        self.about = [*QUALITY, *(f"{finger}_error_mm" for finger in self._fingers)]
+        self._fingers = len(FINGERS) if has_fingers(skeleton) else 0
+        self.about = [*QUALITY, *(f"{finger}_error_mm" for finger in FINGERS[: self._fingers])]
         self.pose = [f"{joint}_{axis}_mm" for joint in skeleton.joint_names for axis in "xyz"]
         self.pose += [f"{name}_rad" for name in self._angles]
         if joints:
@@ -111,10 +106,8 @@ class HandColumns:
 
     def about_values(self, hand: TrackedHand) -> list[str]:
         """The fields of ``about``; empty if unknown."""
-        values = [known(form, getattr(hand, name)) for name, form in QUALITY.items()]
-        return values + [
-            known("%.1f", error) for error, _ in zip(hand.finger_error_mm.tolist(), self._fingers)
-        ]
+        values = [fields_of(getattr(hand, name), digits) for name, digits in QUALITY.items()]
+        return [*itertools.chain(*values), *fields_of(hand.finger_error_mm[: self._fingers], 1)]
 
     def pose_values(self, pose: HandPose, camera: Camera | None) -> list[str]:
         """The fields of ``pose``; empty if unknown.
@@ -124,13 +117,7 @@ class HandColumns:
         if self._joints:
             return joint_values.numbers(self._joints, pose, camera)
         angles = self._skeleton.theta(pose.inputs)[[*self._angles.values()]]
-        positions = [known("%.2f", x) for x in pose.xyz.ravel().tolist()]
-        return positions + [known("%.5f", a) for a in angles.tolist()]
-
-
-def known(form: str, number: float) -> str:
-    """A number as a field; empty if unknown."""
-    return form % number if math.isfinite(number) else ""
+        return fields_of(pose.xyz, 2) + fields_of(angles, 5)
 
 
 def rows_of(rows: Iterable[Sequence[object]]) -> bytes:

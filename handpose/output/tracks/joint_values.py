@@ -16,6 +16,7 @@ A table has their numbers as columns: ``THUMB_TIP_x``, ``THUMB_TIP_world_x_m``, 
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ import numpy as np
 from handpose.body.joint_formats.angles import ANGLES
 from handpose.body.joint_formats.formats import FORMATS, FormatName, formatted
 from handpose.frames.cameras import Camera
+from handpose.output.tracks.plain_numbers import fields_of, rounded, rounded_if_known
 from handpose.tracking.track import HandPose
 from netlib.blob import Array
 
@@ -45,59 +47,41 @@ def format_values(name: FormatName) -> dict[str, Any]:
 
 def hand_values(name: FormatName, pose: HandPose, camera: Camera | None) -> dict[str, Any]:
     """The JSON values of a pose in a format. Raises DataError for another body than a hand."""
-    angles = pose.angles
     digits = DECIMALS[FORMATS[name].unit]
     parts = _parts(name, pose, camera)
-    joints = {
-        key: None if values is None else _rounded(values, digits) for key, values in parts.items()
-    }
-    return {
-        name: joints,
-        ANGLES_KEY: {angle: _rounded(value, 2) for angle, value in angles.items()},
-    }
+    joints = {key: rounded_if_known(values, digits) for key, values in parts.items()}
+    angles = dict(zip(pose.angles, rounded([*pose.angles.values()], 2)))
+    return {name: joints, ANGLES_KEY: angles}
 
 
 def columns(name: FormatName) -> list[str]:
     """The columns of a table, as ``numbers`` has their values."""
-    joints = list(FORMATS[name].joints)
-    unit = FORMATS[name].unit
+    joints = FORMATS[name].joints
+    points = [f"{joint}_%s_{FORMATS[name].unit}" for joint in joints]
     if name == "mediapipe":
-        found = [f"{joint}_{axis}" for joint in joints for axis in "xyz"]
-        found += [f"{joint}_world_{axis}_m" for joint in joints for axis in "xyz"]
-        found += [f"center_{axis}_m" for axis in "xyz"]
-    else:
-        found = [f"{joint}_{axis}_{unit}" for joint in joints for axis in "xyz"]
+        world = [f"{joint}_world_%s_m" for joint in joints]
+        points = [*(f"{joint}_%s" for joint in joints), *world, "center_%s_m"]
+    found = [point % axis for point in points for axis in "xyz"]
     return found + [f"{angle}_deg" for angle in ANGLES]
 
 
 def numbers(name: FormatName, pose: HandPose, camera: Camera | None) -> list[str]:
     """The values of a row, one for each column. Raises DataError for another body than a hand."""
-    texts = []
-    angles = [f"{angle:.2f}" for angle in pose.angles.values()]
+    angles = fields_of([*pose.angles.values()], 2)
     digits = DECIMALS[FORMATS[name].unit]
-    for values in _parts(name, pose, camera).values():
-        if values is not None:
-            texts += [f"{number:.{digits}f}" for number in values.ravel().tolist()]
-        else:  # landmarks, where the size of the image is unknown
-            texts += [""] * (3 * len(FORMATS[name].joints))
-    return texts + angles
+    parts = [fields_of(values, digits) for values in _parts(name, pose, camera).values()]
+    return [*itertools.chain(*parts), *angles]
 
 
-def _parts(name: FormatName, pose: HandPose, camera: Camera | None) -> dict[str, Array | None]:
+def _parts(name: FormatName, pose: HandPose, camera: Camera | None) -> dict[str, Array]:
     """The arrays of a pose in a format by their keys in JSON; without a camera,
-    those of its crop.
+    those of its crop. Landmarks are NaN where the size of the image is unknown.
     """
     cube_mm = pose.cube_mm if camera is None else None
     found = formatted(name, pose.skeleton, pose.side, pose.xyz, camera, cube_mm)
     if name != "mediapipe":
         return {f"positions_{FORMATS[name].unit}": found.positions}
     center = found.positions.mean(axis=0)
-    return {
-        "landmarks": found.landmarks,
-        "world_landmarks": found.positions - center,
-        "center_m": center,
-    }
-
-
-def _rounded(values: Any, digits: int) -> Any:
-    return (np.asarray(values, np.float64).round(digits) + 0.0).tolist()
+    world = found.positions - center
+    landmarks = np.full_like(world, np.nan) if found.landmarks is None else found.landmarks
+    return {"landmarks": landmarks, "world_landmarks": world, "center_m": center}

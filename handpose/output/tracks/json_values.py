@@ -10,7 +10,6 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from handpose.body.joint_formats.formats import FormatName
 from handpose.body.model import FINGERS
@@ -19,6 +18,7 @@ from handpose.fit.pose_confidence import unknown_finger_errors
 from handpose.frames.cameras import MIN_RANGE_MM, Camera
 from handpose.output.tracks import joint_values
 from handpose.output.tracks.fields import Fields
+from handpose.output.tracks.plain_numbers import rounded, rounded_if_known
 from handpose.tracking.track import HandPose, TrackedFrame, TrackedHand, TrackHeader
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import SkeletonParameter, text_of
@@ -33,26 +33,6 @@ AXES = {"x": "right", "y": "up", "z": "away from the camera"}
 
 
 to_text = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode  # ASCII only
-
-
-def rounded(numbers: ArrayLike, decimals: int) -> Any:
-    """A number or lists of numbers; None for unknown ones."""
-    if isinstance(numbers, float):  # the frequent case
-        return round(float(numbers), decimals) + 0.0 if math.isfinite(numbers) else None
-    array = np.asarray(numbers, dtype=np.float64)
-    values = (array.round(decimals) + 0.0).tolist()  # + 0.0: no -0.0
-    return values if np.isfinite(array).all() else _nulled(values)
-
-
-def _known(numbers: Array, decimals: int) -> Any:
-    """``rounded``, but one None if any number is unknown."""
-    return rounded(numbers, decimals) if np.isfinite(numbers).all() else None
-
-
-def _nulled(values: Any) -> Any:
-    if isinstance(values, list):
-        return [_nulled(value) for value in values]
-    return values if math.isfinite(values) else None
 
 
 # --------------------------------------------------------------------------------------- the header
@@ -219,10 +199,13 @@ class FrameValues:
             "origin_mm": rounded(pose.origin_mm, 3),
             "translations_mm": _named(self._sliding, theta * self._unit_mm, 3),
         }
-        bones = _known(pose.bones * self._unit_mm, 3)
+        bones = rounded_if_known(pose.bones * self._unit_mm, 3)
         if self._live or hand.id not in self._bones or self._bones[hand.id] != bones:
             values["bones_mm"] = self._bones[hand.id] = bones
-        crop = {"center_uvd": _known(pose.center_uvd, 3), "cube_mm": rounded(pose.cube_mm, 3)}
+        crop = {
+            "center_uvd": rounded_if_known(pose.center_uvd, 3),
+            "cube_mm": rounded(pose.cube_mm, 3),
+        }
         values["crop"] = crop
         if self._joints is not None:
             values |= joint_values.hand_values(self._joints, pose, self._camera)
@@ -297,8 +280,8 @@ class FrameValues:
 
 def _named(dofs: dict[str, int], values: Array, decimals: int) -> dict[str, float] | None:
     """The values of DoFs by name; None if they are unknown."""
-    numbers = values[[*dofs.values()]]
-    return dict(zip(dofs, rounded(numbers, decimals))) if np.isfinite(numbers).all() else None
+    numbers = rounded_if_known(values[[*dofs.values()]], decimals)
+    return None if numbers is None else dict(zip(dofs, numbers))
 
 
 def _by_name(of: Fields, key: str, dofs: dict[str, int]) -> Array:

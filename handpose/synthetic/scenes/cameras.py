@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.frames.cameras import FINDER_FOCAL_PX, Floats
+from handpose.synthetic.scenes.draws import Draw
 from handpose.synthetic.scenes.prior import ViewParameter
 from handpose.synthetic.scenes.solids import Rays
 from netlib.blob import Array
@@ -57,23 +58,23 @@ class Cameras(NamedTuple):
         y = (self.v0 - v) / self.focal * z
         return np.stack([x, y, z], axis=-1)
 
-    def anywhere(self, rng: np.random.Generator, margin: float, z: Array) -> Array:
+    def anywhere(self, draw: Draw, margin: float, z: Array) -> Array:
         """Random points (N, 3) at depths (N,), ``margin`` px or more inside the frames' borders."""
-        u = rng.uniform(margin, WIDTH - margin, len(z))
-        v = rng.uniform(margin, HEIGHT - margin, len(z))
+        u = draw.between(margin, WIDTH - margin)
+        v = draw.between(margin, HEIGHT - margin)
         return self.at(u, v, z)
 
 
-def draw_cameras(rng: np.random.Generator, prior: ViewParameter, count: int) -> Cameras:
+def draw_cameras(draw: Draw, prior: ViewParameter) -> Cameras:
     """Cameras worn on a head, in front of a person, or anywhere; held in any way."""
-    focal = FINDER_FOCAL_PX * prior.focal.draw(rng, count)
-    u0 = WIDTH / 2 + rng.uniform(-prior.shift_x, prior.shift_x, count)
-    v0 = HEIGHT / 2 + rng.uniform(-prior.shift_y, prior.shift_y, count)
-    kind = rng.random(count)
+    focal = FINDER_FOCAL_PX * draw(prior.focal)
+    u0 = WIDTH / 2 + draw.between(-prior.shift_x, prior.shift_x)
+    v0 = HEIGHT / 2 + draw.between(-prior.shift_y, prior.shift_y)
+    kind = draw.rng.random(draw.count)
     on_head, facing = kind < prior.on_head, kind > 1 - prior.facing
-    pitch = np.where(on_head, prior.pitch_on_head.draw(rng, count), prior.pitch.draw(rng, count))
-    any_roll = rng.random(count) < np.where(on_head, prior.any_roll_on_head, prior.any_roll)
-    roll = np.where(any_roll, rng.uniform(-180, 180, count), prior.roll * rng.normal(size=count))
+    pitch = np.where(on_head, draw(prior.pitch_on_head), draw(prior.pitch))
+    any_roll = draw.chance(np.where(on_head, prior.any_roll_on_head, prior.any_roll))
+    roll = np.where(any_roll, draw.between(-180, 180), prior.roll * draw.normal())
     pitch, roll = np.deg2rad(pitch), np.deg2rad(roll)
     x, y = np.cos(pitch) * np.sin(roll), np.cos(pitch) * np.cos(roll)
     up = np.stack([x, y, -np.sin(pitch)], axis=1)

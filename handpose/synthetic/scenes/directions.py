@@ -30,19 +30,3 @@ def right_angled(x: Array, y: Array) -> Array:
 def turned(turns: Array, v: Array) -> Array:
     """Vectors (N, 3) turned by each of K rotations (N, K, 3, 3)."""
     return np.einsum("nkij,nj->nki", turns, v)
-
-
-def any_direction(rng: np.random.Generator, *shape: int) -> Array:
-    """Random directions (..., 3), uniform."""
-    return unit(rng.normal(size=(*shape, 3)))
-
-
-def any_rotation(rng: np.random.Generator, *shape: int) -> Array:
-    """Random rotation matrices (..., 3, 3), uniform."""
-    w, x, y, z = np.moveaxis(unit(rng.normal(size=(*shape, 4))), -1, 0)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))

@@ -11,6 +11,7 @@ from handpose.body.joint_formats.frames import LONG_FINGERS
 from handpose.body.render import Capsules
 from handpose.synthetic.pose_prior import Bodies, BodySampler
 from handpose.synthetic.scenes.directions import across, right_angled, unit
+from handpose.synthetic.scenes.draws import Draw
 from handpose.synthetic.scenes.prior import HeldParameter
 from handpose.synthetic.scenes.solids import CYLINDER, Solids, joined, one_each
 from handpose.synthetic.surface_prior import SurfacePrior, draw_capsules
@@ -77,14 +78,14 @@ class Hands(NamedTuple):
         )
 
 
-def draw_hands(rng: np.random.Generator, sampler: BodySampler, side: Array) -> Hands:
+def draw_hands(draw: Draw, sampler: BodySampler, side: Array) -> Hands:
     """Hands of the given sides about the middles of their palms."""
     surface = sampler.surface
-    count = len(side)
-    bodies = sampler.draw(rng, count)
+    count = draw.count
+    bodies = sampler.draw(draw.rng, count)
     unit_mm = sampler.cube_mm / 2
     far = np.tile((0.0, 0.0, 10 * sampler.cube_mm), (count, 1))  # so that none is cut at the camera
-    capsules = draw_capsules(rng, SURFACE, surface, bodies, unit_mm, far)
+    capsules = draw_capsules(draw.rng, SURFACE, surface, bodies, unit_mm, far)
     row = {name: n for n, name in enumerate(sampler.skeleton.joint_names)}
     mirror = np.stack([side, np.ones(count), np.ones(count)], axis=1)
     palm = bodies.joints[:, row["palm"]] * unit_mm
@@ -115,41 +116,36 @@ def draw_hands(rng: np.random.Generator, sampler: BodySampler, side: Array) -> H
 
 
 def draw_held(
-    rng: np.random.Generator,
-    prior: HeldParameter,
-    hand: Hands,
-    palm: Array,
-    there: NDArray[np.bool_],
+    draw: Draw, prior: HeldParameter, hand: Hands, palm: Array, there: NDArray[np.bool_]
 ) -> Solids:
     """What the hands hold, up to the palm and the tips of the fingers, and the tops of cylinders.
 
     palm   (N, 3) middles of the palms
     there  (N,) whether there is a hand
     """
-    count = len(palm)
-    axis = unit(hand.across + HELD_AXIS_STD * rng.normal(size=(count, 3)))
-    away_mm = prior.away.draw(rng, count)
-    along = hand.distal * prior.along.draw(rng, count, 1)
+    axis = unit(hand.across + HELD_AXIS_STD * draw.normal(3))
+    away_mm = draw(prior.away)
+    along = hand.distal * draw(prior.along, 1)
     center = palm + along + hand.palmar * away_mm[:, None]
     to_tips = across(hand.tips - center[:, None], axis[:, None])
     up_to_tips = np.linalg.norm(to_tips, axis=-1).min(1) - FINGERTIP_RADIUS_MM
     up_to_palm = away_mm - PALM_RADIUS_MM
-    touches_tips = rng.random(count) < prior.touches
+    touches_tips = draw.chance(prior.touches)
     radius = np.where(touches_tips, np.minimum(up_to_palm, up_to_tips), up_to_palm)
-    is_held = there & (radius > MIN_HELD_RADIUS_MM) & (rng.random(count) < prior.share)
+    is_held = there & (radius > MIN_HELD_RADIUS_MM) & draw.chance(prior.share)
     radius = np.maximum(radius, MIN_HELD_RADIUS_MM)
-    half_length = prior.length.draw(rng, count)
-    shift = rng.uniform(-HELD_SHIFT, HELD_SHIFT, count) * half_length
+    half_length = draw(prior.length)
+    shift = draw.between(-HELD_SHIFT, HELD_SHIFT) * half_length
     center = center + axis * shift[:, None]
     axes = right_angled(unit(across(hand.palmar, axis)), axis)
-    kind = rng.integers(3, size=count)
+    kind = draw.rng.integers(3, size=draw.count)
     is_cylinder = kind == CYLINDER
-    half_depth = np.where(is_cylinder, radius, radius * prior.flatness.draw(rng, count))
+    half_depth = np.where(is_cylinder, radius, radius * draw(prior.flatness))
     half_sizes = np.stack([radius, half_length, half_depth], axis=-1)
     held = one_each(kind, center, axes, half_sizes, is_held)
-    top_radius = radius * prior.top_width.draw(rng, count)
-    top_sizes = np.stack([top_radius, prior.top_length.draw(rng, count), top_radius], axis=-1)
-    has_top = is_held & is_cylinder & (rng.random(count) < prior.top)
+    top_radius = radius * draw(prior.top_width)
+    top_sizes = np.stack([top_radius, draw(prior.top_length), top_radius], axis=-1)
+    has_top = is_held & is_cylinder & draw.chance(prior.top)
     top_center = center + axis * half_length[:, None]
-    tops = one_each(np.full(count, CYLINDER), top_center, axes, top_sizes, has_top)
+    tops = one_each(np.full(draw.count, CYLINDER), top_center, axes, top_sizes, has_top)
     return joined([held, tops])

@@ -11,14 +11,8 @@ from numpy.typing import NDArray
 from handpose.body.render import Capsules
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.scenes.cameras import HEIGHT, WIDTH, Cameras
-from handpose.synthetic.scenes.directions import (
-    across,
-    any_direction,
-    any_rotation,
-    dot,
-    turned,
-    unit,
-)
+from handpose.synthetic.scenes.directions import across, dot, turned, unit
+from handpose.synthetic.scenes.draws import Draw, Range
 from handpose.synthetic.scenes.hands import Hands, draw_hands
 from handpose.synthetic.scenes.prior import ArmParameter, BodyParameter, HandsParameter, ScenePrior
 from handpose.synthetic.scenes.solids import shown
@@ -31,32 +25,37 @@ SHOULDER_MM = 170.0  # from the middle of the shoulders to one, for a person of 
 MEAN_HAND_SCALE = 0.92  # scale of the hand of a person of size 1
 MIN_SIZE, MAX_SIZE = 0.8, 1.2  # of people
 OPTICAL_AXIS = np.array([0.0, 0.0, 1.0])
-# Capsules of trunk, neck and head: start and end (right, up and forward of the middle of the
-# shoulders), radius at the start and at the end, in mm.
-BODY = (
-    ((-60, -60, 0), (-60, -420, 10), 95, 110),
-    ((60, -60, 0), (60, -420, 10), 95, 110),
-    ((0, -120, 20), (0, -430, 30), 110, 125),
-    ((-140, -15, 0), (140, -15, 0), 65, 65),
-    ((0, 40, 15), (0, 150, 25), 58, 55),
-    ((0, 190, 30), (0, 255, 20), 85, 92),
+# Capsules of trunk, neck and head, and of the thighs from the hips on: start and end (right, up and
+# forward of the middle of the shoulders), radius at the start and at the end, in mm.
+BODY = np.array(
+    [
+        (-60, -60, 0, -60, -420, 10, 95, 110),
+        (60, -60, 0, 60, -420, 10, 95, 110),
+        (0, -120, 20, 0, -430, 30, 110, 125),
+        (-140, -15, 0, 140, -15, 0, 65, 65),
+        (0, 40, 15, 0, 150, 25, 58, 55),
+        (0, 190, 30, 0, 255, 20, 85, 92),
+        (-95, -470, 20, -95, -470, 20, 85, 62),
+        (95, -470, 20, 95, -470, 20, 85, 62),
+    ],
+    np.float64,
 )
-THIGH_RADII_MM = (85.0, 62.0)  # at hip and knee
-HIPS_MM = np.array([(-95.0, -470.0, 20.0), (95.0, -470.0, 20.0)])
+LEGS = slice(-2, None)
 KNEE_FORWARD_MM = 440.0  # of the middle of the shoulders
 # relative to the hips
-KNEE_OUTWARD_MM, KNEE_UP_MM = (-60.0, 120.0), (-120.0, 60.0)
+KNEE_OUTWARD_MM, KNEE_UP_MM = Range(-60.0, 120.0), Range(-120.0, 60.0)
 MAX_UPPER_ARM_MM = 420.0  # a shoulder farther from the elbow belongs to another person
 
 # A camera on a head: mean and standard deviation of the slope of its optical axis, ...
 MEAN_SLOPE_DOWN, SLOPE_STD = 0.3, 0.25
 # ... and ranges of the middle of the shoulders relative to it.
-BELOW_MM, BEHIND_MM, ASIDE_MM = (60.0, 320.0), (-60.0, 150.0), (-100.0, 100.0)
+BELOW_MM, BEHIND_MM, ASIDE_MM = Range(60.0, 320.0), Range(-60.0, 150.0), Range(-100.0, 100.0)
 FACE_STD = 0.6  # deviation of an owner's direction from that of the forearm
 # Ranges of the direction of the first hand's upper arm, from the elbow to the shoulder, ...
-ELBOW_BACK, ELBOW_UP, ELBOW_IN = (-0.2, 1.0), (-0.3, 1.1), (-0.3, 0.6)
+ELBOW_BACK, ELBOW_UP, ELBOW_IN = Range(-0.2, 1.0), Range(-0.3, 1.1), Range(-0.3, 0.6)
 # ... and of the other one's, from the shoulder to the elbow.
-SHOULDER_FORWARD, SHOULDER_DOWN, SHOULDER_OUT = (0.0, 1.2), (-0.3, 1.0), (-0.4, 0.6)
+SHOULDER_FORWARD, SHOULDER_DOWN = Range(0.0, 1.2), Range(-0.3, 1.0)
+SHOULDER_OUT = Range(-0.4, 0.6)
 UPPER_ARM_STD = 0.3  # deviation of both directions
 
 # An arrangement's score is a random number between 0 and 1, plus what follows.
@@ -73,7 +72,7 @@ IN_SIGHT_SCORE = 3.0  # ``MARGIN_PX`` or more within the frame, at one of these 
 MARGIN_PX, MIN_HAND_MM, MAX_HAND_MM = 5.0, 220.0, 1700.0
 IN_FRONT_SCORE = 0.6  # in front of the body
 TOO_CLOSE_MM, TOO_CLOSE_PENALTY = 70.0, 2.0  # to the first hand
-LOG_DEPTH_RATIO = (-0.5, 0.5)  # of a stranger's hand and the first one
+LOG_DEPTH_RATIO = Range(-0.5, 0.5)  # of a stranger's hand and the first one
 
 
 class Torsos(NamedTuple):
@@ -101,48 +100,46 @@ class People(NamedTuple):
 
 
 def draw_people(
-    rng: np.random.Generator,
+    draw: Draw,
     prior: ScenePrior,
     sampler: BodySampler,
     cameras: Cameras,
     sides: Sequence[float] = (LEFT, RIGHT),
 ) -> People:
     """A hand of one of the sides anywhere in each frame, its person, and the other hand."""
-    count = len(cameras.focal)
     hands = prior.hands
-    place = cameras.anywhere(rng, hands.margin_px, hands.distance.draw(rng, count))
-    side = rng.choice(sides, count)
-    first = draw_hands(rng, sampler, side)
+    place = cameras.anywhere(draw, hands.margin_px, draw(hands.distance))
+    side = draw.rng.choice(sides, draw.count)
+    first = draw_hands(draw, sampler, side)
     size = np.clip(first.bodies.scale / MEAN_HAND_SCALE, MIN_SIZE, MAX_SIZE)[:, None]
-    wearer = _wearer(rng, cameras, size)
-    rests = rng.random(count) < hands.rests
-    along = rng.random(count) < hands.along
-    rotation = _first_rotation(rng, cameras, wearer, first, place, rests, along)
+    wearer = _wearer(draw, cameras, size)
+    rests = draw.chance(hands.rests)
+    along = draw.chance(hands.along)
+    rotation = _first_rotation(draw, cameras, wearer, first, place, rests, along)
     first = first.placed(rotation, place)
-    person = _owner(rng, cameras, wearer, first)
-    second, second_place = _second_hand(rng, hands, sampler, cameras, person, place, side)
-    has_first = rng.random(count) >= hands.none
-    has_second = has_first & (rng.random(count) < hands.second)
+    person = _owner(draw, cameras, wearer, first)
+    second, second_place = _second_hand(draw, hands, sampler, cameras, person, place, side)
+    has_first = ~draw.chance(hands.none)
+    has_second = has_first & draw.chance(hands.second)
     palms = np.stack([place, second_place], axis=1)
     there = np.stack([has_first, has_second], axis=1)
     return People((first, second), person, palms, there, rests)
 
 
-def _wearer(rng: np.random.Generator, cameras: Cameras, size: Array) -> Torsos:
+def _wearer(draw: Draw, cameras: Cameras, size: Array) -> Torsos:
     """The people of these sizes (N, 1) on whose heads the cameras would be."""
-    count = len(size)
     up = cameras.up
-    ahead = OPTICAL_AXIS + SLOPE_STD * rng.normal(size=(count, 3))
+    ahead = OPTICAL_AXIS + SLOPE_STD * draw.normal(3)
     face = unit(across(ahead - MEAN_SLOPE_DOWN * up, up))
     right = np.cross(up, face)
-    below = up * rng.uniform(*BELOW_MM, (count, 1))
-    behind = face * rng.uniform(*BEHIND_MM, (count, 1))
-    aside = right * rng.uniform(*ASIDE_MM, (count, 1))
+    below = up * draw(BELOW_MM, 1)
+    behind = face * draw(BEHIND_MM, 1)
+    aside = right * draw(ASIDE_MM, 1)
     return Torsos(up, face, right, -below - behind + aside, size)
 
 
 def _first_rotation(
-    rng: np.random.Generator,
+    draw: Draw,
     cameras: Cameras,
     wearer: Torsos,
     hand: Hands,
@@ -156,12 +153,11 @@ def _first_rotation(
     rests  (N,) whether the hand lies on a table
     along  (N,) whether the forearm is along the line of sight
     """
-    count = len(place)
     up = cameras.up[:, None]
-    rotations = any_rotation(rng, count, TRIALS)
+    rotations = draw.rotation(TRIALS)
     forearm = turned(rotations, unit(hand.elbow - hand.wrist))
     cosine = dot(forearm, unit(place)[:, None])  # negative: the elbow is nearer than the hand
-    score = rng.random((count, TRIALS)) - AT_CAMERA_PENALTY * (cosine < MIN_COSINE)
+    score = draw.between(0, 1, TRIALS) - AT_CAMERA_PENALTY * (cosine < MIN_COSINE)
     shoulder = wearer.shoulder(hand.side)[:, None]
     elbow = place[:, None] + turned(rotations, hand.elbow)
     upper_arm_mm = np.linalg.norm(elbow - shoulder, axis=-1)
@@ -170,23 +166,22 @@ def _first_rotation(
     score += cameras.facing[:, None] * ((cosine > 0) - HANGING_SCORE * dot(forearm, up))
     score -= rests[:, None] * RESTING_SCORE * dot(turned(rotations, hand.palmar), up)
     score += along[:, None] * ALONG_SCORE * np.abs(cosine)
-    return rotations[np.arange(count), score.argmax(1)]
+    return rotations[np.arange(draw.count), score.argmax(1)]
 
 
-def _owner(rng: np.random.Generator, cameras: Cameras, wearer: Torsos, hand: Hands) -> Torsos:
+def _owner(draw: Draw, cameras: Cameras, wearer: Torsos, hand: Hands) -> Torsos:
     """The owners of the first hands: the cameras' wearers, or people placed at the arms."""
-    count = len(hand.side)
     up = cameras.up
     size = wearer.size
-    forward = unit(hand.wrist - hand.elbow) + FACE_STD * rng.normal(size=(count, 3))
+    forward = unit(hand.wrist - hand.elbow) + FACE_STD * draw.normal(3)
     on_head = cameras.on_head[:, None]
     face = np.where(on_head, wearer.face, unit(across(forward, up)))
     right = np.cross(up, face)
     outward = hand.side[:, None] * right
-    backward = -face * rng.uniform(*ELBOW_BACK, (count, 1))
-    upward = up * rng.uniform(*ELBOW_UP, (count, 1))
-    inward = outward * rng.uniform(*ELBOW_IN, (count, 1))
-    noise = UPPER_ARM_STD * rng.normal(size=(count, 3))
+    backward = -face * draw(ELBOW_BACK, 1)
+    upward = up * draw(ELBOW_UP, 1)
+    inward = outward * draw(ELBOW_IN, 1)
+    noise = UPPER_ARM_STD * draw.normal(3)
     direction = unit(backward + upward - inward + noise)
     placed = hand.elbow + UPPER_ARM_MM * size * direction
     shoulder = np.where(on_head, wearer.shoulder(hand.side), placed)
@@ -194,7 +189,7 @@ def _owner(rng: np.random.Generator, cameras: Cameras, wearer: Torsos, hand: Han
 
 
 def _second_hand(
-    rng: np.random.Generator,
+    draw: Draw,
     prior: HandsParameter,
     sampler: BodySampler,
     cameras: Cameras,
@@ -207,24 +202,23 @@ def _second_hand(
     place  (N, 3) mm, of the first hands
     side   (N,) of the first hands
     """
-    count = len(side)
-    of_stranger = rng.random(count) < prior.stranger
-    own_side = np.where(of_stranger, rng.choice((LEFT, RIGHT), count), -side)
-    hand = draw_hands(rng, sampler, own_side)
-    elbows = _second_elbows(rng, person, own_side)
-    rotations = any_rotation(rng, count, TRIALS)
+    of_stranger = draw.chance(prior.stranger)
+    own_side = np.where(of_stranger, draw.rng.choice((LEFT, RIGHT), draw.count), -side)
+    hand = draw_hands(draw, sampler, own_side)
+    elbows = _second_elbows(draw, person, own_side)
+    rotations = draw.rotation(TRIALS)
     places = elbows - turned(rotations, hand.elbow)
     in_sight = _in_sight(cameras, places)
     in_front = dot(places - elbows, person.face[:, None]) > 0
     too_close = np.linalg.norm(places - place[:, None], axis=-1) < TOO_CLOSE_MM
-    score = IN_SIGHT_SCORE * in_sight + rng.random((count, TRIALS))
+    score = IN_SIGHT_SCORE * in_sight + draw.between(0, 1, TRIALS)
     score += IN_FRONT_SCORE * in_front
     score -= TOO_CLOSE_PENALTY * too_close
-    best = np.arange(count), score.argmax(1)
-    nearby = place + any_direction(rng, count) * prior.close_mm.draw(rng, count, 1)
-    depth = place[:, 2] * np.exp(rng.uniform(*LOG_DEPTH_RATIO, count))
-    anywhere = cameras.anywhere(rng, MARGIN_PX, depth)
-    is_nearby = rng.random(count) < prior.close
+    best = np.arange(draw.count), score.argmax(1)
+    nearby = place + draw.direction() * draw(prior.close_mm, 1)
+    depth = place[:, 2] * np.exp(draw(LOG_DEPTH_RATIO))
+    anywhere = cameras.anywhere(draw, MARGIN_PX, depth)
+    is_nearby = draw.chance(prior.close)
     kinds = [is_nearby[:, None], of_stranger[:, None]]
     own_place = np.select(kinds, [nearby, anywhere], places[best])
     return hand.placed(rotations[best], own_place), own_place
@@ -239,44 +233,37 @@ def _in_sight(cameras: Cameras, places: Array) -> NDArray[np.bool_]:
     return in_width & in_height & (z > MIN_HAND_MM) & (z < MAX_HAND_MM)
 
 
-def _second_elbows(rng: np.random.Generator, person: Torsos, side: Array) -> Array:
+def _second_elbows(draw: Draw, person: Torsos, side: Array) -> Array:
     """Places (N, TRIALS, 3) of the elbows of the other arms."""
-    count = len(side)
-    each = (count, TRIALS, 1)
     sideways = side[:, None] * person.right
-    forward = person.face[:, None] * rng.uniform(*SHOULDER_FORWARD, each)
-    downward = person.up[:, None] * rng.uniform(*SHOULDER_DOWN, each)
-    outward = sideways[:, None] * rng.uniform(*SHOULDER_OUT, each)
-    noise = UPPER_ARM_STD * rng.normal(size=(count, TRIALS, 3))
+    forward = person.face[:, None] * draw(SHOULDER_FORWARD, TRIALS, 1)
+    downward = person.up[:, None] * draw(SHOULDER_DOWN, TRIALS, 1)
+    outward = sideways[:, None] * draw(SHOULDER_OUT, TRIALS, 1)
+    noise = UPPER_ARM_STD * draw.normal(TRIALS, 3)
     direction = unit(forward - downward + outward + noise)
     upper_arm = UPPER_ARM_MM * person.size[:, None] * direction
     return person.shoulder(side)[:, None] + upper_arm
 
 
 def draw_arm(
-    rng: np.random.Generator,
-    prior: ArmParameter,
-    hand: Hands,
-    person: Torsos,
-    there: NDArray[np.bool_],
+    draw: Draw, prior: ArmParameter, hand: Hands, person: Torsos, there: NDArray[np.bool_]
 ) -> Capsules:
     """Forearm, sleeve and upper arm (N, 3 capsules); some arms end early.
 
     there  (N,) whether there is an arm
     """
-    count = len(there)
-    is_cut = rng.random(count) < prior.cut
-    length = np.where(is_cut, prior.cut_at.draw(rng, count), 1.0)  # relative to the forearm's
+    is_cut = draw.chance(prior.cut)
+    length = np.where(is_cut, draw(prior.cut_at), 1.0)  # relative to the forearm's
     wrist = hand.wrist
     elbow = wrist + length[:, None] * (hand.elbow - wrist)
-    sleeve_from = prior.sleeve_from.draw(rng, count)
-    has_sleeve = rng.random(count) < prior.sleeve
-    sleeve_mm = np.where(has_sleeve, prior.sleeve_mm.draw(rng, count), 0.0)
+    sleeve_from = draw(prior.sleeve_from)
+    has_sleeve = draw.chance(prior.sleeve)
+    sleeve_mm = np.where(has_sleeve, draw(prior.sleeve_mm), 0.0)
     cuff = wrist + sleeve_from[:, None] * (elbow - wrist)
-    at_wrist, at_elbow = (hand.arm_radii * prior.thickness.draw(rng, count, 1)).T
+    at_wrist, at_elbow = (hand.arm_radii * draw(prior.thickness, 1)).T
     at_cuff = at_wrist + sleeve_from * (at_elbow - at_wrist) + sleeve_mm
     size = person.size[:, 0]
-    at_shoulder = prior.upper.draw(rng, count) * size + sleeve_mm
+    at_shoulder = draw(prior.upper) * size + sleeve_mm
     sleeve_end = at_elbow + sleeve_mm
     upper_start = np.minimum(at_shoulder, sleeve_end)
     shoulder = person.shoulder(hand.side)
@@ -290,22 +277,17 @@ def draw_arm(
     return shown(Capsules(a, b, radius_a, radius_b), there[:, None])
 
 
-def draw_body(rng: np.random.Generator, prior: BodyParameter, person: Torsos) -> Capsules:
+def draw_body(draw: Draw, prior: BodyParameter, person: Torsos) -> Capsules:
     """Trunk, shoulders, neck, head, and the legs of some who sit."""
-    count = len(person.size)
     axes = np.stack([person.right, person.up, person.face], axis=1)
-    sideways = HIPS_MM[:, 0] + np.array([-1, 1]) * rng.uniform(*KNEE_OUTWARD_MM, (count, 1))
-    height = HIPS_MM[:, 1] + rng.uniform(*KNEE_UP_MM, (count, 2))
-    knees = np.stack([sideways, height, np.full((count, 2), KNEE_FORWARD_MM)], axis=-1)
-    starts, ends, start_radii, end_radii = zip(*BODY)
-    begin = np.tile([*starts, *HIPS_MM], (count, 1, 1))
-    end = np.concatenate([np.tile(ends, (count, 1, 1)), knees], axis=1)
+    begin = BODY[:, :3]
+    end = np.tile(BODY[:, 3:6], (draw.count, 1, 1))
+    end[:, LEGS, 0] += np.array([-1, 1]) * draw(KNEE_OUTWARD_MM, 1)
+    end[:, LEGS, 1] += draw(KNEE_UP_MM, 2)
+    end[:, LEGS, 2] = KNEE_FORWARD_MM
     middle, size = person.middle[:, None], person.size[:, None]
     a, b = (middle + size * (points @ axes) for points in (begin, end))
-    width = person.size * prior.width.draw(rng, count, 1)
-    at_hip, at_knee = THIGH_RADII_MM
-    radius_a = np.array([*start_radii, at_hip, at_hip]) * width
-    radius_b = np.array([*end_radii, at_knee, at_knee]) * width
-    there = np.ones((count, len(BODY) + 2), bool)
-    there[:, len(BODY) :] = rng.random((count, 1)) < prior.legs
-    return shown(Capsules(a, b, radius_a, radius_b), there)
+    width = person.size * draw(prior.width, 1)
+    there = np.ones(a.shape[:2], bool)
+    there[:, LEGS] = draw.chance(prior.legs)[:, None]
+    return shown(Capsules(a, b, BODY[:, 6] * width, BODY[:, 7] * width), there)

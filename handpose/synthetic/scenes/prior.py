@@ -11,10 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-import numpy as np
-
 from handpose.synthetic.prior_file import NYU_PRIOR, expect, messages
-from netlib.blob import Array
+from handpose.synthetic.scenes.draws import Range, Sizes
 from netlib.files.paths import real
 from netlib.proto import prototxt, schema
 from netlib.proto.schema import Double
@@ -22,27 +20,6 @@ from netlib.proto.schema import Double
 SCENE_PRIOR = NYU_PRIOR.with_name("scene_prior.prototxt")
 Shape = Literal["BOX", "CYLINDER", "ELLIPSOID"]
 Standing = Literal["TABLE", "AIR", "ROOM"]
-
-
-@dataclass(frozen=True)
-class Range:
-    """A ``name { low: L high: H }``: uniform between two numbers."""
-
-    low: Double
-    high: Double
-
-    def draw(self, rng: np.random.Generator, *shape: int) -> Array:
-        """Numbers of a shape."""
-        return rng.uniform(self.low, self.high, shape)
-
-
-@dataclass(frozen=True)
-class Sizes(Range):
-    """The same for sizes and distances above 0: each doubling is as likely as the next."""
-
-    def draw(self, rng: np.random.Generator, *shape: int) -> Array:
-        """Numbers of a shape."""
-        return np.exp(rng.uniform(np.log(self.low), np.log(self.high), shape))
 
 
 NOWHERE = Range(0.0, 0.0)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.frames.cameras import Floats
+from handpose.synthetic.scenes.draws import Draw
 from handpose.synthetic.scenes.hands import draw_held
 from handpose.synthetic.scenes.people import People, draw_arm, draw_body
 from handpose.synthetic.scenes.prior import LightParameter, ScenePrior
@@ -55,17 +56,17 @@ class Sight(NamedTuple):
     reflects: Floats
 
 
-def sight_of(rng: np.random.Generator, prior: ScenePrior, people: People, rays: Rays) -> Sight:
+def sight_of(draw: Draw, prior: ScenePrior, people: People, rays: Rays) -> Sight:
     """People and what is around them, along rays."""
     hands = [
         only(capsule_depth(hand.own, rays), there)
         for hand, there in zip(people.hands, people.there.T)
     ]
     hand = np.minimum(*hands)
-    solids, of = _surroundings(rng, prior, people, rays, hands[0])
-    others = [layer_of(_arms(rng, prior, people, rays), PERSON_OBJECT), *solids]
+    solids, of = _surroundings(draw, prior, people, rays, hands[0])
+    others = [layer_of(_arms(draw, prior, people, rays), PERSON_OBJECT), *solids]
     behind = nearest(others)
-    far = _farthest(rng, prior.light, people.palms[:, 0])[:, None, None]
+    far = _farthest(draw, prior.light, people.palms[:, 0])[:, None, None]
     is_hand = np.isfinite(hand) & (hand <= behind.depth + TOLERANCE_MM) & (hand < far)
     depth = np.minimum(hand, behind.depth)
     depth = np.where(depth < far, depth, NOTHING)
@@ -73,7 +74,7 @@ def sight_of(rng: np.random.Generator, prior: ScenePrior, people: People, rays: 
     number[np.isinf(depth)] = 0
     shares = [_seen_share(own, is_hand & (own == hand)) for own in hands]
     nearer = np.where(hands[1] < hands[0], 2, 1)
-    light = _light(rng, prior.light, len(depth), THINGS + len(of))
+    light = _light(draw, prior.light, THINGS + len(of))
     return Sight(
         depth=depth,
         number=number,
@@ -84,33 +85,32 @@ def sight_of(rng: np.random.Generator, prior: ScenePrior, people: People, rays: 
     )
 
 
-def _arms(rng: np.random.Generator, prior: ScenePrior, people: People, rays: Rays) -> Floats:
+def _arms(draw: Draw, prior: ScenePrior, people: People, rays: Rays) -> Floats:
     """Depth of the arms; some second ones are there without their hand."""
-    count = len(people.palms)
-    alone = rng.random(count) < prior.arm.without_hand
-    shown = people.there | np.stack([np.zeros(count, bool), alone], axis=1)
+    alone = draw.chance(prior.arm.without_hand)
+    shown = people.there | np.stack([np.zeros_like(alone), alone], axis=1)
     arms = [
-        draw_arm(rng, prior.arm, hand, people.person, there)
+        draw_arm(draw, prior.arm, hand, people.person, there)
         for hand, there in zip(people.hands, shown.T)
     ]
     return np.minimum(*(capsule_depth(arm, rays) for arm in arms))
 
 
 def _surroundings(
-    rng: np.random.Generator, prior: ScenePrior, people: People, rays: Rays, first: Floats
+    draw: Draw, prior: ScenePrior, people: People, rays: Rays, first: Floats
 ) -> tuple[list[Layer], NDArray[np.int_]]:
     """What is there besides hands and arms, without what hides the first hands, whose depth
     is given; and to which of the prior's things the solids of things belong.
     """
-    person, palms, count = people.person, people.palms, len(people.palms)
-    is_first = rng.random((count, 1)) < NEARER
+    person, palms = people.person, people.palms
+    is_first = draw.chance(NEARER)[:, None]
     near = np.where(is_first, palms[:, 0], palms[:, 1])
-    body = capsule_depth(draw_body(rng, prior.body, person), rays)
-    table = draw_table(rng, prior.table, people, near, prior.hands.rests_mm)
-    things, of = draw_things(rng, prior.things, person, near, table)
-    planes = draw_planes(rng, prior.planes, person, near, palms[:, 0], rays)
-    held = draw_held(rng, prior.held, people.hands[0], palms[:, 0], people.there[:, 0])
-    with_body = rng.random(count) < prior.body.share
+    body = capsule_depth(draw_body(draw, prior.body, person), rays)
+    table = draw_table(draw, prior.table, people, near, prior.hands.rests_mm)
+    things, of = draw_things(draw, prior.things, person, near, table)
+    planes = draw_planes(draw, prior.planes, person, near, palms[:, 0], rays)
+    held = draw_held(draw, prior.held, people.hands[0], palms[:, 0], people.there[:, 0])
+    with_body = draw.chance(prior.body.share)
     layers = {
         "body": layer_of(body, PERSON_OBJECT).only(with_body),
         "table": solid_layer(table.board, TABLE_OBJECT, rays),
@@ -131,19 +131,18 @@ def _hidden(depth: Floats, hand: Floats) -> Array:
     return hides / np.maximum(own.sum((1, 2)), 1)
 
 
-def _farthest(rng: np.random.Generator, light: LightParameter, palm: Array) -> Array:
+def _farthest(draw: Draw, light: LightParameter, palm: Array) -> Array:
     """The depth (N,) in mm from which nothing is read: some cameras end a little behind the
     hand.
     """
-    count = len(palm)
-    behind = light.range_behind.draw(rng, count)
-    return np.where(rng.random(count) < light.range, palm[:, 2] + behind, np.inf)
+    behind = draw(light.range_behind)
+    return np.where(draw.chance(light.range), palm[:, 2] + behind, np.inf)
 
 
-def _light(rng: np.random.Generator, light: LightParameter, count: int, objects: int) -> Floats:
+def _light(draw: Draw, light: LightParameter, objects: int) -> Floats:
     """The part of the light (N, objects) that objects send back; hands send all."""
-    reflects = light.reflects.draw(rng, count, objects)
-    reflects[:, PERSON_OBJECT] = light.people_reflect.draw(rng, count)
+    reflects = draw(light.reflects, objects)
+    reflects[:, PERSON_OBJECT] = draw(light.people_reflect)
     reflects[:, HAND_OBJECT] = 1.0
     return reflects.astype(np.float32)
 

@@ -35,12 +35,9 @@ class Solids(NamedTuple):
     shown: NDArray[np.bool_]
 
 
-def one_each(
-    kind: NDArray[np.int_], center: Array, axes: Array, half: Array, shown: NDArray[np.bool_]
-) -> Solids:
-    """One solid in each frame: (N,), (N, 3), (N, 3, 3), (N, 3), (N,)."""
-    values = kind[:, None], center[:, None], axes[:, None], half[:, None], shown[:, None]
-    return Solids(*values)
+def one_each(*values: Array) -> Solids:
+    """One solid in each frame: kind (N,), center (N, 3), axes (N, 3, 3), half, and shown (N,)."""
+    return Solids(*(value[:, None] for value in values))
 
 
 def joined(parts: Sequence[Solids]) -> Solids:

@@ -8,19 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.frames.cameras import Floats
-from handpose.synthetic.scenes.directions import (
-    across,
-    any_direction,
-    any_rotation,
-    dot,
-    right_angled,
-    unit,
-)
+from handpose.synthetic.scenes.directions import across, dot, right_angled, unit
+from handpose.synthetic.scenes.draws import Draw, Range
 from handpose.synthetic.scenes.people import People, Torsos
 from handpose.synthetic.scenes.prior import (
     PartParameter,
     PlanesParameter,
-    Range,
     TableParameter,
     ThingParameter,
     ThingsParameter,
@@ -39,6 +32,7 @@ from handpose.synthetic.scenes.solids import (
 from layers.hand.kinematics import rotation
 from netlib.blob import Array
 
+ANY_ANGLE = Range(0.0, 2 * np.pi)
 LYING = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1.0]])  # exchanges the upward and the right axis
 
 
@@ -56,60 +50,48 @@ class Table(NamedTuple):
 
 
 def draw_table(
-    rng: np.random.Generator, prior: TableParameter, people: People, near: Array, rests_mm: Range
+    draw: Draw, prior: TableParameter, people: People, near: Array, rests_mm: Range
 ) -> Table:
     """A table below ``near`` (N, 3), or under the first hands that rest on it."""
     person = people.person
-    count = len(near)
     rests = people.rests
-    below = np.where(
-        rng.random(count) < prior.near,
-        prior.near_mm.draw(rng, count),
-        prior.below_mm.draw(rng, count),
-    )
-    below = np.where(rests, rests_mm.draw(rng, count), below)[:, None]
-    side = _turned(_any_angle(rng, count), person.right, person.face)
-    level = person.up + prior.tilt * rng.normal(size=(count, 3))
+    below = np.where(draw.chance(prior.near), draw(prior.near_mm), draw(prior.below_mm))
+    below = np.where(rests, draw(rests_mm), below)[:, None]
+    side = _turned(draw(ANY_ANGLE, 1), person.right, person.face)
+    level = person.up + prior.tilt * draw.normal(3)
     # a hand at rest lies flat: its own direction says how the table is turned
     normal = unit(np.where(rests[:, None], -people.hands[0].palmar, level))
     above = np.where(rests[:, None], people.palms[:, 0], near)
     axes = right_angled(unit(across(side, normal)), normal)
     top = above - normal * below
     center = top - prior.thickness * normal
-    ahead, aside = prior.ahead.draw(rng, count, 1), prior.aside.draw(rng, count, 1)
+    ahead, aside = draw(prior.ahead, 1), draw(prior.aside, 1)
     center = center + across(person.face * ahead + person.right * aside, normal)
-    half_x, half_z = prior.half.draw(rng, count), prior.half.draw(rng, count)
-    half = np.stack([half_x, np.full(count, prior.thickness), half_z], axis=-1)
-    there = (rng.random(count) < prior.share) | rests
-    board = one_each(np.full(count, BOX), center, axes, half, there)
+    half_x, half_z = draw(prior.half), draw(prior.half)
+    half = np.stack([half_x, np.full(draw.count, prior.thickness), half_z], axis=-1)
+    there = draw.chance(prior.share) | rests
+    board = one_each(np.full(draw.count, BOX), center, axes, half, there)
     return Table(board, top, axes, there)
 
 
 def draw_things(
-    rng: np.random.Generator, prior: ThingsParameter, person: Torsos, near: Array, table: Table
+    draw: Draw, prior: ThingsParameter, person: Torsos, near: Array, table: Table
 ) -> tuple[Solids, NDArray[np.int_]]:
     """Some things in each frame, each of one or several solids, M in all; and which of the prior's
     things these belong to (M,).
     """
-    count = len(near)
     shares = np.array([thing.share for thing in prior.thing])
-    kinds = rng.choice(len(shares), (count, prior.most), p=shares / shares.sum())
-    shown = rng.random(kinds.shape) < prior.each
-    shown &= (rng.random(count) < prior.share)[:, None]
-    places = _Places(rng, prior, person, near, table)
+    kinds = draw.rng.choice(len(shares), (draw.count, prior.most), p=shares / shares.sum())
+    shown = draw.rng.random(kinds.shape) < prior.each
+    shown &= draw.chance(prior.share)[:, None]
+    places = _Places(prior, person.up, near, table)
     groups = []
     for k, thing in enumerate(prior.thing):
         frame, _ = np.nonzero(shown & (kinds == k))
-        groups.append(_by_frame(_solids_of(places, thing, frame), frame, count))
+        solids = places.solids(Draw(draw.rng, len(frame)), thing, frame)
+        groups.append(_by_frame(solids, frame, draw.count))
     of = [np.full(group.kind.shape[1], k) for k, group in enumerate(groups)]
     return joined(groups), np.concatenate(of)
-
-
-def _solids_of(places: _Places, thing: ThingParameter, frame: NDArray[np.int_]) -> Solids:
-    """The parts of one kind of thing, K times in the given frames (K,), thing by thing."""
-    size = thing.size.draw(places.rng, len(frame))
-    origin, axes = places.draw(thing, frame)
-    return joined([_solid_of(places.rng, part, origin, axes, size) for part in thing.part])
 
 
 def _by_frame(things: Solids, frame: NDArray[np.int_], count: int) -> Solids:
@@ -128,65 +110,49 @@ def _by_frame(things: Solids, frame: NDArray[np.int_], count: int) -> Solids:
     return Solids(*map(spread, things))
 
 
-class _Places:
-    """Draws where things are: about the places ``near`` (N, 3), and on the tables of N frames."""
+class _Places(NamedTuple):
+    """Where things are: about the places ``near`` (N, 3), and on the tables of N frames."""
 
-    def __init__(
-        self,
-        rng: np.random.Generator,
-        prior: ThingsParameter,
-        person: Torsos,
-        near: Array,
-        table: Table,
-    ) -> None:
-        self.rng = rng
-        self._prior = prior
-        self._up, self._near, self._table = person.up, near, table
+    prior: ThingsParameter
+    up: Array
+    near: Array
+    table: Table
 
-    def draw(self, thing: ThingParameter, frame: NDArray[np.int_]) -> tuple[Array, Array]:
+    def solids(self, draw: Draw, thing: ThingParameter, frame: NDArray[np.int_]) -> Solids:
+        """The parts of one kind of thing, K times in the given frames (K,), thing by thing."""
+        size = draw(thing.size)[:, None]
+        origin, axes = self._placed(draw, thing, frame)
+        return joined([_solid_of(draw, part, origin, axes, size) for part in thing.part])
+
+    def _placed(
+        self, draw: Draw, thing: ThingParameter, frame: NDArray[np.int_]
+    ) -> tuple[Array, Array]:
         """Origins (K, 3) and axes (K, 3, 3) of things of one kind in the given frames (K,)."""
         # drawn for all things, though only those on tables need it, so that scenes do not change
-        angle = _any_angle(self.rng, len(frame))
-        if thing.stands == "ROOM":
-            return self._in_room(frame)
-        origin, axes = self._in_air(frame)
+        angle = draw(ANY_ANGLE, 1)
+        near = self.near[frame]
+        if thing.stands == "ROOM":  # upright, anywhere
+            up = self.up[frame]
+            side = unit(across(draw.direction(), up))
+            away = draw(self.prior.in_room, 1)
+            return near + away * unit(draw.direction() + 0.5 * side), right_angled(side, up)
+        origin = near + draw.direction() * draw(self.prior.in_air, 1)
+        axes = draw.rotation()
         if thing.stands == "AIR":
             return origin, axes
-        on_table, upright = self._on_table(frame, angle, thing.lies)
-        has_table = self._table.there[frame]
+        on_table, upright = self._on_table(draw, frame, angle, thing.lies)
+        has_table = self.table.there[frame]
         origin = np.where(has_table[:, None], on_table, origin)
         return origin, np.where(has_table[:, None, None], upright, axes)
 
-    def _in_room(self, frame: NDArray[np.int_]) -> tuple[Array, Array]:
-        """Upright, anywhere."""
-        count = len(frame)
-        ground = self._up[frame]
-        side = unit(across(any_direction(self.rng, count), ground))
-        away = self._prior.in_room.draw(self.rng, count, 1)
-        direction = unit(any_direction(self.rng, count) + 0.5 * side)
-        return self._near[frame] + away * direction, right_angled(side, ground)
-
-    def _in_air(self, frame: NDArray[np.int_]) -> tuple[Array, Array]:
-        """Turned anyhow."""
-        count = len(frame)
-        direction = any_direction(self.rng, count)
-        origin = self._near[frame] + direction * self._prior.in_air.draw(self.rng, count, 1)
-        return origin, any_rotation(self.rng, count)
-
-    def _on_table(self, frame: NDArray[np.int_], angle: Array, lies: float) -> tuple[Array, Array]:
+    def _on_table(
+        self, draw: Draw, frame: NDArray[np.int_], angle: Array, lies: float
+    ) -> tuple[Array, Array]:
         """At directions with these angles (K, 1) from the middle of the tables; a share lies."""
-        count = len(frame)
-        x, normal, z = np.moveaxis(self._table.axes[frame], -1, 0)
-        away = self._prior.on_table.draw(self.rng, count, 1)
-        origin = self._table.top[frame] + _turned(angle, x, z) * away
-        upright = right_angled(_turned(_any_angle(self.rng, count), x, z), normal)
-        is_lying = self.rng.random(count) < lies
-        return origin, np.where(is_lying[:, None, None], upright @ LYING, upright)
-
-
-def _any_angle(rng: np.random.Generator, count: int) -> Array:
-    """Angles (count, 1) of all directions."""
-    return rng.uniform(0, 2 * np.pi, (count, 1))
+        x, normal, z = np.moveaxis(self.table.axes[frame], -1, 0)
+        origin = self.table.top[frame] + _turned(angle, x, z) * draw(self.prior.on_table, 1)
+        upright = right_angled(_turned(draw(ANY_ANGLE, 1), x, z), normal)
+        return origin, np.where(draw.chance(lies)[:, None, None], upright @ LYING, upright)
 
 
 def _turned(angle: Array, x: Array, z: Array) -> Array:
@@ -194,40 +160,32 @@ def _turned(angle: Array, x: Array, z: Array) -> Array:
     return np.cos(angle) * x + np.sin(angle) * z
 
 
-def _solid_of(
-    rng: np.random.Generator, part: PartParameter, origin: Array, axes: Array, size: Array
-) -> Solids:
-    """One part of each of K things."""
-    count = len(size)
-    x, y = part.x.draw(rng, count), part.y.draw(rng, count)
-    z = x if part.z is None else part.z.draw(rng, count)
-    half = np.stack([x, y, z], axis=-1) * size[:, None]
-    at_y = y if part.at_y is None else part.at_y.draw(rng, count)
-    at = np.stack([part.at_x.draw(rng, count), at_y, part.at_z.draw(rng, count)], axis=-1)
-    center = origin + np.einsum("nij,nj->ni", axes, at * size[:, None])
-    tilt, lean = (np.deg2rad(angle.draw(rng, count)) for angle in (part.tilt, part.lean))
+def _solid_of(draw: Draw, part: PartParameter, origin: Array, axes: Array, size: Array) -> Solids:
+    """One part of each of K things, whose lengths have the factors ``size`` (K, 1)."""
+    x, y = draw(part.x), draw(part.y)
+    z = x if part.z is None else draw(part.z)
+    half = np.stack([x, y, z], axis=-1) * size
+    at_y = y if part.at_y is None else draw(part.at_y)
+    at = np.stack([draw(part.at_x), at_y, draw(part.at_z)], axis=-1)
+    center = origin + np.einsum("nij,nj->ni", axes, at * size)
+    tilt, lean = np.deg2rad(draw(part.tilt)), np.deg2rad(draw(part.lean))
     turned = axes @ (rotation(0, tilt) @ rotation(2, lean))
-    there = rng.random(count) < part.chance
-    return one_each(np.full(count, SHAPES[part.shape]), center, turned, half, there)
+    kind = np.full(draw.count, SHAPES[part.shape])
+    return one_each(kind, center, turned, half, draw.chance(part.chance))
 
 
 def draw_planes(
-    rng: np.random.Generator,
-    prior: PlanesParameter,
-    person: Torsos,
-    near: Array,
-    palm: Array,
-    rays: Rays,
+    draw: Draw, prior: PlanesParameter, person: Torsos, near: Array, palm: Array, rays: Rays
 ) -> Floats:
     """Depth (N, H, W) of the floor, a wall behind, and one at the side."""
     count = len(near)
-    floor = near - person.up * prior.floor_below.draw(rng, count, 1)
-    behind = unit(prior.wall_tilt * rng.normal(size=(count, 3)) - (0, 0, 1))
+    floor = near - person.up * draw(prior.floor_below, 1)
+    behind = unit(prior.wall_tilt * draw.normal(3) - (0, 0, 1))
     wall = np.zeros((count, 3))
-    wall[:, 2] = palm[:, 2] + prior.wall_behind.draw(rng, count)
-    beside = unit(across(rng.normal(size=(count, 3)), person.up))
+    wall[:, 2] = palm[:, 2] + draw(prior.wall_behind)
+    beside = unit(across(draw.normal(3), person.up))
     beside *= -np.sign(beside[:, 2:])
-    corner = palm - beside * prior.beside_away.draw(rng, count, 1)
+    corner = palm - beside * draw(prior.beside_away, 1)
     depth = np.full((count, rays[1].shape[1], rays[0].shape[1]), NOTHING)
     for normal, point, share in (
         (person.up, floor, prior.floor),
@@ -235,5 +193,5 @@ def draw_planes(
         (beside, corner, prior.beside),
     ):
         plane = plane_depth(normal, dot(normal, point), rays)
-        np.minimum(depth, only(plane, rng.random(count) < share), out=depth)
+        np.minimum(depth, only(plane, draw.chance(share)), out=depth)
     return depth

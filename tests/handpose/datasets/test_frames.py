@@ -62,7 +62,7 @@ def test_values() -> None:
 
 def test_all_columns_are_documented() -> None:
     page = (ROOT / "docs" / "data.md").read_text()
-    for name, array in Generator().columns().items():
+    for name, array in Generator().block(0).arrays().items():
         shape = ", ".join(map(str, ("n", *array.shape[1:])))
         assert f"| `{name}` | ({shape}{',' if array.ndim == 1 else ''}) " in page
 

@@ -158,5 +158,7 @@ def test_invalid_crop_centers_are_rejected(here, value):
 
 
 def test_crop_centers_of_other_frames_are_rejected(here):
-    with pytest.raises(DataError, match=r"a\.h5: centres of shape \(4, 2\), expected \(4, 3\)"):
+    with pytest.raises(
+        DataError, match=r"a\.h5: data set 'center_uvd' has shape \(4, 2\), expected \(4, 3\)"
+    ):
         centers_in("a.h5", np.ones((4, 2)), np.ones((4, 3)))

@@ -22,13 +22,11 @@ from handpose.synthetic.prior_file import NormalParameter, RangeParameter
 from netlib.files.paths import ROOT
 
 
-def test_arrays(generator: Generator, frames: Frames) -> None:
-    """They have the shapes and types of the columns, and values in their ranges."""
-    for (name, array), empty in zip(
-        frames.arrays().items(), generator.columns().values(), strict=True
-    ):
-        assert (array.shape, array.dtype) == ((BLOCK, *empty.shape[1:]), empty.dtype)
-        assert len(empty) == 0
+def test_arrays(frames: Frames) -> None:
+    """They have a row for each frame, and values in their ranges."""
+    for name, array in frames.arrays().items():
+        assert len(array) == BLOCK
+        assert array.dtype == (np.int64 if name == "index" else np.float32)
         assert np.isfinite(array).all()
         if name in ("depth", "joint"):
             assert array.min() >= -1 and array.max() == 1

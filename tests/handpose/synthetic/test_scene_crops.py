@@ -74,5 +74,4 @@ def test_inputs_of_the_root_are_unknown(in_scenes: Recipe, scene: Scene) -> None
     root = [*generator.sampler.rotation, *generator.sampler.translation]
     assert np.isnan(scene.bodies.inputs[:, root]).all()
     assert np.isfinite(np.delete(scene.bodies.inputs, root, axis=1)).all()
-    assert set(generator.block(3).arrays()) == set(generator.columns())
-    assert not {"dof", "bones"} & set(generator.columns())
+    assert not {"dof", "bones"} & set(generator.block(3).arrays())

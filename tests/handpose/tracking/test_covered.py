@@ -156,7 +156,7 @@ def moving(side: Side, velocity: tuple[float, float, float], seed: int) -> Take:
         surface = pose.capsules._replace(a=pose.capsules.a + way, b=pose.capsules.b + way)
         return replace(pose, xyz=pose.xyz + way, surface=lambda: surface)
 
-    movement.pose_at = pose_at
+    vars(movement)["pose_at"] = pose_at
     return Take(recording, list(recording), list(recording.truths()))
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -116,10 +118,8 @@ def test_the_network_does_not_run_where_it_is_not_asked(
     (first,) = estimator.in_regions(frame, [SearchRegion(center, "right")])
     assert first is not None
     monkeypatch.setattr("handpose.estimate.crop_fits.fit_starts", None)  # any call raises an error
-    regions = [
-        SearchRegion(center + offset, "right", first.body, asks_network=False)
-        for offset in ((0, 0, 0), (8, -6, 20))
-    ]
+    near = SearchRegion(center, "right", first.body, asks_network=False)
+    regions = [near, replace(near, center_uvd=center + (8, -6, 20))]
     estimates = estimator.in_regions(frame, regions)
     assert not first.is_tracked
     for estimate in estimates:

@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 
 from handpose.frames.cameras import Camera
 from handpose.output.tracks.json_file import Track, read_track
-from handpose.output.tracks.json_values import rounded
 from handpose.output.tracks.writing import open_writer
 from handpose.tracking.track import TrackedFrame, TrackedHand, TrackHeader, joints_of
 from layers.hand.skeleton import load
@@ -215,13 +214,6 @@ def test_an_interruption_leaves_a_whole_document(here: Path) -> None:
 @both
 def test_no_frame_at_all(here: Path, layout: str) -> None:
     assert written(f"a.{layout}", HAND, []).frames == []
-
-
-def test_unknown_numbers_are_null() -> None:
-    """NaN and infinity become null, alone and within lists, because JSON lacks them."""
-    nan, infinity = float("nan"), float("inf")
-    assert rounded(nan, 2) is None
-    assert rounded([[0.126, nan], [-0.001, infinity]], 2) == [[0.13, None], [0.0, None]]
 
 
 def test_lines_that_are_cut(here: Path) -> None:

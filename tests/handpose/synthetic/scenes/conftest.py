@@ -6,6 +6,7 @@ import numpy as np
 
 from handpose.synthetic.scenes import prior as scene_prior
 from handpose.synthetic.scenes.cameras import Cameras, draw_cameras
+from handpose.synthetic.scenes.draws import Draw
 from handpose.synthetic.scenes.people import People, draw_people
 from handpose.synthetic.scenes.prior import ScenePrior
 from handpose.synthetic.whole_scenes import SceneGenerator
@@ -18,5 +19,6 @@ def drawn(
     """A prior whose ``hands { ... }`` have other numbers, and cameras and people of it."""
     prior = scene_prior.load()
     prior = schema.changed(prior, hands=schema.changed(prior.hands, **hands))
-    cameras = draw_cameras(rng, prior.view, count)
-    return prior, cameras, draw_people(rng, prior, SceneGenerator().sampler, cameras)
+    draw = Draw(rng, count)
+    cameras = draw_cameras(draw, prior.view)
+    return prior, cameras, draw_people(draw, prior, SceneGenerator().sampler, cameras)

@@ -4,23 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from handpose.synthetic.scenes import prior as scene_prior
-from handpose.synthetic.scenes.prior import SCENE_PRIOR, Range, Sizes
+from handpose.synthetic.scenes.prior import SCENE_PRIOR
 from netlib.errors import PrototxtError
 
 TEXT = SCENE_PRIOR.read_text()
-
-
-def test_ranges_are_uniform_or_uniform_in_the_logarithm(rng: np.random.Generator) -> None:
-    numbers = Range(2.0, 8.0).draw(rng, 4000)
-    assert numbers.min() >= 2
-    assert numbers.max() <= 8
-    assert np.mean(numbers < 5) == pytest.approx(0.5, abs=0.03)
-    doublings = Sizes(2.0, 8.0).draw(rng, 4000)
-    assert np.mean(doublings < 4) == pytest.approx(0.5, abs=0.03)
 
 
 def test_the_training_has_the_things_that_stand_on_desks() -> None:

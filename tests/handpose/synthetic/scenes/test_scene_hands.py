@@ -6,6 +6,7 @@ import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 
 from handpose.body.render import render
+from handpose.synthetic.scenes.draws import Draw
 from handpose.synthetic.scenes.hands import draw_hands
 from handpose.synthetic.whole_scenes import SceneGenerator
 
@@ -13,7 +14,8 @@ from handpose.synthetic.whole_scenes import SceneGenerator
 def test_left_hands_are_mirrored_right_hands() -> None:
     sampler = SceneGenerator().sampler
     right, left = (
-        draw_hands(np.random.default_rng(5), sampler, np.array([side])) for side in (1.0, -1.0)
+        draw_hands(Draw(np.random.default_rng(5), 1), sampler, np.array([side]))
+        for side in (1.0, -1.0)
     )
     rays = np.linspace(-0.3, 0.3, 61)[None]
     images = [
@@ -26,7 +28,7 @@ def test_left_hands_are_mirrored_right_hands() -> None:
 
 def test_placed_hands_keep_their_shape() -> None:
     sampler = SceneGenerator().sampler
-    hand = draw_hands(np.random.default_rng(5), sampler, np.array([1.0]))
+    hand = draw_hands(Draw(np.random.default_rng(5), 1), sampler, np.array([1.0]))
     upside_down = np.diag([-1.0, -1.0, 1.0])[None]
     placed = hand.placed(upside_down, np.array([[10.0, 20.0, 600.0]]))
     assert_allclose(placed.wrist, hand.wrist * (-1, -1, 1) + (10, 20, 600))

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.testing import assert_allclose
 
 from handpose.synthetic.scenes import prior as scene_prior
+from handpose.synthetic.scenes.draws import Draw, Range, Sizes
 from handpose.synthetic.scenes.people import People
-from handpose.synthetic.scenes.prior import PartParameter, Range, Sizes, ThingParameter
+from handpose.synthetic.scenes.prior import PartParameter, ThingParameter
 from handpose.synthetic.scenes.solids import CYLINDER, Solids
 from handpose.synthetic.scenes.surroundings import Table, draw_table, draw_things
 from netlib.proto import schema
@@ -22,13 +23,13 @@ def people_and_table(**hands: float) -> tuple[People, Table]:
     rng = np.random.default_rng(4)
     prior, _, people = drawn(rng, COUNT, **hands)
     near = people.palms[:, 0]
-    return people, draw_table(rng, prior.table, people, near, prior.hands.rests_mm)
+    return people, draw_table(Draw(rng, COUNT), prior.table, people, near, prior.hands.rests_mm)
 
 
 def things_of(thing: ThingParameter, table: Table, people: People, **things: Any) -> Solids:
     prior = schema.changed(scene_prior.load().things, thing=(thing,), share=1.0, each=1.0, **things)
-    rng = np.random.default_rng(6)
-    solids, of = draw_things(rng, prior, people.person, people.palms[:, 0], table)
+    draw = Draw(np.random.default_rng(6), COUNT)
+    solids, of = draw_things(draw, prior, people.person, people.palms[:, 0], table)
     assert (of == 0).all()
     return solids
 
@@ -79,7 +80,7 @@ def test_the_shares_choose_what_stands_there() -> None:
     prior = scene_prior.load().things
     prior = schema.changed(prior, share=1.0, each=1.0)
     solids, of = draw_things(
-        np.random.default_rng(8), prior, people.person, people.palms[:, 0], table
+        Draw(np.random.default_rng(8), COUNT), prior, people.person, people.palms[:, 0], table
     )
     first = np.concatenate([[True], of[1:] != of[:-1]])
     assert list(of[first]) == sorted(set(of))

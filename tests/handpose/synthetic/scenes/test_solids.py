@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from handpose.synthetic.scenes import solids
-from handpose.synthetic.scenes.directions import any_rotation
+from handpose.synthetic.scenes.draws import Draw
 from handpose.synthetic.scenes.solids import (
     BOX,
     CYLINDER,
@@ -27,7 +27,7 @@ X = np.linspace(-0.2, 0.2, 9, dtype=np.float32)
 @pytest.mark.parametrize("kind", [BOX, CYLINDER, ELLIPSOID])
 def test_solids_agree_with_steps_along_the_rays(kind: int) -> None:
     """The first of many points on a ray that lies in the solid."""
-    axes = any_rotation(np.random.default_rng(kind))
+    axes = Draw(np.random.default_rng(kind), 1).rotation()[0]
     center, half = np.array([20.0, -10.0, 500.0]), np.array([60.0, 40.0, 60.0])
     entry = solids._entry(kind, center, axes, half, X, X)
     steps = np.arange(350.0, 650.0, 0.25)
