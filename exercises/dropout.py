@@ -42,7 +42,7 @@ TO_DO = {
 }
 LETTERS = Letters({"x": "n i"}, {"y": "n i"})
 EXAMPLES = (
-    Example("dropout_ratio: 0.3", (numbers(4, 5),)),
+    Example("dropout_ratio: 0.3", (numbers(4, 5).round(),)),
     Example("dropout_ratio: 0", caffe="dropout_train_ratio0"),
 )
 IN_TEST = Option(

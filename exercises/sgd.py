@@ -140,7 +140,7 @@ TO_DO = {
 
 FEW_UPDATES = (
     _by_rule("momentum 0, one rate", 0, 0.1, 0.1, 0.1),
-    _by_rule("momentum 0.9, one rate", 0.9, 0.1, 0.1, 0.1, 0.1),
+    _by_rule("momentum 0.5, one rate", 0.5, 0.1, 0.1, 0.1, 0.1),
     _by_rule("momentum 0.9, a decreasing rate", 0.9, 0.1, 0.1, 0.01, 0.01),
     _by_rule("momentum 0.9, weight_decay 0.1, already added to g", 0.9, 0.1, 0.1, decay=0.1),
 )
