@@ -109,7 +109,8 @@ MASK = Option(
 PAD = Option(
     "padding",
     "The window of row h begins at row h stride - pad. Padding is never the maximum. A last window that "
-    "starts at or after row size + pad, counted from the edge of the padding, is dropped. dx has no padding.",
+    "starts at or after row size + pad, counted from the edge of the padding, is dropped, "
+    "in both directions even if only one has padding. dx has none.",
     Example(
         "kernel_size: 3 stride_h: 2 stride_w: 1 pad_h: 1 pad_w: 2",
         (_different(1, 2, 5, 6, seed=1),),

@@ -120,8 +120,7 @@ NEW_W_LOST = Mistake(
     ("w -= h", "w = w - h"),
 )
 G_CHANGED = Mistake(
-    "g is modified. The rule must not change it: debugging output and clipping use it; compute rate * g in the"
-    " expression.",
+    "g is modified. A rule reads g and must not change it: compute rate * g in the expression.",
     ("h *= p.momentum\nh += rate * g", "h *= p.momentum\ng *= rate\nh += g"),
 )
 MISTAKES = (RATE_APPLIED_LATE, ASCENT, NEW_H_LOST, NEW_W_LOST, G_CHANGED)

@@ -353,6 +353,7 @@ DX = "bottom[0].diff[...] = np.where(x > 0, dy, self.slope * dy)"
             "top[0].diff * self.factor * (top[0].data != 0)",
             "",
         ),
+        ("dropout", "self.active", "self.phase == TRAIN", "sample_weights_test: true is not"),
         ("dropout", DRAW, DRAW.replace("self.rng", "np.random.default_rng(0)"), "the first batch"),
         (
             "phys_limit",
