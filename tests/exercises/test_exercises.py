@@ -319,6 +319,8 @@ INDEX = "(h * sh - ph + i) * W + w * sw - pw + j"
 WRITTEN = "pose.axis[:, motion.row], pose.pivot[:, motion.row] = a, p"
 SGD = "h *= p.momentum\nh += rate * g\nw -= h"
 ONLY_IF_DOWN = f"if not propagate_down[0]:\n    return\n{X_AND_DY}"
+EXTENT = "(x.shape[2] + 2 * self.pad[0] - self._extent()[0])"
+CEIL = f"return [-(-{EXTENT} // self.stride[0]) + 1, counts[1]]"
 DX = "bottom[0].diff[...] = np.where(x > 0, dy, self.slope * dy)"
 
 
@@ -340,13 +342,14 @@ DX = "bottom[0].diff[...] = np.where(x > 0, dy, self.slope * dy)"
             "dy[n=",
         ),
         ("convolution", "zip(bottom, top, propagate_down)", "[*zip(bottom, top, [1])]", "dx_1[n="),
+        ("convolution", "return counts", CEIL, "stride_h: 2 stride_w: 3 is not handled"),
         ("pooling", INDEX, "(h * sh + i) * W + w * sw + j", "mask[n=0, c=0, h=0, w=0]"),
         ("pooling", INDEX, f"{INDEX} + _", "a second top is not handled in forward"),
         ("pooling", "any(self.pad)", "pad", "padding is not handled"),
         ("split", SUMMED, IN_FIRST, "dy_0[n="),
         ("split", "y.diff", "y.diff.astype('float32')", "precision of float32"),
         ("euclidean_loss", "a - b", "vars(self).setdefault('kept', a - b)", "from the first batch"),
-        ("euclidean_loss", "sign * top[0].diff", "vars(self).setdefault('kept', sign)", "dL"),
+        ("euclidean_loss", "down", "down or sign == 1", "backward must not write its diff"),
         (
             "dropout",
             "top[0].diff * self.factor",
@@ -364,8 +367,8 @@ DX = "bottom[0].diff[...] = np.where(x > 0, dy, self.slope * dy)"
         (
             "joint_transform",
             "p + a * theta[:, motion.dof, None]",
-            "p + abs(a) * theta[:, motion.dof, None]",
-            "",
+            "p + F[:, :, motion.axis] * theta[:, motion.dof, None]",
+            "joints[",
         ),
         ("joint_transform", f"if motion.row >= 0:\n    {WRITTEN}", WRITTEN, "axis["),
         (
