@@ -151,8 +151,8 @@ def _of_error(error: BaseException, check: Check, case: Case, path: Path | None)
         return
     if isinstance(error, AttributeError) and re.search("no setter|can't set", str(error)):
         yield "data and diff are arrays that other layers share: write into them, with [...] = or [...] += on the left."
-    if check.hint:
-        yield check.hint
+    if hint := case.hint or check.hint:
+        yield hint
     elif not check.option and SHAPE_ERROR.search(str(error)):
         yield (
             "The shapes do not fit. Write the axes of each array next to it: a factor may need a transpose, "

@@ -42,29 +42,32 @@ TO_DO = {
 }
 LETTERS = Letters({"x": "n i"}, {"y": "n i"})
 EXAMPLES = (
-    Example("dropout_ratio: 0.3", (numbers(4, 5),)),
+    Example("dropout_ratio: 0.3", (numbers(4, 5).round(),)),
     Example("dropout_ratio: 0", caffe="dropout_train_ratio0"),
 )
 IN_TEST = Option(
     "phase: TEST",
     "",
-    Example("dropout_ratio: 0.3", (numbers(4, 5, seed=1),), phase="TEST"),
+    Example("dropout_ratio: 0.3", (numbers(4, 5),), phase="TEST"),
     Example("dropout_ratio: 0.3", caffe="dropout_test", phase="TEST"),
 )
-UNSCALED_TRAINING = Option(
-    "scale_train: false",
+SAMPLED_TEST = Option(
+    "sample_weights_test: true",
     "",
-    Example("dropout_ratio: 0.3 scale_train: false", (numbers(4, 5, seed=2),)),
+    Example("dropout_ratio: 0.3 sample_weights_test: true", (numbers(4, 5),), phase="TEST"),
+)
+UNSCALED_TRAINING = Option(
+    "scale_train: false", "", Example("dropout_ratio: 0.3 scale_train: false", (numbers(4, 5),))
 )
 SCALED_TEST = Option(
     "scale_train: false in phase TEST",
     "",
-    Example("dropout_ratio: 0.3 scale_train: false", (numbers(4, 5, seed=4),), phase="TEST"),
+    Example("dropout_ratio: 0.3 scale_train: false", (numbers(4, 5),), phase="TEST"),
 )
 IN_PLACE = Option(
-    "a layer in place", "", Example("dropout_ratio: 0.7", (numbers(4, 5, seed=5),), in_place=True)
+    "a layer in place", "", Example("dropout_ratio: 0.7", (numbers(4, 5),), in_place=True)
 )
-OPTIONS = (IN_TEST, UNSCALED_TRAINING, SCALED_TEST, IN_PLACE)
+OPTIONS = (IN_TEST, SAMPLED_TEST, UNSCALED_TRAINING, SCALED_TEST, IN_PLACE)
 
 EXERCISE = layer_exercise(
     "Dropout",

@@ -46,6 +46,7 @@ class Case:
     tolerance  relative to the largest value of the same array, or to 1 if that is larger;
                0: bit for bit
     method     the reader's function that computes the results
+    hint       what a difference means if it is no known mistake
     """
 
     title: str
@@ -55,6 +56,7 @@ class Case:
     axes: Mapping[str, str]
     tolerance: float
     method: str
+    hint: str = ""
 
     @functools.cached_property
     def expected(self) -> Values:

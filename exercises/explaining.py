@@ -43,7 +43,8 @@ def sentences(exercise: Exercise, check: Check, part: Part, found: Difference) -
     """Yield what differs, then the likely reason."""
     yield _what_differs(found)
     otherwise = (check.hint or COMPARE) if check.option else NO_IDEA
-    yield advice(exercise, check, part, found) or _pattern(found) or otherwise
+    seen = f"{_pattern(found) or ''} {found.case.hint}".strip()
+    yield advice(exercise, check, part, found) or seen or otherwise
     if found.index is not None:
         if where := where_wrong(found):
             yield where

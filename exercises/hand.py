@@ -21,8 +21,8 @@ dof { name: "stiff" initial: 0.4 fixed: true }
 joint { name: "base" translate { axis: X dof: "slide" }
         rotate { axis: Z dof: "stiff" } rotate { axis: NEG_Y dof: "yaw" } bone { axis: Y length: 0.5 } }
 joint { name: "middle" parent: "base" rotate { axis: X dof: "bend" } bone { axis: Y length: 1 } }
-joint { name: "tip" parent: "middle" translate { axis: Z dof: "slide" } rotate { axis: X dof: "bend" }
-        bone { axis: NEG_Z length: 0.75 } }
+joint { name: "tip" parent: "middle" translate { axis: NEG_Z dof: "slide" } rotate { axis: X dof: "bend" }
+        rotate { axis: Z dof: "stiff" } bone { axis: NEG_Z length: 0.75 } }
 """
 FINGER = Skeleton(schema.read(prototxt.parse(FINGER_TEXT, "<finger>"), SkeletonParameter))
 # two random poses of the finger (2, D)

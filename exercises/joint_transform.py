@@ -16,16 +16,19 @@ AXES = {
     "frames": "pose joint row column",
     "axis": "pose motion xyz",
     "pivot": "pose motion xyz",
-    "Rx": "angle row column",
+    "Rx": "row column",
     "Ry": "angle row column",
     "Rz": "angle row column",
 }
 
 
+ANGLES = np.array([0.0, 0.5, -1.2])
+
+
 def _rotations(part: Part) -> Values:
-    """Return Rx, Ry and Rz (3, 3, 3) for three angles in rad."""
-    angles = np.array([0.0, 0.5, -1.2])
-    return {f"R{name}": part.rotation(axis, angles) for axis, name in enumerate("xyz")}
+    """Return Rx (3, 3) for one angle in rad, Ry and Rz (3, 3, 3) for three."""
+    found = {"Rx": part.rotation(0, 0.5), "Ry": part.rotation(1, ANGLES)}
+    return found | {"Rz": part.rotation(2, ANGLES)}
 
 
 def _finger(part: Part, *names: str, bones: Array | None = None) -> Values:
@@ -81,7 +84,7 @@ PARENT_MOVED = Mistake(
 )
 MISTAKES = (TURNED_BACKWARDS, MATRICES_EXCHANGED, SIGN_IGNORED, ROW_FOR_COLUMN, PARENT_MOVED)
 
-BONES = hand.FINGER.bones * np.array([[1.0], [2.0]])
+BONES = np.outer([1, 2], hand.FINGER.bones)
 TO_DO = {
     "Kinematics.forward": "Return the Pose of each row of inputs, Pose(N, K, len(skeleton.driven)). theta = "
     "self.skeleton.theta(inputs) has the DoF values, (N, D), with fixed DoFs and initial values applied. Loop "
@@ -95,17 +98,15 @@ TO_DO = {
     "z; about y, z to x. For axis 2, z, R is [[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]].",
 }
 
-ROTATIONS = _case("angles 0, 0.5, -1.2", _rotations, "rotation")
-POSITIONS = (
-    _case("two poses", lambda part: _finger(part, "frames", "joints")),
-    _case("bones given", lambda part: _finger(part, "joints", bones=BONES)),
-)
+ROTATIONS = _case("angle 0.5 for x, an array of angles for y and z", _rotations, "rotation")
+TWO_POSES = _case("two poses", lambda part: _finger(part, "frames", "joints"))
+LENGTHS = _case("bones given", lambda part: _finger(part, "joints", bones=BONES))
 MOTIONS = _case("two poses", lambda part: _finger(part, "axis", "pivot"))
 NYUS_HAND = Case("NYU's hand", _nyus_joints, _recorded_joints, "Caffe has", AXES, 1e-12, "forward")
 
 CHECKS = (
     Check("values: a rotation about each axis", (ROTATIONS,)),
-    Check("values: a finger with three joints", POSITIONS),
+    Check("values: a finger with three joints", (TWO_POSES, LENGTHS)),
     Check("values: the axes and pivots of its motions", (MOTIONS,)),
     Check("values: Caffe's recorded hand poses", (NYUS_HAND,)),
 )

@@ -5,13 +5,13 @@ after the other.
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import PurePosixPath
 from types import SimpleNamespace
 
 import numpy as np
-from numpy.typing import DTypeLike
 
 from exercises import network, recorded
 from exercises.exercise import Case, Check, Exercise, Mistake, Part, Values, replaced
@@ -21,9 +21,15 @@ from netlib.blob import Array, Blob, Blobs
 from netlib.layer import Layer
 from netlib.proto.schema import Phase
 
-KEPT = 7.0  # initial value of a diff that backward must not write
-NOT_DOWN = "propagate_down: false"
-LEAVE = "If propagate_down is false for a bottom, backward must not write its diff: no layer needs this gradient."
+NOT_DOWN, REFERENCE = "propagate_down: false", "the reference layer has"
+LEAVE = (
+    "If propagate_down is false for a bottom, backward must not write its diff: no layer needs this gradient. The "
+    "others are needed, also those of the parameters."
+)
+AGAIN = (
+    "One batch passes, but not a second one, with fewer items. Either a value is kept from the first batch, or "
+    "backward changes an array that it must only read, such as top[0].diff."
+)
 # Tolerances for Caffe's float32, finite differences and the float64 reference.
 SINGLE, DIFFERENCES, DOUBLE = 1e-5, 2e-6, 1e-10
 
@@ -56,8 +62,7 @@ class Example:
     bottoms   the data of each bottom, unless ``caffe``
     caffe     name of the recorded case that holds the inputs, parameters and Caffe's results
     tops      number of tops
-    gradient  whether to check it
-    on_kinks  compare the gradient with the reference layer's, not with finite differences
+    on_kinks  do not compare the gradient with finite differences, only with the reference layer's
     """
 
     options: str = ""
@@ -66,7 +71,6 @@ class Example:
     tops: int = 1
     phase: Phase = "TRAIN"
     in_place: bool = False
-    gradient: bool = True
     on_kinks: bool = False
 
     @property
@@ -91,7 +95,7 @@ class Option:
 def numbers(*shape: int, seed: int = 0) -> Array:
     """Return random values of both signs with magnitudes from 0.2 to 1, away from 0."""
     rng = np.random.default_rng(seed)
-    return np.asarray(rng.choice([-1.0, 1.0], shape) * rng.uniform(0.2, 1, shape))
+    return rng.choice([-1.0, 1.0], shape) * rng.uniform(0.2, 1, shape)
 
 
 @dataclass(frozen=True)
@@ -109,9 +113,10 @@ class _Runner:
     reference: Part
     example: Example
 
-    def build(self, part: Part, dtype: DTypeLike) -> tuple[Layer, Blobs, Blobs]:
+    def build(self, part: Part) -> tuple[Layer, Blobs, Blobs]:
         """Return the layer with its bottoms, filled, and its tops, which have their shapes."""
         example = self.example
+        dtype = np.float32 if example.caffe else np.float64
         params = recorded.of_layer(example.caffe, "param")
         with replaced(LAYER_TYPES, self.type_name, getattr(part, self.type_name)):
             layer = gradcheck.make_layer(
@@ -133,14 +138,14 @@ class _Runner:
 
     def shapes(self, part: Part) -> Values:
         """Return tops of zeros."""
-        _, _, top = self.build(part, np.float64)
+        _, _, top = self.build(part)
         return {name: np.zeros(blob.shape) for name, blob in zip(self.letters.tops, top)}
 
     def values(self, part: Part) -> Values:
         """Run forward with tops initialized to NaN; returns the tops, then the bottoms, which
         must not change. In place, the bottom is the top.
         """
-        layer, bottom, top = self.build(part, np.float32 if self.example.caffe else np.float64)
+        layer, bottom, top = self.build(part)
         if not self.example.in_place:
             for blob in top:
                 blob.data[...] = np.nan
@@ -158,42 +163,39 @@ class _Runner:
         return self._by_letter(gradient.differences() for gradient in self._checked(part))
 
     def _checked(self, part: Part) -> Iterator[gradcheck.Gradient]:
-        layer, _, _ = self.build(part, np.float64)
+        layer, _, _ = self.build(part)
         example = self.example
         return gradcheck.gradients(layer, example.inputs, example.tops, in_place=example.in_place)
 
-    def recorded_gradients(self, part: Part) -> Values:
-        """Run backward from the recorded top diffs, with bottom diffs initialized to NaN and
-        parameter diffs to 1; returns the gradients.
-        """
-        layer, bottom, top = self.build(part, np.float32)
-        layer.forward(bottom, top)
-        for blob, diff in zip(top, recorded.of_layer(self.example.caffe, "topdiff")):
-            blob.diff[...] = diff
-        for blob in bottom:
-            blob.diff[...] = np.nan
-        for blob in layer.blobs:
-            blob.diff[...] = 1
-        layer.backward(top, [True] * len(bottom), bottom)
-        added = [blob.diff - 1 for blob in layer.blobs]
-        return self._by_letter([blob.diff.copy() for blob in bottom] + added)
+    def second(self, part: Part, skipped: int | None = None) -> Values:
+        """Run a larger batch, then the example; returns the data and diffs of all blobs.
 
-    def kept(self, part: Part) -> Values:
-        """Run backward without propagate_down of the last bottom; returns its diff, which was
-        initialized to KEPT.
+        ``skipped`` is the number of a bottom without propagate_down.
+        Diffs of parameters are 0 before each; top diffs are those recorded, if any.
         """
-        layer, bottom, top = self.build(part, np.float64)
-        layer.forward(bottom, top)
-        for blob in top:
-            blob.diff[...] = numbers(*blob.shape)
-        bottom[-1].diff[...] = KEPT
-        *_, last_name = self.letters.bottoms
-        layer.backward(top, [True] * (len(bottom) - 1) + [False], bottom)
-        return {f"d{last_name}": bottom[-1].diff}
+        layer, bottom, top = self.build(part)
+        dys = recorded.of_layer(self.example.caffe, "topdiff") or [numbers(97)] * len(top)
+        for times, sign in ((2, -1), (1, 1)):
+            for blob, array in zip(bottom, self.example.inputs):
+                blob.reshape(times * len(array), *array.shape[1:])
+                blob.data[...] = sign * np.resize(array, blob.shape)
+            layer.reshape(bottom, top)
+            layer.forward(bottom, top)
+            for blob in layer.blobs:
+                blob.diff[...] = 0
+            for blob, dy in zip(top, dys):
+                blob.diff[...] = np.resize(dy, blob.shape)
+            layer.backward(top, [i != skipped for i in range(len(bottom))], bottom)
+        names = self.letters
+        blobs = [*zip(names.tops, top), *zip(names.bottoms, bottom)]
+        blobs += zip(names.params, layer.blobs)
+        data = {name: blob.data for name, blob in blobs}
+        return data | {f"d{name}": blob.diff for name, blob in blobs}
 
     def _by_letter(self, gradients: Iterable[Array]) -> Values:
         """Return gradients of the bottoms, then of the parameters, by name."""
-        names = [*self.letters.bottoms, *self.letters.params]
+        bottoms = [*self.letters.bottoms][: len(self.example.inputs)]
+        names = [*bottoms, *self.letters.params]
         return {f"d{name}": array for name, array in zip(names, gradients)}
 
     def case(
@@ -203,6 +205,7 @@ class _Runner:
         wanted: Callable[[Part], Values],
         source: str,
         tolerance: float,
+        hint: str = "",
     ) -> Case:
         """Return a case of this example; the arguments are fields of Case, but ``wanted`` is
         called with the reference.
@@ -215,6 +218,7 @@ class _Runner:
             self.letters.all_axes(),
             tolerance,
             method,
+            hint,
         )
 
     def cases(self) -> Iterator[Case]:
@@ -229,17 +233,20 @@ class _Runner:
         tops = dict(zip(self.letters.tops, top))
         diffs = self._by_letter(bottom_diffs + param_diffs)
         yield self.case("forward", self.values, lambda _: tops, "Caffe has", SINGLE)
-        yield self.case("backward", self.recorded_gradients, lambda _: diffs, "Caffe has", SINGLE)
+        yield self.case("backward", self.second, lambda _: diffs, "Caffe has", SINGLE)
 
     def _against_reference(self) -> Iterator[Case]:
-        source = "the reference layer has"
-        yield self.case("forward", self.values, self.values, source, DOUBLE)
-        if not self.example.gradient:
-            return
-        wanted, tolerance = self.gradients, DOUBLE
+        yield self.case("forward", self.values, self.values, REFERENCE, DOUBLE)
+        hint = ""
         if not self.example.on_kinks:
-            wanted, source, tolerance = self.differences, "finite differences give", DIFFERENCES
-        yield self.case("backward", self.gradients, wanted, source, tolerance)
+            hint, source = AGAIN, "finite differences give"
+            yield self.case("backward", self.gradients, self.differences, source, DIFFERENCES)
+        yield self.second_case(hint)
+
+    def second_case(self, hint: str, skipped: int | None = None) -> Case:
+        """Return the case of a second batch, compared with the reference layer."""
+        run = functools.partial(self.second, skipped=skipped)
+        return self.case("backward", run, run, REFERENCE, DOUBLE, hint)
 
 
 def _cases(runners: Iterable[_Runner]) -> tuple[Case, ...]:
@@ -301,8 +308,8 @@ def layer_exercise(
         cases = _cases(runner(example) for example in option.examples)
         checks.append(Check(f"with {option.title}", cases, option.title, option.hint))
     first = runner(examples[0])
-    not_down = first.case("backward", first.kept, first.kept, "expected", 0)
-    checks.append(Check(f"with {NOT_DOWN}", (not_down,), NOT_DOWN, LEAVE))
+    not_down = tuple(first.second_case(LEAVE, i) for i in range(len(letters.bottoms)))
+    checks.append(Check(f"with {NOT_DOWN}", not_down, NOT_DOWN))
     file = PurePosixPath(*cls.__module__.split(".")).with_suffix(".py")
     return Exercise(
         name=file.stem,

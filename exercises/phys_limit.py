@@ -6,10 +6,9 @@ import numpy as np
 
 from exercises import hand
 from exercises.exercise import Mistake
-from exercises.layers import Example, Letters, Option, layer_exercise
+from exercises.layers import Example, Letters, Option, layer_exercise, numbers
 from netlib.blob import Array
 
-NO_LIMIT = 100  # larger limits stand for none
 DX = "top[0].diff / len(slope) * slope"
 
 LOWER_LIMIT_IGNORED = Mistake(
@@ -40,20 +39,11 @@ MISTAKES = (LOWER_LIMIT_IGNORED, VIOLATIONS_CANCEL, NOT_DIVIDED_BY_N, SIGN_IGNOR
 
 def _at_limits() -> Array:
     """Return two poses (2, 47), zero except two angles beyond a limit and two exactly at one."""
-    lower, upper = hand.NYU.lower, hand.NYU.upper
-    limited = np.flatnonzero(~hand.NYU.fixed & (upper < NO_LIMIT))
-    above, below, at_upper, at_lower = limited[:4]
+    above, below = [15, 16], [17, 18]  # DoFs of the thumb, which have limits
     x = np.zeros((2, 47))
-    x[0, above] = upper[above] + 0.25
-    x[1, below] = lower[below] - 0.5
-    x[0, at_upper] = upper[at_upper]
-    x[1, at_lower] = lower[at_lower]
+    x[0, above] = hand.NYU.upper[above] + (0.25, 0)
+    x[1, below] = hand.NYU.lower[below] - (0.5, 0)
     return x
-
-
-def _random(seed: int) -> Array:
-    """Return two random poses (2, 47)."""
-    return np.asarray(np.random.default_rng(seed).normal(0, 1, (2, 47)))
 
 
 TO_DO = {
@@ -63,12 +53,15 @@ TO_DO = {
     "within the limits. dL is top[0].diff.",
 }
 LETTERS = Letters({"x": "n d"}, {"L": ""})
-EXAMPLES = (Example(bottoms=(_at_limits(),), on_kinks=True), Example(bottoms=(_random(1),)))
+EXAMPLES = (
+    Example(bottoms=(_at_limits(),), on_kinks=True),
+    Example(bottoms=(2 * numbers(2, 47, 1),)),
+)
 SQUARED = Option(
     "norm: L2",
     "Each v is squared before the sum, so dx is dL / N times 2 v, with the sign of the violation.",
     Example("norm: L2", (_at_limits(),), on_kinks=True),
-    Example("norm: L2", (_random(2),)),
+    Example("norm: L2", (2 * numbers(2, 47, 1, seed=2),)),
     Example("norm: L2", caffe="phys_limit"),
 )
 

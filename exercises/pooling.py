@@ -57,12 +57,10 @@ MISTAKES = (
 def _different(*shape: int, seed: int = 0) -> Array:
     """Return values of which no two are closer than 1/7, most of them negative."""
     count = int(np.prod(shape))
-    return np.asarray(
-        np.random.default_rng(seed).permutation(count).reshape(shape) / 7.0 - count / 9
-    )
+    return np.random.default_rng(seed).permutation(count).reshape(shape) / 7.0 - count / 9
 
 
-TIES = np.random.default_rng(5).integers(0, 3, (1, 1, 5, 6)).astype(float)
+TIES = np.random.default_rng(5).integers(0, 3, (2, 2, 5, 6))
 MEANS = "pool: AVE kernel_h: 2 kernel_w: 3 stride_h: 2 stride_w: 3"
 
 TO_DO = {
@@ -106,18 +104,20 @@ EQUAL = Option(
 MASK = Option(
     "a second top",
     "top[1] is the mask: the index h W + w of the maximum in the map of the input, not in the window.",
-    Example("kernel_size: 3 stride_h: 2 stride_w: 1", (TIES,), tops=2, gradient=False),
+    Example("kernel_size: 3 stride_h: 2 stride_w: 1", (TIES,), tops=2, on_kinks=True),
 )
 PAD = Option(
     "padding",
     "The window of row h begins at row h stride - pad. Padding is never the maximum. A last window that "
-    "starts at or after row size + pad, counted from the edge of the padding, is dropped. dx has no padding.",
+    "starts at or after row size + pad, counted from the edge of the padding, is dropped, "
+    "in both directions even if only one has padding. dx has none.",
     Example(
         "kernel_size: 3 stride_h: 2 stride_w: 1 pad_h: 1 pad_w: 2",
         (_different(1, 2, 5, 6, seed=1),),
+        tops=2,
     ),
     Example(
-        "kernel_size: 2 stride_h: 2 stride_w: 1 pad_h: 1 pad_w: 0",
+        "kernel_size: 2 stride_h: 2 stride_w: 3 pad_h: 1 pad_w: 0",
         (_different(1, 1, 5, 6, seed=7),),
     ),
     Example("kernel_size: 3 stride: 2 pad: 1", caffe="pool_MAX_k3s2p1_odd"),

@@ -43,9 +43,9 @@ TO_DO = {
 LETTERS = Letters({"x": "n c w"}, {"y": "n c w"})
 EXAMPLES = (Example(bottoms=(numbers(2, 3, 4),)), Example(caffe="relu"))
 SLOPE = Option(
-    "negative_slope: 0.1",
+    "negative_slope",
     "Where x <= 0, y is self.slope * x and dx is self.slope * dy, not 0.",
-    Example("negative_slope: 0.1", (numbers(2, 3, 4, seed=1),)),
+    Example("negative_slope: 2", (numbers(2, 3, 4, seed=1),)),
     Example("negative_slope: 0.1", caffe="relu_neg"),
 )
 IN_PLACE = Option(

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from netlib.snapshots import snapshot, weights
 from netlib.solver import Solver
 
 BEFORE, AFTER = 4, 4  # iterations before the snapshot and after it
-AXES = {"loss": "iteration", "averaged loss": "", "iter": "", "w": "i"}
+AXES = {"loss": "iteration", "averaged loss": "iteration", "iter": "", "w": "i"}
 FIXED = 'base_lr: 0.1 lr_policy: "fixed"'
 SAME = """
 layer { name: "x" type: "DummyData" top: "x" top: "t" dummy_data_param { shape { dim: 4 dim: 2 } shape { dim: 4 dim: 2 }
@@ -36,32 +37,37 @@ DROPOUT = 'layer { name: "drop" type: "Dropout" bottom: "y" top: "y" }'
 
 
 def interrupted(
-    part: Part, new_solver: Callable[[int], Solver], iterations: int, folder: Path
+    part: Part | None, new_solver: Callable[..., Solver], iterations: int, folder: Path
 ) -> Solver:
-    """Train a solver with seed 1, and return one with seed 2 restored from its snapshot.
+    """Train a solver with seed 1, and return one with seed 2 restored from its snapshot, or
+    the first itself without a part.
 
-    ``new_solver`` returns a solver for a seed of its weights and random numbers; the snapshot is
-    written into the folder.
+    ``new_solver(seed=...)`` returns a solver for a seed of its weights and random numbers; the
+    snapshot is written into the folder.
     """
-    first = new_solver(1)
+    first = new_solver(seed=1)
     first.step(iterations)
+    if part is None:
+        return first
     names = folder / "at.caffemodel.h5", folder / "at.solverstate.h5"
     snapshot.write_pair(weights.image(first.net, names[0]), part.state_of(first, names[0]), *names)
-    second = new_solver(2)
+    second = new_solver(seed=2)
+    second.step(1)  # a state replaces whatever was before
     part.restore_state(second, names[1])
     return second
 
 
 def _continued(solver: Solver) -> Values:
-    """Return the iteration of a solver, its losses over AFTER more iterations, and its averaged
-    loss and weights after them.
+    """Return the iteration of a solver, its losses and averaged losses over AFTER more
+    iterations, and its weights after them.
     """
-    found = {"iter": np.array(solver.iter), "loss": np.full(AFTER, np.nan)}
+    at, losses = solver.iter, np.full((2, AFTER), np.nan)
     with contextlib.suppress(DivergenceError):  # of an inconsistent state; later losses stay NaN
         for i in range(AFTER):
-            (found["loss"][i],) = network.trained(solver, 1)
+            losses[:, i] = *network.trained(solver, 1), solver.loss
     w = solver.net.params["ip"][0].data
-    return found | {"averaged loss": np.array(solver.loss), "w": w.ravel().copy()}
+    found = {"iter": np.array(at), "loss": losses[0], "averaged loss": losses[1]}
+    return found | {"w": w.ravel().copy()}
 
 
 def _case(title: str, data: str, options: str = FIXED, middle: str = "") -> Case:
@@ -69,26 +75,15 @@ def _case(title: str, data: str, options: str = FIXED, middle: str = "") -> Case
     previous case.
     """
 
-    @contextlib.contextmanager
-    def prepared() -> Iterator[tuple[Callable[[int], Solver], Path]]:
-        """Prepare a training: a function that returns a new solver for a seed, and a folder."""
+    def run(part: Part | None) -> Values:
         with tempfile.TemporaryDirectory(prefix="exercise.") as name:
             folder = Path(name)
             text = data.replace("rows.txt", _rows(folder)) + REST % middle
-            yield lambda seed: network.solver_of(text, options, seed=seed), folder
-
-    def resumed(part: Part) -> Values:
-        with prepared() as (new_solver, folder):
+            new_solver = functools.partial(network.solver_of, text, options)
             return _continued(interrupted(part, new_solver, BEFORE, folder))
 
-    def uninterrupted() -> Values:
-        with prepared() as (new_solver, _):
-            solver = new_solver(1)
-            solver.step(BEFORE)
-            return _continued(solver)
-
     source = "the uninterrupted run has"
-    return Case(title, resumed, uninterrupted, source, AXES, 0, "restore_state")
+    return Case(title, run, lambda: run(None), source, AXES, 0, "restore_state")
 
 
 def _rows(folder: Path) -> str:
@@ -144,11 +139,8 @@ def _train(part: Part, iterations: int) -> Array:
     """Train half of the iterations, take a snapshot, and train the rest in another solver."""
     half = iterations // 2
     with network.frames() as folder:
-
-        def new_solver(seed: int) -> Solver:
-            return network.solver_of(network.net_text(folder), seed=seed)
-
-        first = network.trained(new_solver(1), half)
+        new_solver = functools.partial(network.solver_of, network.net_text(folder))
+        first = network.trained(new_solver(), half)
         second = interrupted(part, new_solver, half, folder)
         return np.concatenate([first, network.trained(second, iterations - half)])
 

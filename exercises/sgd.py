@@ -120,8 +120,7 @@ NEW_W_LOST = Mistake(
     ("w -= h", "w = w - h"),
 )
 G_CHANGED = Mistake(
-    "g is modified. The rule must not change it: debugging output and clipping use it; compute rate * g in the"
-    " expression.",
+    "g is modified. A rule reads g and must not change it: compute rate * g in the expression.",
     ("h *= p.momentum\nh += rate * g", "h *= p.momentum\ng *= rate\nh += g"),
 )
 MISTAKES = (RATE_APPLIED_LATE, ASCENT, NEW_H_LOST, NEW_W_LOST, G_CHANGED)
@@ -140,7 +139,7 @@ TO_DO = {
 
 FEW_UPDATES = (
     _by_rule("momentum 0, one rate", 0, 0.1, 0.1, 0.1),
-    _by_rule("momentum 0.9, one rate", 0.9, 0.1, 0.1, 0.1, 0.1),
+    _by_rule("momentum 0.5, one rate", 0.5, 0.1, 0.1, 0.1, 0.1),
     _by_rule("momentum 0.9, a decreasing rate", 0.9, 0.1, 0.1, 0.01, 0.01),
     _by_rule("momentum 0.9, weight_decay 0.1, already added to g", 0.9, 0.1, 0.1, decay=0.1),
 )

@@ -6,6 +6,7 @@ import numpy as np
 
 from exercises import hand, recorded
 from exercises.exercise import Case, Check, Exercise, Mistake, Part, Values
+from exercises.layers import numbers
 from layers.hand.kinematics import Kinematics
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
@@ -42,7 +43,7 @@ def _differences(dX: Array) -> Values:
 def _by_differences(title: str, *joints: int) -> Case:
     """Return the case of forces on some joints of the finger, in its two poses."""
     dX = np.zeros((2, 3, 3))
-    dX[:, joints] = np.random.default_rng(1).normal(size=(2, len(joints), 3))
+    dX[:, joints] = numbers(2, len(joints), 3)
     return Case(
         title,
         lambda part: _run(part, hand.FINGER, hand.POSES, dX),
@@ -58,8 +59,7 @@ def _nyus_dtheta(part: Part) -> Values:
     """Return dtheta (N, D) of the paper's hand for the recorded poses and top diffs."""
     arrays = recorded.everything()
     dX = arrays["hand_model/top_diff"].astype(np.float64)
-    found = _run(part, hand.NYU, arrays["hand_model/bottom"], dX.reshape(len(dX), -1, 3))
-    return {"dtheta": found["dtheta"]}
+    return _run(part, hand.NYU, arrays["hand_model/bottom"], dX.reshape(len(dX), -1, 3))
 
 
 def _recorded_dtheta() -> Values:

@@ -309,3 +309,86 @@ def test_the_network_finds_what_small_examples_do_not() -> None:
     step = in_network(exercise, part, 2)
     assert not step.passed
     assert step.lines[0].startswith("The loss of iteration ")
+
+
+X_AND_DY = "x, dy = self.rows(bottom[0].data), self.rows(top[0].diff)"
+SUMMED = "bottom[0].diff[...] = top[0].diff\nfor y in top[1:]:\n    bottom[0].diff[...] += y.diff"
+IN_FIRST = "for y in top[1:]:\n    top[0].diff[...] += y.diff\nbottom[0].diff[...] = top[0].diff"
+DRAW = "self.rng.integers(0, 1 << 16, bottom[0].shape, dtype=np.uint16)"
+INDEX = "(h * sh - ph + i) * W + w * sw - pw + j"
+WRITTEN = "pose.axis[:, motion.row], pose.pivot[:, motion.row] = a, p"
+SGD = "h *= p.momentum\nh += rate * g\nw -= h"
+ONLY_IF_DOWN = f"if not propagate_down[0]:\n    return\n{X_AND_DY}"
+EXTENT = "(x.shape[2] + 2 * self.pad[0] - self._extent()[0])"
+CEIL = f"return [-(-{EXTENT} // self.stride[0]) + 1, counts[1]]"
+DX = "bottom[0].diff[...] = np.where(x > 0, dy, self.slope * dy)"
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "said"),
+    [
+        ("relu", DX, "dy[x <= 0] *= self.slope\nbottom[0].diff[...] = dy", "such as top[0].diff"),
+        (
+            "relu",
+            "np.where(x > 0, x, self.slope * x)",
+            "np.maximum(x, self.slope * x)",
+            "_slope is",
+        ),
+        ("inner_product", X_AND_DY, ONLY_IF_DOWN, "needed, also those of the parameters"),
+        (
+            "inner_product",
+            "dy @ w",
+            "x @ w.T @ w * 0 + np.multiply(dy, 2, out=dy) @ w / 2",
+            "dy[n=",
+        ),
+        ("convolution", "zip(bottom, top, propagate_down)", "[*zip(bottom, top, [1])]", "dx_1[n="),
+        ("convolution", "return counts", CEIL, "stride_h: 2 stride_w: 3 is not handled"),
+        ("pooling", INDEX, "(h * sh + i) * W + w * sw + j", "mask[n=0, c=0, h=0, w=0]"),
+        ("pooling", INDEX, f"{INDEX} + _", "a second top is not handled in forward"),
+        ("pooling", "any(self.pad)", "pad", "padding is not handled"),
+        ("split", SUMMED, IN_FIRST, "dy_0[n="),
+        ("split", "y.diff", "y.diff.astype('float32')", "precision of float32"),
+        ("euclidean_loss", "a - b", "vars(self).setdefault('kept', a - b)", "from the first batch"),
+        ("euclidean_loss", "down", "down or sign == 1", "backward must not write its diff"),
+        (
+            "dropout",
+            "top[0].diff * self.factor",
+            "top[0].diff * self.factor * (top[0].data != 0)",
+            "",
+        ),
+        ("dropout", "self.active", "self.phase == TRAIN", "sample_weights_test: true is not"),
+        ("dropout", DRAW, DRAW.replace("self.rng", "np.random.default_rng(0)"), "the first batch"),
+        (
+            "phys_limit",
+            "bottom[0].data.reshape(-1, len(self.lower))",
+            "bottom[0].data",
+            "(2, 47, 1)",
+        ),
+        (
+            "joint_transform",
+            "p + a * theta[:, motion.dof, None]",
+            "p + F[:, :, motion.axis] * theta[:, motion.dof, None]",
+            "joints[",
+        ),
+        ("joint_transform", f"if motion.row >= 0:\n    {WRITTEN}", WRITTEN, "axis["),
+        (
+            "joint_transform",
+            "np.zeros((*np.shape(angle), 3, 3))",
+            "np.zeros((len(angle), 3, 3))",
+            "len()",
+        ),
+        (
+            "sgd",
+            SGD,
+            SGD.replace("p.momentum", "0.9 * (p.momentum > 0)"),
+            "(momentum 0.5, one rate)",
+        ),
+        ("resume", "solver.smoothed.clear()", "", "averaged loss[iteration=0]"),
+    ],
+)
+def test_a_solution_that_is_wrong_in_few_cases_is_an_error(
+    name: str, old: str, new: str, said: str
+) -> None:
+    step = last_step(name, edited(EXERCISES[name].source(), old, new))
+    assert not step.passed
+    assert said in "\n".join(step.lines)
