@@ -225,7 +225,7 @@ def _say_summary(
     doubt  what may explain that no hand was found; empty if nothing
     """
     rate = summary.frames / seconds
-    say(f"{summary.frames} frames of {summary.seconds:.1f} s, {rate:.0f} frames/s", file=report)
+    say(f"{summary.frames} frames of {summary.seconds:.1f} s, {rate:.1f} frames/s", file=report)
     if not summary.hands:
         say(f"{summary.nothing_found}{doubt and f'; {doubt}'}", file=report)
         if summary.present:
