@@ -60,6 +60,7 @@ from handpose.frames.recording import sized
 from netlib.errors import DataError
 from netlib.files.paths import ROOT
 from tools.common import arguments, outputs, prediction_outputs, sources
+from tools.common.commands import command
 from tools.common.console import DONE, FAILED, guarded, notify, say
 
 MODEL = ROOT / "prototxt" / "nyu_deploy.prototxt"
@@ -191,6 +192,11 @@ def run(args: argparse.Namespace) -> int:
     drawn: list[Path] = []
     for image, center, picture in zip(args.images, centers, pictures):
         try:
+            if Path(image).is_dir():
+                raise DataError(
+                    f"{image}: a folder; expected images, such as {image.rstrip('/')}/*.png; for a recording: "
+                    f"{command('track')} {image}"
+                )
             depth = read_frame(image, info) if is_frame else read_crop(image)
             hand = (
                 _in_frame(predictor, depth, center, image, info)
