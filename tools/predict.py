@@ -193,9 +193,9 @@ def run(args: argparse.Namespace) -> int:
     for image, center, picture in zip(args.images, centers, pictures):
         try:
             if Path(image).is_dir():
+                advice = f"for a recording: {command('track')} {image}"
                 raise DataError(
-                    f"{image}: a folder; expected images, such as {image.rstrip('/')}/*.png; for a recording: "
-                    f"{command('track')} {image}"
+                    f"{image}: a folder; expected images, such as *.png in it; {advice}"
                 )
             depth = read_frame(image, info) if is_frame else read_crop(image)
             hand = (

@@ -228,9 +228,8 @@ def _blobs(net: Net, args: argparse.Namespace) -> Sequence[str]:
             f"{args.net}: no layer leaves a blob unread, so the net has no output; name one with --blob"
         )
     if wrong := [blob for blob in blobs if blob not in net.blobs]:
-        advice = (
-            did_you_mean(wrong[0], net.blobs) or f"; its last are {', '.join(list(net.blobs)[-8:])}"
-        )
+        last = ", ".join(list(net.blobs)[-8:])
+        advice = did_you_mean(wrong[0], net.blobs) or f"; its last are {last}"
         raise NetlibError(f"{args.net}: the net has no blob {wrong[0]!r}{advice}")
     if args.out and args.out.endswith(".npy") and len(blobs) > 1:
         raise NetlibError(
