@@ -173,7 +173,7 @@ class Update:
                 g *= scale
             if decay:
                 g += decay * (w if p.regularization_type == "L2" else np.sign(w))
-            step = np.zeros_like(w)  # from which the rule subtracts what it would from w
+            step = np.zeros_like(w)  # the rule subtracts from these zeros, not from w
             self.rule(p, step, g, rate * spec.lr_mult, history, t)
             w += step
             np.negative(step, out=g)

@@ -2,7 +2,7 @@
 r"""Score published predictions: errors in mm, success rates, errors per joint, the
 curves of the paper.
 
-    python tools/evaluate.py nyu --groundtruth test_groundtruth_uvd.txt --plot nyu.png \
+    python tools/evaluate.py nyu --groundtruth nyu_test_groundtruth_label.txt --plot nyu.png \
         --predictions DeepModel=IJCAI16_NYU_DeepModel.txt Feedback=ICCV15_NYU_Feedback.txt
 
 Files are text with one frame per line and three numbers per joint: u v d (px, px, mm) or x y z

@@ -42,7 +42,7 @@ from netlib.errors import DataError, NetlibError
 from netlib.files import atomic
 from netlib.files.paths import list_folder
 from netlib.net import Net
-from netlib.proto import schema
+from netlib.proto import prototxt, schema
 from netlib.proto.binaryproto import write_blob
 from tools.common import training
 from tools.common.arguments import add_engine, count, natural, parser_of, positive_number, real
@@ -69,6 +69,7 @@ test_iter: {test_iter} test_interval: {test_interval}
 type: "Adam" base_lr: {rate:g} lr_policy: "step" gamma: 0.1 stepsize: {step} momentum: 0.9 momentum2: 0.999
 weight_decay: 0.0005 max_iter: {max_iter} display: {display} random_seed: {seed}
 snapshot_prefix: "{prefix}"
+weights: {weights}
 """
 DATA = """layer {{
   name: "pictures" type: "ImageData" top: "{data}" top: "label" include {{ phase: {phase} }}
@@ -344,6 +345,7 @@ def _solver(args: argparse.Namespace, train: int, test: int) -> str:
         display=max(1, max_iter // 20),
         seed=args.seed,
         prefix=args.out / "net",
+        weights=prototxt.Scalar("string", str(args.weights), prototxt.Place("")),
     )
 
 

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 r"""Fit the hand model to annotated or predicted joints, to obtain its angles.
 
-    python tools/fit_pose.py test_groundtruth_uvd.txt --out truth.h5
+    python tools/fit_pose.py nyu_test_groundtruth_label.txt --out truth.h5
     python tools/fit_pose.py data/nyu/train.txt --out data/nyu_angles
 
 The first command reads a text file with one frame per line, NYU's 14 joints (u v d in px, px, mm;

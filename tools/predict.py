@@ -57,9 +57,10 @@ from handpose.fit.settings import PLANS
 from handpose.frames.images import ALIGNED, UnitError, is_aligned, read_crop, read_frame
 from handpose.frames.inspection import checked
 from handpose.frames.recording import sized
-from netlib.errors import DataError
+from netlib.errors import DataError, WeightsError
 from netlib.files.paths import ROOT
 from tools.common import arguments, outputs, prediction_outputs, sources
+from tools.common.commands import command
 from tools.common.console import DONE, FAILED, guarded, notify, say
 
 MODEL = ROOT / "prototxt" / "nyu_deploy.prototxt"
@@ -191,6 +192,11 @@ def run(args: argparse.Namespace) -> int:
     drawn: list[Path] = []
     for image, center, picture in zip(args.images, centers, pictures):
         try:
+            if Path(image).is_dir():
+                advice = f"for a recording: {command('track')} {image}"
+                raise DataError(
+                    f"{image}: a folder; expected images, such as *.png in it; {advice}"
+                )
             depth = read_frame(image, info) if is_frame else read_crop(image)
             hand = (
                 _in_frame(predictor, depth, center, image, info)
@@ -231,7 +237,11 @@ def _predictor(args: argparse.Namespace, camera: Camera) -> Predictor:
         options["hand"] = args.hand or (UNFITTED if args.fit == "no" else EITHER)
         return load_predictor(camera, fit=args.fit or FIT, **options)
     model = args.model or str(MODEL)
-    return predictor_of(model, args.weights, camera, fit=args.fit, hand=args.hand, **options)
+    try:
+        return predictor_of(model, args.weights, camera, fit=args.fit, hand=args.hand, **options)
+    except WeightsError as error:
+        advice = f"the net is {model}: give that of these weights with --model"
+        raise WeightsError(f"{error}; {advice}") from error
 
 
 def _in_frame(

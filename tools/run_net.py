@@ -203,11 +203,19 @@ def _paths(images: Sequence[str], root: str) -> tuple[list[str], list[int]]:
         elif Path(image).is_dir():
             found = pictures_in(Path(image))
             if not found:
-                raise DataError(f"{image}: no picture in this folder ({', '.join(PICTURES)})")
+                raise DataError(
+                    f"{image}: no picture in this folder ({', '.join(PICTURES)}){_folders_in(image)}"
+                )
             paths += found
         else:
             paths.append(image)
     return paths, truth if len(truth) == len(paths) else []
+
+
+def _folders_in(folder: str) -> str:
+    """Advice on a folder that has folders only; empty for others."""
+    folders = [path for path in sorted(Path(folder).iterdir()) if path.is_dir()]
+    return f"; give the folders in it, such as {folders[0]}" if folders else ""
 
 
 def _blobs(net: Net, args: argparse.Namespace) -> Sequence[str]:
@@ -218,9 +226,9 @@ def _blobs(net: Net, args: argparse.Namespace) -> Sequence[str]:
             f"{args.net}: no layer leaves a blob unread, so the net has no output; name one with --blob"
         )
     if wrong := [blob for blob in blobs if blob not in net.blobs]:
-        raise NetlibError(
-            f"{args.net}: the net has no blob {wrong[0]!r}{did_you_mean(wrong[0], net.blobs)}"
-        )
+        last = ", ".join(list(net.blobs)[-8:])
+        advice = did_you_mean(wrong[0], net.blobs) or f"; its last are {last}"
+        raise NetlibError(f"{args.net}: the net has no blob {wrong[0]!r}{advice}")
     if args.out and args.out.endswith(".npy") and len(blobs) > 1:
         raise NetlibError(
             f"{args.out}: a .npy file holds one array, found {', '.join(blobs)}; expected .npz or --blob"

@@ -75,7 +75,7 @@ def main(argv: list[str] | None = None) -> int:
         "--model",
         metavar="NET",
         default=str(MODEL),
-        help=f"the net's prototxt (default: {MODEL.name})",
+        help=f"the net's prototxt, also if only its skeleton was changed (default: {MODEL.name})",
     )
     parser.add_argument("--fit", choices=PLANS, help="also fit the predicted hands to the depth")
     parser.add_argument(

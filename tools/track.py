@@ -172,7 +172,7 @@ def _track_recording(
         return status
     seconds = time.perf_counter() - begin or 1e-3  # 0: a coarse clock
     found = aligned(summary.rows).split("\n") if summary.hands else _nothing(summary, inspection)
-    speed = f"{summary.frames} frames of {summary.seconds:.1f} s, {summary.frames / seconds:.0f} frames/s"
+    speed = f"{summary.frames} frames of {summary.seconds:.1f} s, {summary.frames / seconds:.1f} frames/s"
     notes = filter(None, [later.sure_hands.note])  # on hands below the minimum confidence
     written = (f"wrote {name}" for name in outputs.written)
     say(speed, *found, *notes, *written, sep="\n", file=report)

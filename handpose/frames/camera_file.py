@@ -114,7 +114,9 @@ def parse(text: str, where: str) -> CameraInfo:
     except RecursionError:  # thousands of brackets
         raise DataError(f"{where}: not the parameters of a camera") from None
     if found.unused and (found.is_own or found.info.camera is None):
-        raise DataError(f"{where}: {unknown_key(found.unused[0])}")
+        raise DataError(
+            f"{where}: {unknown_key(found.unused[0])}; or give the numbers: --camera FX,FY,U0,V0"
+        )
     return found.info if found.is_own else replace(found.info, origin=f"{where} ({found.words})")
 
 

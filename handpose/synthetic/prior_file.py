@@ -219,7 +219,12 @@ def load(path: str | Path = NYU_PRIOR) -> PosePrior:
 
 @functools.lru_cache(maxsize=16)
 def _load(path: Path, whole_path: Path) -> PosePrior:
-    prior = schema.read(prototxt.parse_file(path), PosePrior, f"prior {path}")
+    tree = prototxt.parse_file(path)
+    for field in tree.fields:
+        if field.name == "joint":
+            advice = f'a prior file, which names it: skeleton: "{path.name}" (docs/bodies.md)'
+            raise PrototxtError(field.position, f"found a skeleton; expected {advice}")
+    prior = schema.read(tree, PosePrior, f"prior {path}")
     _check(prior)
     return prior
 

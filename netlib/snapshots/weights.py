@@ -86,7 +86,7 @@ def fitting(
     found = _without_scales(net, found, what)
     ignored = [name for name, arrays in found.items() if name not in net.layer_dict and arrays]
     shared = {name: arrays for name, arrays in found.items() if name in net.layer_dict and arrays}
-    known = some_of(found) or "no layers"
+    known = some_of([name for name, arrays in found.items() if arrays]) or "no layers"
     if not shared and net.params:
         raise WeightsError(
             f"{what}: it has no layer of net {net.name!r}; it has {known}, "

@@ -312,7 +312,7 @@ def _check_type(solver: Training, path: str | Path, state: SolverState) -> None:
     if written not in (None, expected):
         raise WeightsError(
             f"{path}: this state is of the solver type {written}, whose history has another meaning for "
-            f'{expected}; expected type: "{written}", or a new training from the weights'
+            f'{expected}; expected type: "{written}", or a new training from the weights (--weights)'
         )
 
 

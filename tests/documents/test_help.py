@@ -45,7 +45,7 @@ SMALL = (  # replacements in an example; the last ones apply to one command each
     (r"(pictures/ --mean.*)", r"\1 --iterations 1"),
     (r"(relu)$", r"\1 --iterations 1"),
     (r"(draw_net.*)\.(png|svg)", r"\1.dot"),  # Graphviz need not be installed
-    (r"\b(IJCAI16|ICCV15)_\w+", "test_groundtruth_uvd"),
+    (r"\b(IJCAI16|ICCV15)_\w+", "nyu_test_groundtruth_label"),
 )
 PARSED = re.compile(r"mpiexec|--ranks|realsense")
 # ends with status 1 until the reader has written the layer
@@ -148,9 +148,9 @@ def classifier(folder: Path) -> None:
 
 
 def annotation(folder: Path) -> None:
-    """test_groundtruth_uvd.txt; labels.txt and result.txt of HANDS 2017."""
+    """nyu_test_groundtruth_label.txt; labels.txt and result.txt of HANDS 2017."""
     given.joints(folder)
-    (folder / "joints.txt").rename(folder / "test_groundtruth_uvd.txt")
+    (folder / "joints.txt").rename(folder / "nyu_test_groundtruth_label.txt")
     joints = "\t".join(["400.0"] * 63)
     for name in ("labels.txt", "result.txt"):
         (folder / name).write_text(f"image_D00000001.png\t{joints}\n")

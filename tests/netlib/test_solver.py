@@ -453,7 +453,10 @@ def test_resume_of_moved_files(solver_of: MakeSolver, tmp_path: Path) -> None:
     assert weight(again) == weight(solver)
 
 
-OTHER = 'this state is of the solver type SGD, whose history has another meaning for {}; expected type: "SGD", or ...'
+OTHER = (
+    "this state is of the solver type SGD, whose history has another meaning for {}; "
+    'expected type: "SGD", or a new training from the weights (--weights)'
+)
 BIAS, TWO_INPUTS = ("bias_term: false", ""), ("dim: 1 dim: 1", "dim: 1 dim: 2")
 
 

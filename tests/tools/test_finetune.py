@@ -255,6 +255,26 @@ def test_a_training_that_was_stopped_is_continued(signal_at_start: Any) -> None:
     )
 
 
+def test_the_solver_file_starts_from_the_given_weights() -> None:
+    """Train with it alone gives what the command gave, with the frozen layers of the old net."""
+    Path('a "net".caffemodel').write_bytes(Path("net.caffemodel").read_bytes())
+    run_tool(
+        "finetune",
+        "net.prototxt",
+        'a "net".caffemodel',
+        "pictures",
+        *NUMBERS.split(),
+        "--iterations",
+        "9",
+    )
+    once = netlib.Net("finetuned/deploy.prototxt", str(weights()), netlib.TEST)
+    run_tool("train finetuned/solver.prototxt")
+    again = netlib.Net("finetuned/deploy.prototxt", str(weights()), netlib.TEST)
+    for name, blobs in once.params.items():
+        for one, other in zip(blobs, again.params[name]):
+            assert_allclose(one.data, other.data, rtol=1e-4, atol=1e-6)
+
+
 def test_a_convolution_as_last_layer_and_a_second_run() -> None:
     """The head may be a convolution before a pooling; a fine-tuned net can be fine-tuned again."""
     body, _, pool = BODY.rpartition("layer {")

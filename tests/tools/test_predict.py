@@ -28,6 +28,7 @@ from netlib import engine
 from netlib.errors import DataError
 from tests.handpose.drawn_hands import ARM_BEHIND, capsules_of
 from tests.support import json_schema
+from tests.support.nets import inputs, ip
 from tests.support.running import refusal, run_tool
 from tests.tools.conftest import ROOT, mistakes_of
 
@@ -308,6 +309,14 @@ def test_mistakes(snapshot, argv, message):
     shutil.copy("crop.png", "x_hand.png")
     Path("unit.json").write_text('{"unit_mm": 1}')
     assert mistake(argv).startswith(message)
+
+
+def test_weights_of_another_net(snapshot):
+    Path("other.prototxt").write_text(inputs(x=(1, 2)) + ip("other", "x", "y"))
+    netlib.Net("other.prototxt", netlib.TEST).save("other.caffemodel.h5")
+    line = mistake("crop.png --weights other.caffemodel.h5")
+    assert line.startswith("other.caffemodel.h5: it has no layer of net 'DeepModel'; it has other,")
+    assert line.endswith("nyu_deploy.prototxt: give that of these weights with --model")
 
 
 def test_a_likely_wrong_unit_or_camera_is_reported(frame):

@@ -127,6 +127,10 @@ def test_a_folder_without_pictures_is_rejected() -> None:
     Path("empty").mkdir()
     line = refusal("run_net net.prototxt net.caffemodel empty")
     assert line.startswith("empty: no picture in this folder (.bmp, .jpeg")
+    assert line.endswith(".webp)")
+    Path("empty/cats").mkdir()
+    line = refusal("run_net net.prototxt net.caffemodel empty")
+    assert line.endswith("; give the folders in it, such as empty/cats")
 
 
 def test_the_root_folder_is_prepended_to_the_paths_of_a_list() -> None:

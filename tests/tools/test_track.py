@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import itertools
 import json
+import re
 import shutil
 import signal
 from collections.abc import Iterator
@@ -113,7 +114,7 @@ def test_lines_for_another_program() -> None:
     assert not json_schema.faults(header, "header")
     assert not any(json_schema.faults(frame, "frame") for frame in frames)
     assert said.startswith("takes/take.npz: ")
-    assert "frames/s" in said
+    assert re.search(r"\d\.\d frames/s", said)  # one frame in three seconds is not 0
     assert "0 right" in said
     assert files() == []
 

@@ -8,6 +8,7 @@ import re
 import sys
 from collections.abc import Callable, Container, Sequence
 from pathlib import Path
+from typing import NoReturn
 
 from netlib import engine
 from tools.common.commands import command, is_subcommand
@@ -20,18 +21,27 @@ MAX_SHOWN = 100  # characters of a value in a message
 
 
 class _Parser(argparse.ArgumentParser):
-    """A parser whose help, for a user of the command handpose or netlib, names commands instead of
-    files of a clone.
+    """A parser whose help and errors, for a user of the command handpose or netlib, name commands
+    instead of files of a clone.
     """
 
     def format_help(self) -> str:
-        text = super().format_help()
-        if not is_subcommand():
-            return text
-        text = re.sub(
-            r"(?:python (?:-m mpi4py )?)?tools/(\w+)\.py", lambda match: command(match[1]), text
-        )
-        return re.sub(r"\bdocs/(\w+)\.md\b", lambda match: f"'{command('docs')} {match[1]}'", text)
+        return _with_commands(super().format_help())
+
+    def error(self, message: str) -> NoReturn:
+        if re.fullmatch(r"unrecognized arguments:[-+.\d ]+", message):
+            message += "; join the numbers of an option by commas: 1,2,3"
+        super().error(_with_commands(message))
+
+
+def _with_commands(text: str) -> str:
+    """A text with the names of commands, if this is a command."""
+    if not is_subcommand():
+        return text
+    text = re.sub(
+        r"(?:python (?:-m mpi4py )?)?tools/(\w+)\.py", lambda match: command(match[1]), text
+    )
+    return re.sub(r"\bdocs/(\w+)\.md\b", lambda match: f"'{command('docs')} {match[1]}'", text)
 
 
 def parser_of(doc: str | None, nets: bool = False) -> argparse.ArgumentParser:

@@ -89,7 +89,7 @@ def test_this_projects_and_realsenses_keys_are_accepted(text: str, expected: Cam
             '{"fx": ' + "9" * 5000 + "}",
             "x: not whole JSON: Exceeds the limit ...",
         ),
-        "# a comment\n1 2\nx\n3": "x: unknown key 'x'...; known: fx, ...",
+        "# a comment\n1 2\nx\n3": "x: unknown key 'x'...; known: fx, ...; or give the numbers: --camera FX,FY,U0,V0",
     },
 )
 def test_invalid_camera_files_are_rejected(given: str, rejected: Any) -> None:

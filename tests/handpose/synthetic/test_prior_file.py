@@ -153,6 +153,12 @@ def test_refusals(tail: Path, given: Sequence[str], rejected: Any) -> None:
         prior_file.load(tail)
 
 
+def test_a_skeleton_is_no_prior(tail: Path) -> None:
+    line = r'tail.prototxt:\d+:\d+: error: found a skeleton; .*: skeleton: "tail.prototxt"'
+    with pytest.raises(PrototxtError, match=line):
+        prior_file.load(tail.with_name("tail.prototxt"))
+
+
 def test_the_skeleton_beside_the_prior_comes_first(
     tail: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -102,6 +102,11 @@ def test_help_of_an_installed_command_names_commands(help_of: Callable[[str], st
             ["usage: handpose export-onnx [-h]", "handpose export-onnx prototxt/nyu_de"],
         ),
         ("handpose caffe train --help", 0, ["usage: handpose caffe [-h]"]),
+        (
+            "netlib finetune net w pictures",
+            2,
+            ["usage: netlib finetune [-h]", "('netlib docs caffe_nets')"],
+        ),
         ("handpose --version", 0, [f"handpose {__version__}\n"]),
         (
             "handpose trian",
