@@ -36,17 +36,17 @@ class Size(NamedTuple):
 
 ROOMS = {
     "docs": Size(12_932, 1_085, 16, 8_324),
-    "exercises": Size(8_988, 819, 7, 32_352),
+    "exercises": Size(8_998, 817, 6, 32_728),
     "experiments": Size(15_632, 1_373, 22, 9_227),
     "export": Size(8_324, 730, 6, 3_871),
     "fast": Size(29_198, 2_576, 12, 2_370),
-    "handpose": Size(97_620, 8_830, 115, 34_700),
-    "handpose/synthetic": Size(16_216, 1_472, 23, 1_990),
+    "handpose": Size(97_651, 8_835, 115, 34_834),
+    "handpose/synthetic": Size(16_246, 1_477, 23, 2_081),
     "layers": Size(36_988, 3_200, 30, 18_250),
-    "netlib": Size(44_113, 4_508, 54, 66_501),
+    "netlib": Size(44_122, 4_508, 54, 66_513),
     "setup.py": Size(180, 10, 1, 284),
-    "tests": Size(254_426, 18_990, 366, 314_753),
-    "tools": Size(30_345, 2_870, 45, 31_546),
+    "tests": Size(254_820, 19_024, 366, 317_552),
+    "tools": Size(30_492, 2_883, 45, 31_868),
 }
 LINES = {  # of files that are not Python, by their patterns
     "prototxt/*.prototxt models/*.prototxt": 4_082,
@@ -54,9 +54,9 @@ LINES = {  # of files that are not Python, by their patterns
     "*.js *.css *.html": 2_832,
 }
 WORDS = {  # of documents, by their pattern
-    ":(glob)docs/*.md": 25_912,
-    "README.md": 899,
-    "*.md": 65_000,
+    ":(glob)docs/*.md": 25_915,
+    "README.md": 896,
+    "*.md": 64_984,
 }
 OTHERS = LINES | WORDS
 LIMITS = {  # that no recorded total may exceed: syntax nodes of rooms, lines, words
