@@ -9,8 +9,8 @@ The default is the packaged network models/synthetic_hand. Frames are drawn from
 tools/make_synthetic.py --help) with a split and seed that were not used for tuning. Errors are
 means over NYU's 14 joints in mm. A frame has failed if its error is above 30 mm; "auc" measures how
 well the expected error predicts failures; "expected" is its mean; "right" is the fraction of frames
-that are less uncertain than their mirror image (--hands); "ms" is the time per frame in blocks of
-64, with network and crop.
+whose fit costs less than that of their mirror image (--hands); "ms" is the time per frame in
+blocks of 64, with network and crop.
 """
 
 from __future__ import annotations
@@ -53,8 +53,8 @@ class FitFigures(NamedTuple):
     error       (N,) mean error in mm over NYU's 14 joints
     expected    (N,) the error that is expected
     confidence  (N,)
-    right       (N,) 1 if a frame's fit is less uncertain than its mirror image's, else 0; NaN if
-                not requested
+    right       (N,) 1 if a frame's fit costs less than its mirror image's, else 0; NaN if not
+                requested
     seconds     (N,) time of a frame
     """
 

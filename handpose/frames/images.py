@@ -13,6 +13,7 @@ depth_image   an array, in mm if ``check_unit`` accepts it; ``without_dropouts``
 from __future__ import annotations
 
 import contextlib
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -42,6 +43,7 @@ ALIGNED = (
     "the name says that depth is aligned to another camera, usually that of the colours, whose "
     "fx, fy, u0 and v0 it then has: give --camera FX,FY,U0,V0"
 )
+ALIGNED_NAME = re.compile("(?<!un)(?<!not.)align(?!m)", re.IGNORECASE)
 MIN_IMAGE_MM, MAX_IMAGE_MM = 20.0, 20_000.0  # range of whole images of depth cameras
 
 
@@ -104,7 +106,7 @@ def is_aligned(path: Path) -> bool:
     """Whether the name of a frame or of its folder says that its depth is aligned to
     another camera.
     """
-    return "align" in f"{path.parent.name}/{path.name}".lower()
+    return ALIGNED_NAME.search(f"{path.parent.name}/{path.name}") is not None
 
 
 def stored_depth(

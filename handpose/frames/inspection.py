@@ -199,19 +199,19 @@ def _of_camera(camera: Camera) -> Iterator[str]:
             "size"
         )
     ways = ((camera.u0, camera.width), (camera.v0, camera.height))
-    if any(abs(middle - size / 2) > OFF_MIDDLE * size for middle, size in ways):
+    if _is_turned(camera):
+        yield (
+            f"the principal point {camera.u0:g}, {camera.v0:g} is that of {camera.height} x {camera.width} pixels, "
+            f"and these are {size}: transpose arrays (width, height), whose hands are mirrored; of frames "
+            "that were turned, turn fx, fy, u0 and v0, too"
+        )
+    elif any(abs(middle - size / 2) > OFF_MIDDLE * size for middle, size in ways):
         where = (
             "far from the centre" if all(0 <= middle < size for middle, size in ways) else "outside"
         )
         yield (
             f"the principal point {camera.u0:g}, {camera.v0:g} is {where} of {size} pixels; check u0 and v0, "
             "which may be for another image size"
-        )
-    elif _is_turned(camera):
-        yield (
-            f"the principal point {camera.u0:g}, {camera.v0:g} is that of {camera.height} x {camera.width} pixels, "
-            f"and these are {size}: transpose arrays (width, height), whose hands are mirrored; of frames "
-            "that were turned, turn fx, fy, u0 and v0, too"
         )
 
 

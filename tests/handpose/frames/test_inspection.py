@@ -182,10 +182,15 @@ def test_a_wide_object_beyond_1_m_gives_a_warning() -> None:
             replace(CAMERA, u0=23.5, v0=31.5),
             "the principal point 23.5, 31.5 is that of 48 x 64 pixels, and these are 64 x 48",
         ),
+        (  # as 1280 x 720: far from the centre, too
+            replace(CAMERA, height=36, u0=17.5, v0=31.5),
+            "the principal point 17.5, 31.5 is that of 36 x 64 pixels, and these are 64 x 36",
+        ),
     ],
 )
 def test_a_camera_that_does_not_fit_the_image_gives_a_warning(camera: Camera, what: str) -> None:
-    assert what in " ".join(inspect(Taken(moving(), camera)).warnings)
+    images = [image[: camera.height] for image in moving()]
+    assert what in " ".join(inspect(Taken(images, camera)).warnings)
 
 
 def test_a_single_frame() -> None:

@@ -44,6 +44,7 @@ def estimates(
     side: Side = "right",
     fitted: float = 1.0,
     confidence: float = 1.0,
+    cost: float = 1.0,
 ) -> list[HandEstimate]:
     """Estimates of hands of this size, or of their mirror images, with small errors and sizes
     about ``fitted``.
@@ -55,7 +56,7 @@ def estimates(
     x += np.random.default_rng(0).normal(0, 0.03, x.shape)
     x[:, SIZE_INDEX] = np.log(fitted) + np.random.default_rng(1).normal(0, 0.05, len(x))
     camera = camera_of(NYU, side)
-    fits: Any = [SimpleNamespace(x=row[None], cost=np.ones(1)) for row in x]
+    fits: Any = [SimpleNamespace(x=row[None], cost=np.array([cost])) for row in x]
     return [
         HandEstimate(
             side,
@@ -95,6 +96,14 @@ def test_the_size_of_a_hand(model: CapsuleModel, poses: Poses, side: Side, other
     assert count == SETTINGS.poses and size == pytest.approx(0.93, abs=0.02)
     [(later, same)] = kept(model, [*estimates(model, poses, side=other)[:20], *hands])
     assert later == SETTINGS.poses + 20 and same == pytest.approx(size)
+
+
+def test_the_half_of_the_poses_that_costs_more_does_not_count(
+    model: CapsuleModel, poses: Poses
+) -> None:
+    pairs = zip(estimates(model, poses), estimates(model, poses, 1.1, cost=2.0))
+    [(_, size)] = kept(model, [hand for pair in pairs for hand in pair])
+    assert size == pytest.approx(0.93, abs=0.02)
 
 
 @pytest.mark.parametrize(("size", "fitted"), [(0.761, 0.72), (0.93, 0.8), (1.329, 1.25)])

@@ -332,6 +332,16 @@ def test_an_array_fills_the_axes_after_the_first(
     assert_array_equal(net.forward(x=x)["y"], np.broadcast_to(x, (given[0], *shape[1:])))
 
 
+def test_a_row_is_no_batch() -> None:
+    """NumPy would repeat it; in pycaffe, the input is not batch sized."""
+    Path("rows.prototxt").write_text(
+        inputs(x=(2, 3)) + 'layer { name: "p" type: "Power" bottom: "x" top: "y" }'
+    )
+    net = pycaffe.Net("rows.prototxt", netlib.TEST)
+    with pytest.raises(NetlibError, match=r"shape \(2, 3\), got an array of shape \(3,\)"):
+        net.forward(x=np.zeros(3))
+
+
 def test_hooks_are_called_around_every_layer(net: pycaffe.Net) -> None:
     """Hooks receive the number of the layer, in reverse order for backward, and do not
     change the results.

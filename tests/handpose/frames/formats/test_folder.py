@@ -166,12 +166,23 @@ def test_the_packing_of_nyu(here: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "is_warned"), [(GIVEN, False), (replace(GIVEN, origin="K.txt (matrix)"), True)]
+    ("place", "is_warned"),
+    [
+        ("take/aligned_depth_to_color_000000.png", True),
+        ("depthAligned/000000.png", True),
+        ("unaligned/000000.png", False),
+        ("alignment/000000.png", False),
+    ],
 )
-def test_frames_aligned_to_colours(here: Path, given: CameraInfo, is_warned: bool) -> None:
-    """As in DexYCB, whose files have the cameras of depth and of colours."""
-    put("aligned_depth_to_color_000000.png", hand_sized())
-    assert (ALIGNED in FolderRecording(here, given).warnings) == is_warned
+def test_frames_aligned_to_colours(here: Path, place: str, is_warned: bool) -> None:
+    """As in DexYCB, whose files have the cameras of depth and of colours; four given numbers were
+    chosen.
+    """
+    put(place, hand_sized())
+    in_file = replace(GIVEN, origin="K.txt (matrix)")
+    folder = Path(place).parent
+    assert (ALIGNED in FolderRecording(folder, in_file).warnings) == is_warned
+    assert ALIGNED not in FolderRecording(folder, GIVEN).warnings
 
 
 # ------------------------------------------------------------------------------------------- arrays
