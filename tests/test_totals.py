@@ -40,12 +40,12 @@ ROOMS = {
     "experiments": Size(15_632, 1_373, 22, 9_227),
     "export": Size(8_324, 730, 6, 3_871),
     "fast": Size(29_198, 2_576, 12, 2_370),
-    "handpose": Size(97_651, 8_835, 115, 34_834),
+    "handpose": Size(97_662, 8_836, 115, 34_855),
     "handpose/synthetic": Size(16_246, 1_477, 23, 2_081),
     "layers": Size(36_988, 3_200, 30, 18_250),
     "netlib": Size(44_122, 4_508, 54, 66_513),
     "setup.py": Size(180, 10, 1, 284),
-    "tests": Size(254_820, 19_024, 366, 317_552),
+    "tests": Size(254_956, 19_035, 366, 317_823),
     "tools": Size(30_492, 2_883, 45, 31_868),
 }
 LINES = {  # of files that are not Python, by their patterns
@@ -54,9 +54,9 @@ LINES = {  # of files that are not Python, by their patterns
     "*.js *.css *.html": 2_832,
 }
 WORDS = {  # of documents, by their pattern
-    ":(glob)docs/*.md": 25_915,
+    ":(glob)docs/*.md": 25_922,
     "README.md": 896,
-    "*.md": 64_984,
+    "*.md": 64_991,
 }
 OTHERS = LINES | WORDS
 LIMITS = {  # that no recorded total may exceed: syntax nodes of rooms, lines, words
