@@ -40,6 +40,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from handpose.frames.camera_file import NAME
 from handpose.frames.camera_places import next_to
 from handpose.frames.cameras import Camera, View
 from handpose.frames.formats import CONVERTED, OF_ONE_FRAME, RAW, STACKS, conversion, is_pattern
@@ -95,8 +96,9 @@ class FolderRecording(Recording):
         if path.suffix.lower() in STACKS:
             own, taken = self._parameters_of(path, given, camera_json)
         self._decode_by(DepthDecoder(raw.shape, raw.dtype, where, given, own, camera_json))
-        is_named = isinstance(given.camera, Camera) and given.origin in ("", "--camera")
-        is_known = is_named or own.camera is not None
+        origin = given.origin if given.camera else camera_json.origin
+        is_meant = origin in ("", "--camera") or origin.endswith(NAME)
+        is_known = own.camera or (isinstance(known.camera, Camera) and is_meant)
         if not is_known and is_aligned(path):
             self.warnings = (*self.warnings, ALIGNED)
         self.name = str(source)

@@ -175,14 +175,16 @@ def test_the_packing_of_nyu(here: Path) -> None:
     ],
 )
 def test_frames_aligned_to_colours(here: Path, place: str, is_warned: bool) -> None:
-    """As in DexYCB, whose files have the cameras of depth and of colours; four given numbers were
-    chosen.
+    """As in DexYCB, whose files have the cameras of depth and of colours; four given numbers and
+    those of a camera.json were chosen.
     """
     put(place, hand_sized())
     in_file = replace(GIVEN, origin="K.txt (matrix)")
     folder = Path(place).parent
     assert (ALIGNED in FolderRecording(folder, in_file).warnings) == is_warned
     assert ALIGNED not in FolderRecording(folder, GIVEN).warnings
+    camera_file.write(folder / "camera.json", GIVEN)
+    assert ALIGNED not in FolderRecording(folder).warnings
 
 
 # ------------------------------------------------------------------------------------------- arrays
