@@ -46,7 +46,7 @@ ROOMS = {
     "netlib": Size(44_122, 4_508, 54, 66_513),
     "setup.py": Size(180, 10, 1, 284),
     "tests": Size(254_973, 19_037, 366, 317_834),
-    "tools": Size(30_492, 2_883, 45, 31_868),
+    "tools": Size(30_561, 2_898, 45, 31_868),
 }
 LINES = {  # of files that are not Python, by their patterns
     "prototxt/*.prototxt models/*.prototxt": 4_082,

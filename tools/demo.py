@@ -18,7 +18,9 @@ import argparse
 import shlex
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
@@ -30,6 +32,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose import NYU, load_predictor
+from handpose.estimate.hand import HandEstimate
+from handpose.estimate.predictor import Predictor
 from handpose.output.drawing import strokes
 from handpose.output.drawing.view import percent
 from handpose.scoring.metrics import mean_errors_14
@@ -57,43 +61,64 @@ def main(argv: list[str] | None = None) -> int:
     return guarded(run, parser.parse_args(argv))
 
 
+class Predicted(NamedTuple):
+    """The hand predicted in a frame with this file name, and its true error in mm, NaN without
+    joints.
+    """
+
+    name: str
+    hand: HandEstimate
+    error_mm: float
+
+
 def run(args: argparse.Namespace) -> None:
     """Render, predict and draw. Raises NetlibError."""
     outputs.make_folder(args.out)
     predictor = load_predictor(NYU)
-    images, titles, hands, frames = [], [], [], []
+    every: list[Predicted] = []
     begun = time.perf_counter()
     with ProgressBar(args.frames) as progress:
         for n in range(args.frames):
-            (frame, truth), name = scene(args.seed + n), f"frame_{n}.png"
+            frame, truth = scene(args.seed + n)
+            name = f"frame_{n}.png"
             outputs.write_image(args.out / name, frame)
             found = predictor.in_frame(frame)
-            drawn = prediction_outputs.views(found, predictor, zoom=2)
-            images += [*drawn, *[np.full_like(drawn[0], 255)] * (VIEWS - len(drawn))]
-            titles += [
-                f"{found.hand}, {percent(found.confidence)} sure",
-                f"expected {found.error_mm:.0f} mm",
-            ]
-            frames.append(
-                {"image": name, **prediction_outputs.frame_values(n, found, predictor.skeleton)}
-            )
-            if found.has_joints:
-                off = float(mean_errors_14(found.xyz[None], truth[None])[0])
-                frames[-1]["hands"][0]["true_error_mm"] = round(off, 1)
-                titles.append(f"true error {off:.0f} mm")
-            else:
-                titles.append(f"below {predictor.min_confidence:.0%}: no joints")
-            hands.append(found)
+            error_mm = mean_errors_14(found.xyz[None], truth[None])[0]
+            every.append(Predicted(name, found, float(error_mm)))
             progress(1)
-    outputs.write_image(
-        args.out / "hands.png",
-        strokes.sheet(images, VIEWS * (1 if args.frames <= 2 else 2), titles),
-    )
-    text = prediction_outputs.document("demo", hands, frames, predictor.skeleton)
-    atomic.replace_text(args.out / "hands.json", text + "\n")
+    outputs.write_image(args.out / "hands.png", _sheet(every, predictor))
+    atomic.replace_text(args.out / "hands.json", _document(every, predictor) + "\n")
     say(f"{args.frames} frames in {time.perf_counter() - begun:.1f} s: {args.out / 'hands.png'}")
     options = [str(args.out / "frame_0.png"), "--camera", "nyu", "--out", str(args.out)]
     say(f"For your own camera: {command('predict')} {shlex.join(options)}")
+
+
+def _sheet(every: Sequence[Predicted], predictor: Predictor) -> NDArray[np.uint8]:
+    """A picture of all hands, each with its side, its errors and its confidence."""
+    images, titles = [], []
+    for _, hand, error_mm in every:
+        drawn = prediction_outputs.views(hand, predictor, zoom=2)
+        white = np.full_like(drawn[0], 255)
+        images += [*drawn, *[white] * (VIEWS - len(drawn))]
+        result = f"below {predictor.min_confidence:.0%}: no joints"
+        if hand.has_joints:
+            result = f"true error {error_mm:.0f} mm"
+        sure = f"{hand.hand}, {percent(hand.confidence)} sure"
+        titles += [sure, f"expected {hand.error_mm:.0f} mm", result]
+    columns = VIEWS if len(every) <= 2 else 2 * VIEWS
+    return strokes.sheet(images, columns, titles)
+
+
+def _document(every: Sequence[Predicted], predictor: Predictor) -> str:
+    """The hands as JSON, as ``predict.py`` writes them, with their true errors."""
+    frames = []
+    for n, (name, hand, error_mm) in enumerate(every):
+        values = prediction_outputs.frame_values(n, hand, predictor.skeleton)
+        if hand.has_joints:
+            values["hands"][0]["true_error_mm"] = round(error_mm, 1)
+        frames.append({"image": name, **values})
+    hands = [one.hand for one in every]
+    return prediction_outputs.document("demo", hands, frames, predictor.skeleton)
 
 
 def scene(number: int) -> tuple[NDArray[np.uint16], Array]:
