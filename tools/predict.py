@@ -178,6 +178,7 @@ def run(args: argparse.Namespace) -> int:
     """Predict the images."""
     is_frame = args.camera is not None
     info, camera = sources.frames_camera(args) if is_frame else (CameraInfo(), NYU)
+    chosen = info.camera if isinstance(args.camera, Path) else args.camera
     predictor = _predictor(args, camera)
     outputs.make_folder(args.out)
     camera_file = args.camera if isinstance(args.camera, Path) else None
@@ -206,7 +207,7 @@ def run(args: argparse.Namespace) -> int:
         except DataError as error:  # the outputs are of the other images
             notify(error)
             continue
-        if is_frame and not isinstance(args.camera, Camera) and is_aligned(Path(image)):
+        if is_frame and is_aligned(Path(image), chosen, info.origin):
             notify(f"warning: {image}: {ALIGNED}")
         hands.append((image, hand))
         drawn.append(picture)

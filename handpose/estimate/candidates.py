@@ -21,7 +21,7 @@ class SearchRegion:
     side        assumed side of the hand
     before      the body expected from earlier frames, or None
     size        of the hand, if known
-    asks_network  False if the fit starts from ``before`` alone
+    asks_network  False: the fit starts from ``before`` alone
     """
 
     center_uvd: Array

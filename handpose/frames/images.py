@@ -22,6 +22,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from handpose.frames.camera_file import NAME
 from handpose.frames.cameras import NYU, Camera, View
 from handpose.frames.crops import SIZE, numbers
 from handpose.frames.recording import CameraInfo, DepthDecoder, NotDepthError, check_values
@@ -102,10 +103,15 @@ def read_frame(path: str | Path, given: CameraInfo) -> NDArray[np.float32]:
     return DepthDecoder(image.shape, image.dtype, str(path), given)(image)
 
 
-def is_aligned(path: Path) -> bool:
-    """Whether the name of a frame or of its folder says that its depth is aligned to
-    another camera.
+def is_aligned(path: Path, camera: Camera | View | None, origin: str) -> bool:
+    """Whether the name of a frame or of its folder says that its depth is aligned to another
+    camera, which this one may not be: it is if the user, or a camera.json, gives all numbers.
+
+    origin  of the camera, as in ``CameraInfo``
     """
+    is_meant = origin in ("", "--camera") or origin.endswith(NAME)
+    if isinstance(camera, Camera) and is_meant:
+        return False
     return ALIGNED_NAME.search(f"{path.parent.name}/{path.name}") is not None
 
 

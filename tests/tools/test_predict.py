@@ -16,7 +16,9 @@ from handpose import read_track
 from handpose.body.model import FINGERS
 from handpose.body.nyu import EVALUATION_JOINTS
 from handpose.estimate import packaged, predictor
+from handpose.frames import camera_file
 from handpose.frames.cameras import KINECT2
+from handpose.frames.recording import CameraInfo
 from handpose.output.drawing.view import percent
 from handpose.output.tracks import joint_values
 from handpose.sequences.recordings import render_image
@@ -352,10 +354,12 @@ def test_an_implausible_camera_is_reported_with_the_error(frame):
 
 
 def test_a_frame_aligned_to_colours(frame):
-    """A file with a camera may hold that of depth; four numbers were chosen."""
+    """A file with a camera may hold that of depth; a camera.json and four numbers were chosen."""
     shutil.copy("frame.png", "aligned_depth_to_color.png")
     Path("both.json").write_text('{"fx": 364, "fy": 364, "cx": 255.4, "cy": 206.3}')
-    for camera, is_warned in (("both.json", True), ("364,364,255.4,206.3", False)):
+    camera_file.write(Path("camera.json"), CameraInfo(KINECT2))
+    given = ("both.json", True), ("camera.json", False), ("364,364,255.4,206.3", False)
+    for camera, is_warned in given:
         done = predict(f"aligned_depth_to_color.png --camera {camera} {CENTER}")
         assert ("is aligned to another camera" in done.err) == is_warned
 

@@ -25,7 +25,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.frames.camera_file import NAME
 from handpose.frames.camera_places import next_to
 from handpose.frames.cameras import Camera, View
 from handpose.frames.formats import CONVERTED, OF_ONE_FRAME, RAW, STACKS, conversion, is_pattern
@@ -86,9 +85,7 @@ class FolderRecording(Recording):
             own, taken = self._parameters_of(path, given, camera_json)
         self._decode_by(DepthDecoder(raw.shape, raw.dtype, where, given, own, camera_json))
         origin = given.origin if given.camera else camera_json.origin
-        is_meant = origin in ("", "--camera") or origin.endswith(NAME)
-        is_known = own.camera or (isinstance(known.camera, Camera) and is_meant)
-        if not is_known and is_aligned(path):
+        if own.camera is None and is_aligned(path, known.camera, origin):
             self.warnings = (*self.warnings, ALIGNED)
         self.name = str(source)
         self.count = len(names)
