@@ -40,13 +40,13 @@ ROOMS = {
     "experiments": Size(15_632, 1_373, 22, 9_227),
     "export": Size(8_324, 730, 6, 3_871),
     "fast": Size(29_198, 2_576, 12, 2_370),
-    "handpose": Size(97_675, 8_837, 115, 34_855),
+    "handpose": Size(97_699, 8_838, 115, 34_855),
     "handpose/synthetic": Size(16_246, 1_477, 23, 2_081),
     "layers": Size(36_988, 3_200, 30, 18_250),
     "netlib": Size(44_122, 4_508, 54, 66_513),
     "setup.py": Size(180, 10, 1, 284),
-    "tests": Size(254_973, 19_037, 366, 317_834),
-    "tools": Size(30_561, 2_898, 45, 31_868),
+    "tests": Size(255_013, 19_040, 366, 317_856),
+    "tools": Size(30_569, 2_899, 45, 31_868),
 }
 LINES = {  # of files that are not Python, by their patterns
     "prototxt/*.prototxt models/*.prototxt": 4_082,
