@@ -20,7 +20,7 @@ from numbers import Real
 
 import numpy as np
 
-from handpose.body.sides import Side, SideView, mirror_of
+from handpose.body.sides import Side, SideView, SoughtSide, mirror_of
 from handpose.estimate.candidates import SearchRegion
 from handpose.estimate.finder import FoundHand
 from handpose.estimate.hand import MIN_CONFIDENCE, MIN_PRESENCE, HandEstimate
@@ -50,17 +50,18 @@ ARM_PLACES = 5  # along a forearm, where what is found is the arm
 def load_tracker(
     camera: Camera,
     *,
+    hand: SoughtSide = "either",
     fit: Fit = "fast",
     seed: int = 0,
     fit_settings: FitSettings = FitSettings(),
     **options: object,
 ) -> Tracker:
-    """A tracker with the packaged weights; ``seed`` and settings of its fits, other options as
-    ``Tracker``.
+    """A tracker with the packaged weights. ``hand`` is the side of all hands, if known; ``seed``
+    and settings are those of its fits, other options those of ``Tracker``.
 
     Raises NetlibError.
     """
-    predictor = load_predictor(camera, fit=fit, seed=seed, settings=fit_settings)
+    predictor = load_predictor(camera, hand=hand, fit=fit, seed=seed, settings=fit_settings)
     return Tracker(predictor, **options)  # type: ignore[arg-type]
 
 

@@ -519,8 +519,9 @@ def test_predictors_of_other_kinds() -> None:
 
 def test_load_tracker_applies_its_options() -> None:
     """The weights are the packaged ones."""
-    tracker = load_tracker(ICVL, fit="fast", seed=3, hands=1, smooth=False)
+    tracker = load_tracker(ICVL, hand="left", fit="fast", seed=3, hands=1, smooth=False)
     header = tracker.header("a recording")
     assert (header.source, header.camera) == ("a recording", ICVL)
     assert (header.unit_mm, header.smoothed) == (150, False)
     assert tracker.limit == 1 and tracker.predictor.fitter.seed == 3
+    assert tracker.predictor.sides == ("left",)
