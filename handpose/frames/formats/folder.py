@@ -29,8 +29,8 @@ from handpose.frames.camera_places import next_to
 from handpose.frames.cameras import Camera, View
 from handpose.frames.formats import CONVERTED, OF_ONE_FRAME, RAW, STACKS, conversion, is_pattern
 from handpose.frames.formats.frame_names import NANO, Reading, groups_of, in_order
-from handpose.frames.formats.stack import (
-    arrays_in,
+from handpose.frames.formats.stack import arrays_in
+from handpose.frames.formats.stack_parameters import (
     checked_times,
     name_of_times,
     not_used,
