@@ -20,8 +20,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from handpose.body.capsules import Capsules
 from handpose.body.joint_formats.frames import LONG_FINGERS
-from handpose.body.render import Capsules
 from layers.hand.bodies import kinematics_of
 from layers.hand.kinematics import Kinematics, Pose
 from layers.hand.skeleton import Skeleton

@@ -5,7 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from handpose.body.render import Capsules, shown_in_crop
+from handpose.body.capsules import Capsules
+from handpose.body.render import shown_in_crop
 from handpose.body.sides import SideView
 from handpose.estimate.palm import recenter
 from handpose.fit.body import CapsuleModel, WorldPose, crop_variables, world_pose

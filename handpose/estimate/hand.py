@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.body.render import Capsules
+from handpose.body.capsules import Capsules
 from handpose.body.sides import Side, SideView, as_right, camera_of, mirror_of, pixel_of
 from handpose.fit.body import SIZE_INDEX, THICKNESS_INDEX, CapsuleModel, WorldPose, world_pose
 from handpose.fit.depth_fit import DepthFit

@@ -24,8 +24,8 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from handpose.body.capsules import Capsules
 from handpose.body.model import Fingers, Surface, has_fingers
-from handpose.body.render import Capsules
 from handpose.frames.cameras import Floats
 from layers.hand.bodies import kinematics_of
 from layers.hand.kinematics import Pose, rotation

@@ -28,7 +28,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.body.render import Capsules, depths_of, in_front
+from handpose.body.capsules import Capsules, in_front
+from handpose.body.render import depths_of
 from handpose.fit.settings import SupportSettings
 from handpose.frames.cameras import Camera, Floats
 from netlib.blob import Array

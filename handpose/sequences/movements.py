@@ -23,9 +23,9 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from handpose.body.capsules import Capsules
 from handpose.body.model import Surface
 from handpose.body.nyu import CUBE_MM
-from handpose.body.render import Capsules
 from handpose.body.sides import Side, mirror_of
 from handpose.frames.cameras import Camera
 from handpose.synthetic.pose_prior import BodySampler, cut_normal

@@ -21,8 +21,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from handpose.body.capsules import Capsules, in_front, joined
 from handpose.body.nyu import CUBE_MM
-from handpose.body.render import Capsules, in_front, joined, render
+from handpose.body.render import render
 from handpose.body.sides import Side
 from handpose.frames.cameras import NYU, UNIT_MM, Camera, Floats, View
 from handpose.frames.recording import DepthFrame, Recording

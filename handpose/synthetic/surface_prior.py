@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from handpose.body.capsules import Capsules, in_front, joined
 from handpose.body.model import Surface
-from handpose.body.render import Capsules, in_front, joined
 from handpose.synthetic.pose_prior import Bodies, cut_normal, draw_again
 from netlib.blob import Array
 

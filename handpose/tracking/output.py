@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from handpose.body.render import Capsules
+from handpose.body.capsules import Capsules
 from handpose.body.sides import mirror_of
 from handpose.estimate.hand import HandEstimate, with_quality
 from handpose.estimate.nets import is_hand

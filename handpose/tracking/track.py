@@ -15,10 +15,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from handpose.body.capsules import Capsules
 from handpose.body.gestures import Gesture, GestureReader
 from handpose.body.joint_formats.angles import anatomical_angles
 from handpose.body.nyu import CUBE_MM
-from handpose.body.render import Capsules
 from handpose.body.sides import Side, mirror_of
 from handpose.fit.body import WorldPose
 from handpose.fit.pose_confidence import unknown_finger_errors

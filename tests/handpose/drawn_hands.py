@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from handpose.body.capsules import Capsules
 from handpose.body.nyu import CUBE_MM
-from handpose.body.render import Capsules
 from handpose.synthetic.pose_prior import Bodies, BodySampler
 from handpose.synthetic.surface_prior import DEFAULT_SURFACE, SurfacePrior, draw_capsules
 

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from handpose.body.capsules import Capsules
 from handpose.body.nyu import CUBE_MM
-from handpose.body.render import Capsules, render
+from handpose.body.render import render
 from handpose.body.sides import Side, mirror_of
 from handpose.fit.body import CapsuleModel
 from handpose.frames.cameras import Camera

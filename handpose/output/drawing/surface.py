@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from handpose.body.render import Capsules, in_front, render, shown_in_crop
+from handpose.body.capsules import Capsules, in_front
+from handpose.body.render import render, shown_in_crop
 from handpose.frames.cameras import Camera
 from handpose.frames.crops import FAR_FACE
 from handpose.output.drawing import hands

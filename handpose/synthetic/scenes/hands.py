@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from handpose.body.capsules import Capsules
 from handpose.body.joint_formats.frames import LONG_FINGERS
-from handpose.body.render import Capsules
 from handpose.synthetic.pose_prior import Bodies, BodySampler
 from handpose.synthetic.scenes.directions import across, right_angled, unit
 from handpose.synthetic.scenes.draws import Draw

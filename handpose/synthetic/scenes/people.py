@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.body.render import Capsules
+from handpose.body.capsules import Capsules
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.scenes.cameras import HEIGHT, WIDTH, Cameras
 from handpose.synthetic.scenes.directions import across, dot, turned, unit

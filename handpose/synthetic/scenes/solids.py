@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.body.render import Capsules, in_front, render
+from handpose.body.capsules import Capsules, in_front
+from handpose.body.render import render
 from handpose.frames.cameras import Floats
 from netlib.blob import Array
 

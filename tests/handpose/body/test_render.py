@@ -7,7 +7,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from handpose.body.render import NO_FACETS, Capsules, joined, normalise_depth, render_crop
+from handpose.body.capsules import NO_FACETS, Capsules, joined
+from handpose.body.render import normalise_depth, render_crop
 from handpose.frames.cameras import NYU
 from handpose.frames.crops import crop, window
 from handpose.sequences.recordings import render_image

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 
+from handpose.body.capsules import Capsules
 from handpose.body.model import FINGERS, Fingers, Surface, has_fingers
-from handpose.body.render import Capsules
 from handpose.fit.body import CapsuleModel
 from layers.hand.skeleton_file import text_of
 from netlib.errors import NetlibError, PrototxtError

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from handpose.body.render import Capsules
+from handpose.body.capsules import Capsules
 from handpose.fit.body import CapsuleModel
 from handpose.fit.settings import SupportSettings
 from handpose.fit.support import ImageSupport, Support

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from handpose.body.render import in_front
+from handpose.body.capsules import in_front
 from handpose.frames.cameras import ICVL, NYU, SR305, VIEWS, Camera
 from handpose.scoring.tracks import score
 from handpose.sequences.recordings import SCRIPTS, SyntheticRecording, render_image

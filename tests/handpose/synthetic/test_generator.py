@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
+from handpose.body.capsules import Capsules
 from handpose.body.joint_formats.frames import palm_frame
 from handpose.body.nyu import ANNOTATION_OF_JOINT, CENTER_JOINT
-from handpose.body.render import Capsules, normalise_depth, render_crop
+from handpose.body.render import normalise_depth, render_crop
 from handpose.datasets.frames import Frames
 from handpose.frames.cameras import NYU
 from handpose.frames.crops import crop_pixels, restore_joints, window

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from handpose.body.render import CLEAR_MM, Capsules
+from handpose.body.capsules import CLEAR_MM, Capsules
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.surface_prior import DEFAULT_SURFACE, SurfacePrior
 from tests.handpose.drawn_hands import capsules_of

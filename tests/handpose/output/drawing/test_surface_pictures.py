@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from handpose.body.render import Capsules, normalise_depth, render_crop
+from handpose.body.capsules import Capsules
+from handpose.body.render import normalise_depth, render_crop
 from handpose.fit.body import CapsuleModel
 from handpose.frames.cameras import NYU, Camera
 from handpose.output.drawing import hands

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from handpose.body.capsules import CLEAR_MM, Capsules, in_front
 from handpose.body.model import Surface
-from handpose.body.render import CLEAR_MM, Capsules, in_front, render_crop
+from handpose.body.render import render_crop
 from handpose.frames.cameras import ICVL, KINECT2, NYU, Camera
 from handpose.frames.crops import crop
 from handpose.output.hand_page.assembly import skeleton_values
