@@ -31,7 +31,7 @@ from handpose.sequences.acts import Act, Actor, Volume
 from handpose.sequences.movements import Movement, Person
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
-from handpose.synthetic.prior_file import PoseParameter, PosePrior
+from handpose.synthetic.prior_parameters import PoseParameter, PosePrior
 from handpose.synthetic.sensor import sense, sensor_of
 from handpose.tracking.track import LEFT, PARTLY, TrackedFrame, TrackedHand, TrackHeader
 from netlib.blob import Array

@@ -35,7 +35,7 @@ from handpose.frames.cameras import NYU, Camera, Floats
 from handpose.frames.crops import SIZE, window
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import Bodies, BodySampler, cut_normal
-from handpose.synthetic.prior_file import PosePrior
+from handpose.synthetic.prior_parameters import PosePrior
 from handpose.synthetic.scene_crops import draw_scene_crops
 from handpose.synthetic.scenes.prior import ScenePrior
 from handpose.synthetic.sensor import KINECT, Sensor, sense

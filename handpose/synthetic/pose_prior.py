@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 from handpose.body.model import Surface
 from handpose.frames.cameras import Camera
 from handpose.synthetic import prior_file
-from handpose.synthetic.prior_file import (
+from handpose.synthetic.prior_names import Bent, Named
+from handpose.synthetic.prior_parameters import (
     BendParameter,
-    Bent,
-    Named,
     NormalParameter,
     PosePrior,
     TurnParameter,

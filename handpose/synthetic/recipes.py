@@ -13,7 +13,7 @@ from handpose.body.nyu import CUBE_MM
 from handpose.frames.cameras import CAMERAS, ICVL, KINECT2, NYU, SR305
 from handpose.synthetic import prior_file
 from handpose.synthetic.generator import Generator, Recipe, Subject, SyntheticCamera
-from handpose.synthetic.prior_file import PosePrior, RangeParameter
+from handpose.synthetic.prior_parameters import PosePrior, RangeParameter
 from handpose.synthetic.scenes import prior as scene_prior
 from handpose.synthetic.sensor import CODED_LIGHT, KINECT, NOISY_KINECT, TIME_OF_FLIGHT, sensor_of
 from handpose.synthetic.surface_prior import PERSON_SURFACE, SurfacePrior

@@ -29,7 +29,7 @@ from sybil.evaluators.python import PythonEvaluator, pad
 from sybil.parsers.abstract.doctest import DocTestStringParser
 from sybil.parsers.markdown.lexers import RawFencedCodeBlockLexer
 
-from handpose.synthetic.prior_file import PosePrior
+from handpose.synthetic.prior_parameters import PosePrior
 from layers.hand.skeleton_file import SkeletonParameter
 from netlib.building import create
 from netlib.proto import messages, options, prototxt, schema

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from handpose.synthetic.prior_file import NYU_PRIOR, expect, messages
+from handpose.synthetic.prior_file import NYU_PRIOR, messages
+from handpose.synthetic.prior_names import expect
 from handpose.synthetic.scenes.draws import Range, Sizes
 from netlib.files.paths import real
 from netlib.proto import prototxt, schema

@@ -17,7 +17,7 @@ from handpose.body.gestures import (
 )
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
-from handpose.synthetic.prior_file import PoseParameter, PosePartParameter
+from handpose.synthetic.prior_parameters import PoseParameter, PosePartParameter
 from layers.hand.kinematics import Kinematics
 from layers.hand.skeleton import load
 from netlib.blob import Array

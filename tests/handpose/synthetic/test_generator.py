@@ -19,7 +19,7 @@ from handpose.frames.cameras import NYU
 from handpose.frames.crops import crop_pixels, restore_joints, window
 from handpose.synthetic import prior_file, recipes
 from handpose.synthetic.generator import BLOCK, VERSION, Generator, Recipe, SyntheticCamera
-from handpose.synthetic.prior_file import NormalParameter, RangeParameter
+from handpose.synthetic.prior_parameters import NormalParameter, RangeParameter
 from netlib.files.paths import ROOT
 
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from handpose.body.nyu import CENTER_IN_PALM
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import Bodies, BodySampler
-from handpose.synthetic.prior_file import ProportionParameter
+from handpose.synthetic.prior_parameters import ProportionParameter
 from layers.hand.bodies import kinematics_of
 from netlib.proto import schema
 

@@ -15,6 +15,7 @@ from handpose.frames.cameras import CAMERAS
 from handpose.synthetic import prior_file
 from handpose.synthetic.generator import BLOCK, Generator
 from handpose.synthetic.pose_prior import BodySampler
+from handpose.synthetic.prior_parameters import PosePrior
 from handpose.synthetic.recipes import check_in_view, recipe, recipe_of
 from layers.hand.bodies import kinematics_of
 from netlib.errors import NetlibError, PrototxtError
@@ -71,7 +72,7 @@ def test_the_hands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert prior.body().name == "nyu" and prior.cube_mm == 300 and prior.camera in CAMERAS
     assert len(prior.pose) == 11
     assert all(len(pose.bend) == 4 and len(pose.at) == 4 for pose in prior.pose)
-    again: prior_file.PosePrior = pickle.loads(pickle.dumps(prior.but(redraws=3)))
+    again: PosePrior = pickle.loads(pickle.dumps(prior.but(redraws=3)))
     assert again.redraws == 3 and again.body() is prior.body()
 
 

@@ -16,7 +16,7 @@ from handpose.fit.body import SIZE_INDEX, TYPICAL_SIZE, CapsuleModel
 from handpose.fit.depth_fit import DepthFitter
 from handpose.frames.cameras import NYU
 from handpose.synthetic.generator import Generator, Recipe, SyntheticCamera
-from handpose.synthetic.prior_file import RangeParameter
+from handpose.synthetic.prior_parameters import RangeParameter
 from handpose.synthetic.recipes import recipe
 from handpose.tracking import sizing
 from handpose.tracking.settings import SizeSettings
