@@ -169,10 +169,10 @@ def hidden_poses(source: Source, number: int) -> Iterator[Pose]:
     chosen = {*labelled[:: max(len(labelled) // HIDDEN_FRAMES, 1)].tolist()}
     predictor_of = predictors("accurate", hand="right")
     with source.open() as recording:
-        for n, frame in enumerate(recording):
-            if n not in chosen:
+        for frame in recording:
+            if frame.number not in chosen:
                 continue
-            label = source.labels[n]
+            label = source.labels[frame.number]
             joints = label.reshape(-1, 3)
             for shown in hidden_parts(rng, Shown(frame.depth, recording.camera), joints):
                 predictor = predictor_of(shown.camera)

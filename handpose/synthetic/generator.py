@@ -47,7 +47,7 @@ Split = Literal["train", "test"]
 
 BLOCK = 64  # frames that share a random generator
 # increase if the code (in this folder, or crops.py), not a number of a recipe, changes frames
-VERSION = 5
+VERSION = 6
 
 
 class SyntheticCamera(NamedTuple):

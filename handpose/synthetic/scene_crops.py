@@ -3,6 +3,8 @@ with other hands and bodies.
 
 A crop shows what the rays of a camera's pixels meet there (``scenes.sight``), with the errors of
 whole frames, and is cleared as crops of recordings are (``handpose.frames.crops.clear_crop``).
+Errors have the size of a camera's pixels, which are larger than those of the crop if the hand is
+far away: then fingers merge.
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ from handpose.frames.crops import (
     without_flying_pixels,
     without_isolated_near,
 )
+from handpose.synthetic.frame_errors import measure_fine
 from handpose.synthetic.pose_prior import Bodies, BodySampler
 from handpose.synthetic.scenes.cameras import draw_cameras
 from handpose.synthetic.scenes.draws import Draw
@@ -30,7 +33,6 @@ from handpose.synthetic.scenes.hands import Hands
 from handpose.synthetic.scenes.people import RIGHT, draw_people
 from handpose.synthetic.scenes.prior import ScenePrior
 from handpose.synthetic.scenes.sight import Sight, sight_of
-from handpose.synthetic.sensor import measure_frame
 from netlib.blob import Array
 
 SCENES = 16  # drawn together, so that their arrays stay in the cache
@@ -122,7 +124,7 @@ def _measured(
     focal  focal length in pixels of the crop
     """
     hand = sight.which[n] > 0
-    depth = measure_frame(rng, sight.depth[n], hand, focal, sight.reflects[n])
+    depth = measure_fine(rng, sight.depth[n], hand, focal, sight.reflects[n])
     depth[:, pixels.columns[n] < 0] = 0
     depth[pixels.rows[n] < 0] = 0
     return depth

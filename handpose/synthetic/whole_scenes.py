@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from handpose.frames.cameras import Floats
 from handpose.synthetic import prior_file
+from handpose.synthetic.frame_errors import measure_fine, measure_frame
 from handpose.synthetic.generator import Split, rng_of
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.scenes import prior as scene_prior
@@ -29,7 +30,6 @@ from handpose.synthetic.scenes.draws import Draw
 from handpose.synthetic.scenes.people import draw_people
 from handpose.synthetic.scenes.prior import ScenePrior
 from handpose.synthetic.scenes.sight import GROUPS, PERSON_OBJECT, THINGS, sight_of
-from handpose.synthetic.sensor import measure_frame
 from netlib.blob import Array
 
 OTHER, HAND, PERSON = 0, 1, 2  # classes of pixels
@@ -94,7 +94,8 @@ class SceneGenerator:
         sight = sight_of(draw, self.prior, people, rays)
         focal = self.finer * cameras.focal
         clean = zip(sight.depth, sight.which > 0, focal, sight.reflects)
-        depth = np.stack([measure_frame(draw.rng, *frame) for frame in clean])
+        measure = measure_frame if self.finer == 1 else measure_fine
+        depth = np.stack([measure(draw.rng, *frame) for frame in clean])
         what_of_number = np.array([*range(THINGS - 1), THINGS - 2, *(THINGS - 1 + sight.of)])
         what = what_of_number[sight.number]
         classes = np.select([sight.which > 0, what == PERSON_OBJECT], [HAND, PERSON], OTHER)

@@ -68,6 +68,18 @@ def test_joints_lie_behind_the_surface_that_the_crop_shows(scene: Scene) -> None
     assert share(np.roll(scene.bodies.joints, 1, axis=0)) < 0.25
 
 
+def test_errors_are_larger_in_crops_of_far_hands(in_scenes: Recipe) -> None:
+    """They have the size of a camera's pixels: the same reading is repeated more often."""
+    generator = Generator(5, "train", in_scenes)
+    scenes = [generator.scene(number) for number in (1, 3, 5, 7)]
+    depth = np.concatenate([scene.depth for scene in scenes])
+    far = np.concatenate([scene.center_uvd[:, 2] for scene in scenes]) > 700
+    read = (depth[:, :, 1:] < 1) & (depth[:, :, 1:] > -1)
+    again = (np.diff(depth, axis=2) == 0) & read
+    share = again.sum((1, 2)) / read.sum((1, 2))
+    assert np.median(share[far]) > 1.3 * np.median(share[~far])
+
+
 def test_inputs_of_the_root_are_unknown(in_scenes: Recipe, scene: Scene) -> None:
     """The scene turns and moves its hands; the files leave these columns out."""
     generator = Generator(5, "train", in_scenes)
