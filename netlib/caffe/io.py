@@ -6,6 +6,7 @@ SciPy instead of scikit-image.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -135,10 +136,9 @@ def datum_to_array(datum: Any) -> Array:
 
 
 def _shaped(values: Array, shape: tuple[int, ...], what: str) -> Array:
-    try:
-        return values.reshape(shape)
-    except ValueError:
-        raise ShapeError(f"{what} has shape {shape}, but {values.size} values") from None
+    if min(shape, default=0) < 0 or math.prod(shape) != values.size:
+        raise ShapeError(f"{what} has shape {shape}, but {values.size} values")
+    return values.reshape(shape)
 
 
 # ------------------------------------------------------------------------------------ preprocessing
@@ -175,10 +175,15 @@ class Transformer:
         image = np.asarray(data).astype(np.float32)
         if image.shape[:2] != (height, width):
             image = resize_image(image, (height, width))
-        if in_ in self.transpose:
-            image = image.transpose(self.transpose[in_])
-        if in_ in self.channel_swap:
-            image = image[list(self.channel_swap[in_])]
+        try:
+            if in_ in self.transpose:
+                image = image.transpose(self.transpose[in_])
+            if in_ in self.channel_swap:
+                image = image[list(self.channel_swap[in_])]
+        except (ValueError, IndexError):
+            raise ShapeError(
+                f"preprocess takes an image (H, W, {shape[1]}) for {in_!r}, found {np.shape(data)}"
+            ) from None
         if in_ in self.raw_scale:
             image *= self.raw_scale[in_]
         if in_ in self.mean:
@@ -338,6 +343,8 @@ def resize_image(im: Array, new_dims: Size, interp_order: int = 1) -> NDArray[np
     factors = (height / im.shape[0], width / im.shape[1], 1)
     if im.shape[2] not in (1, 3):
         return scipy.ndimage.zoom(im, factors, order=interp_order).astype(np.float32)
+    if im.dtype.kind != "f":
+        im = im.astype(np.float64)  # a difference of small signed integers overflows
     least = im.min()
     most = im.max()
     if not most > least:

@@ -192,6 +192,13 @@ def test_other_orders(order, first_row):
     assert found.max() <= 60
 
 
+def test_resized_integers():
+    """The range of an image may be larger than that of its type."""
+    image = 4 * SMALL[..., None] - 120
+    found = io.resize_image(image.astype(np.int8), (3, 4))
+    assert_allclose(found, io.resize_image(image, (3, 4)), atol=1e-4)
+
+
 def test_resized_with_other_channels():
     found = io.resize_image(np.stack([SMALL, SMALL + 1], axis=-1), (3, 4))
     expected = [[0, 6.666667, 13.333333, 20], [20, 20, 26.666666, 40], [40, 33.333332, 40, 60]]
