@@ -164,8 +164,8 @@ def debug_forward(net: Net) -> float:
 
 
 def debug_backward(net: Net) -> None:
-    """Run the layers backwards one by one and log the mean absolute values of the gradients
-    that they compute.
+    """Run the layers backwards one by one and log the mean absolute values of the gradients,
+    but not of parameters with lr_mult 0: Caffe does not compute these.
     """
     for number, at in reversed(list(enumerate(net.connections))):
         net.run_backward(number, number + 1)
@@ -175,14 +175,19 @@ def debug_backward(net: Net) -> None:
         for name, blob, down in zip(at.layer.spec.bottom, at.bottom, at.propagate_down):
             if down:
                 log.info(line, at.layer.name, "bottom", name, _mean(blob.diff))
+        frozen = [i for i, param in enumerate(at.layer.spec.param) if param.lr_mult == 0]
         for i, blob in enumerate(at.layer.blobs):
-            log.info(line, at.layer.name, "param", i, _mean(blob.diff))
+            if i not in frozen:
+                log.info(line, at.layer.name, "param", i, _mean(blob.diff))
 
 
 def debug_params(net: Net) -> None:
-    """Log the norms and mean absolute values of all parameters and gradients before an update."""
+    """Log the norms and mean absolute values of all parameters and gradients before an update.
+
+    As in Caffe, the gradients of parameters with lr_mult 0 are not in the norms.
+    """
     data = [p.blob.data.astype(np.float64) for p in net.learnable]
-    diffs = [p.blob.diff.astype(np.float64) for p in net.learnable]
+    diffs = [p.blob.diff.astype(np.float64) for p in net.learnable if p.spec.lr_mult]
     log.info(
         "    [Backward] All net params (data, diff): L1 norm = (%.6g, %.6g); L2 norm = (%.6g, %.6g)",
         *(sum(np.abs(array).sum() for array in arrays) for arrays in (data, diffs)),

@@ -91,6 +91,19 @@ def test_debug_info_shows_every_blob(
     assert "[Update] Layer ip, param 0 data: 1; diff: 2" in messages(caplog, "[Update]")
 
 
+def test_debug_info_leaves_out_the_gradients_of_frozen_parameters(
+    solver_of: MakeSolver, caplog: pytest.LogCaptureFixture
+) -> None:
+    """As in Caffe, which does not compute them. The bias is 0, its gradient 1."""
+    caplog.set_level("INFO", "netlib")
+    net = (ONE_WEIGHT % "param { lr_mult: 0 }").replace("bias_term: false", "")
+    solver_of(net, "display: 1 debug_info: true").step(1)
+    assert messages(caplog, "[Backward]")[1:] == [
+        "[Backward] Layer ip, param blob 1 diff: 1",
+        "[Backward] All net params (data, diff): L1 norm = (1, 1); L2 norm = (1, 1)",
+    ]
+
+
 def test_debug_info_shows_a_blob_before_a_layer_in_place(
     solver_of: MakeSolver, caplog: pytest.LogCaptureFixture
 ) -> None:
