@@ -439,4 +439,5 @@ def _tree_value(value: Any, kind: Any, place: Place) -> Scalar | Numbers | Messa
     if isinstance(value, bool):
         return Scalar("word", str(value).lower(), place)
     text = str(np.float32(value)) if kind is float else repr(value)
-    return Scalar("number" if np.isfinite(value) else "word", text, place)
+    is_number = isinstance(value, int) or np.isfinite(value)  # infinity and NaN are words
+    return Scalar("number" if is_number else "word", text, place)
