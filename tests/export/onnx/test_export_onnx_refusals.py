@@ -81,13 +81,15 @@ def test_a_net_without_a_batch(layers, shapes, message, files):
     assert refused(*files(layers, *shapes)) == message
 
 
-def test_an_opset_that_is_too_old_for_an_operator(files):
+@pytest.mark.parametrize(("kind", "op"), [("Softmax", "Softmax"), ("Upsample", "Resize")])
+def test_an_opset_that_is_too_old_for_an_operator(files, kind, op):
     """The error names the layer, its operator and the opset that it needs; a net without such
     operators is written.
     """
-    net, weights = files('layer { name: "s" type: "Softmax" bottom: "x0" top: "y" }', (1, 3))
+    layer = f'layer {{ name: "s" type: "{kind}" bottom: "x0" top: "y" }}'
+    net, weights = files(layer, (1, 1, 1, 3))
     assert refused(net, weights, "--opset", "11") == (
-        "layer 's' needs the operator Softmax of opset 13, found opset 11; expected --opset 13 or more"
+        f"layer 's' needs the operator {op} of opset 13, found opset 11; expected --opset 13 or more"
     )
     assert (
         "expected an integer of at most 17"
