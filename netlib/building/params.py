@@ -53,25 +53,33 @@ class Parameters:
         for i, blob in enumerate(layer.blobs):
             spec = layer.spec.param[i] if i < len(layer.spec.param) else ParamSpec()
             owner = self._named.get(spec.name or "")
-            if owner is None:
+            if owner is not None:
+                _share(layer, i, spec, owner)
+            else:
                 owner = Param(blob, layer.name, i, spec)
                 self.learnable.append(owner)
                 self.bytes += blob.bytes
                 if spec.name:
                     self._named[spec.name] = owner
-            else:
-                mine, theirs = blob.shape, owner.blob.shape
-                if blob.count != owner.blob.count or (
-                    spec.share_mode != "PERMISSIVE" and mine != theirs
-                ):
-                    raise layer.fail(
-                        f"parameter {i} {mine} cannot share {spec.name!r} with layer {owner.layer!r} "
-                        f"parameter {owner.index} {theirs}"
-                    )
-                blob.share(owner.blob)
             _merge_multipliers(layer, spec, owner)
             entered.append(owner)
         return entered
+
+
+def _share(layer: Layer, index: int, spec: ParamSpec, owner: Param) -> None:
+    """Let parameter ``index`` of a layer share the memory of its owner.
+
+    Raises LayerError if the shapes differ; with share_mode PERMISSIVE, if the counts do.
+    """
+    blob = layer.blobs[index]
+    mine, theirs = blob.shape, owner.blob.shape
+    is_permissive = spec.share_mode == "PERMISSIVE"
+    if mine != theirs and not (is_permissive and blob.count == owner.blob.count):
+        raise layer.fail(
+            f"parameter {index} {mine} cannot share {spec.name!r} with layer {owner.layer!r} "
+            f"parameter {owner.index} {theirs}"
+        )
+    blob.share(owner.blob)
 
 
 def _merge_multipliers(layer: Layer, spec: ParamSpec, owner: Param) -> None:
