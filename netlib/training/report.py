@@ -91,22 +91,24 @@ def warn_of_no_progress(
     weight: its net has no loss, or the gradients of its first iterations are all 0. Those of one
     batch can be, as of a hinge loss without violations.
     """
-    left = [iterations]
+    left = iterations
 
     def warn_of_no_loss() -> None:
+        nonlocal left
         for message in lack_of_loss(net):
             log.warning("%s", message)
         if not net.losses:
-            left[0] = 0
+            left = 0
         on_step.remove(warn_of_no_loss)
 
     def warn_of_zeros() -> None:
+        nonlocal left
         learned = [param for param in net.learnable if param.spec.lr_mult]
-        if not left[0] or not learned or any(param.blob.diff.any() for param in learned):
+        if not left or not learned or any(param.blob.diff.any() for param in learned):
             on_gradients_ready.remove(warn_of_zeros)
             return
-        left[0] -= 1
-        if not left[0]:
+        left -= 1
+        if not left:
             log.warning(
                 "the gradients of all parameters were exactly 0 in the first %d iterations, so no weight "
                 "changes: check that a loss depends on them (propagate_down, layers of constant output such "
@@ -156,10 +158,9 @@ def debug_forward(net: Net) -> float:
         line = "    [Forward] Layer %s, %s blob %s data: %.6g"
         for name, blob in zip(at.layer.spec.top, at.top):
             log.info(line, at.layer.name, "top", name, _mean(blob.data))
-        names = [param.name for param in at.layer.spec.param]
+        names = {i: param.name for i, param in enumerate(at.layer.spec.param)}
         for i, blob in enumerate(at.layer.blobs):
-            given = names[i] if i < len(names) else None
-            log.info(line, at.layer.name, "param", given or i, _mean(blob.data))
+            log.info(line, at.layer.name, "param", names.get(i) or i, _mean(blob.data))
     return net.loss()
 
 
