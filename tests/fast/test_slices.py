@@ -213,6 +213,34 @@ def test_no_relu_changes_places_with_a_max_pooling_that_has_empty_windows(
         assert is_empty.tolist() == [[[[False, False, True]] * 2 + [[True] * 3]]] * 3
 
 
+SPLIT = """
+    layer { name: "a" type: "Power" bottom: "x" top: "a" power_param { shift: 1 } }
+    layer { name: "split" type: "Split" bottom: "a" top: "b" top: "c" }
+    %s
+    layer { name: "d" type: "Eltwise" bottom: "b" bottom: "c" top: "d" }
+"""
+
+
+@pytest.mark.parametrize("overwritten", [False, True])
+def test_tops_of_a_split_share_memory_unless_a_layer_overwrites_it(
+    net_of: MakeNet, overwritten: bool
+) -> None:
+    over = 'layer { name: "over" type: "Exp" bottom: "b" top: "b" }' if overwritten else ""
+    text = inputs(x=(1, 4)) + SPLIT % over
+    fast, plain = net_of(text, engine="fast"), net_of(text, engine="plain")
+    for factor in (1, 2):
+        x = factor * np.arange(4.0).reshape(1, 4)
+        np.testing.assert_array_equal(fast.forward(x=x)["d"], plain.forward(x=x)["d"])
+    a, b, c = (fast.blobs[name].data for name in "abc")
+    assert np.shares_memory(a, b) == (not overwritten)
+    assert np.shares_memory(a, c)
+    for net in (fast, plain):  # also of a part
+        net.forward(start="d")
+        shares = [np.shares_memory(net.blobs["a"].data, net.blobs[name].data) for name in "bc"]
+        assert shares == [not overwritten, True]
+    np.testing.assert_array_equal(fast.blobs["c"].data, plain.blobs["c"].data)
+
+
 BRANCHES = (
     "force_backward: true "
     + inputs(x=(3, 2, 6, 6), y=(3, 2, 6, 6))
