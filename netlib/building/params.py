@@ -38,7 +38,7 @@ class Parameters:
     def __init__(self) -> None:
         self.learnable: list[Param] = []
         self.bytes = 0
-        self._named: dict[str, Param] = {}
+        self._named: dict[str | None, Param] = {}
 
     def enter(self, layer: Layer) -> list[Param]:
         """Register the parameters of a layer and return them, or their owners if shared.
@@ -52,7 +52,7 @@ class Parameters:
         entered = []
         for i, blob in enumerate(layer.blobs):
             spec = layer.spec.param[i] if i < len(layer.spec.param) else ParamSpec()
-            owner = self._named.get(spec.name or "")
+            owner = self._named.get(spec.name)
             if owner is not None:
                 _share(layer, i, spec, owner)
             else:
@@ -73,8 +73,8 @@ def _share(layer: Layer, index: int, spec: ParamSpec, owner: Param) -> None:
     """
     blob = layer.blobs[index]
     mine, theirs = blob.shape, owner.blob.shape
-    is_permissive = spec.share_mode == "PERMISSIVE"
-    if mine != theirs and not (is_permissive and blob.count == owner.blob.count):
+    may_differ = spec.share_mode == "PERMISSIVE" and blob.count == owner.blob.count
+    if mine != theirs and not may_differ:
         raise layer.fail(
             f"parameter {index} {mine} cannot share {spec.name!r} with layer {owner.layer!r} "
             f"parameter {owner.index} {theirs}"

@@ -8,7 +8,6 @@ with another one.
 
 from __future__ import annotations
 
-from collections import deque
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -145,10 +144,9 @@ def _ancestors(top: Top) -> dict[Top, Map]:
     maps to the top.
     """
     maps = {top: IDENTITY}
-    waiting = deque([top])
-    while waiting:
-        at = waiting.popleft()
-        # the second only gives a size
+    reached = [top]
+    for at in reached:  # grows by the bottoms of the layers
+        # the second bottom of a Crop only gives a size
         bottoms = at.fn.inputs[:1] if at.fn.type_name == "Crop" else at.fn.inputs
         try:
             step = coord_map(at.fn) if bottoms else IDENTITY
@@ -157,7 +155,7 @@ def _ancestors(top: Top) -> dict[Top, Map]:
         for bottom in bottoms:
             if bottom not in maps:
                 maps[bottom] = compose(maps[at], step)
-                waiting.append(bottom)
+                reached.append(bottom)
     return maps
 
 

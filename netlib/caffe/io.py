@@ -40,10 +40,9 @@ def __getattr__(name: str) -> Any:
             import skimage.io
             from skimage.transform import resize
         except ImportError:
-            found = (
+            raise NetlibError(
                 f"caffe.io.{name} is of scikit-image, which is missing: pip install scikit-image"
-            )
-            raise NetlibError(found) from None
+            ) from None
         return resize if name == "resize" else skimage
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
@@ -171,10 +170,10 @@ class Transformer:
             raise ShapeError(
                 f"preprocess needs an input (N, K, H, W), but {in_!r} has shape {tuple(shape)}"
             )
-        height, width = shape[2:]
+        size = tuple(shape[2:])
         image = np.asarray(data).astype(np.float32)
-        if image.shape[:2] != (height, width):
-            image = resize_image(image, (height, width))
+        if image.shape[:2] != size:
+            image = resize_image(image, size)
         try:
             if in_ in self.transpose:
                 image = image.transpose(self.transpose[in_])

@@ -188,11 +188,10 @@ def _classes() -> dict[str, Any]:
     for name, message in file.message_types_by_name.items():
         cls = names[name] = message_factory.GetMessageClass(message)
         cls.__module__ = __name__  # for pickle
-        names[f"_{name.upper()}"] = message
-        names |= {
-            f"_{name.upper()}_{inner.upper()}": enum
-            for inner, enum in message.enum_types_by_name.items()
-        }
+        descriptor = f"_{name.upper()}"
+        names[descriptor] = message
+        for inner, enum in message.enum_types_by_name.items():
+            names[f"{descriptor}_{inner.upper()}"] = enum
     return names
 
 
