@@ -61,12 +61,8 @@ class After:
         stay in the cache.
         """
         count = target.shape[axis]
-        operations = (
-            (self.gain is not None)
-            + (self.bias is not None)
-            + self.rectify
-            + (self.limit is not None)
-        )
+        given = self.gain is not None, self.bias is not None, self.rectify, self.limit is not None
+        operations = sum(given)
         if operations == 0:
             if values is not target:
                 target[...] = values
@@ -108,8 +104,8 @@ def after_of(bias: Array | None, layers: Sequence[Layer]) -> After:
     for layer in layers:
         if isinstance(layer, BatchNorm):
             mean, deviation = statistics(layer)
-            bias = (0 if bias is None else bias) - mean
-            gain, bias = (1 if gain is None else gain) / deviation, bias / deviation
+            gain = (1 if gain is None else gain) / deviation
+            bias = ((0 if bias is None else bias) - mean) / deviation
         elif isinstance(layer, Scale):
             values = layer.gain.data.astype(np.float64)
             gain = values if gain is None else values * gain
@@ -117,7 +113,8 @@ def after_of(bias: Array | None, layers: Sequence[Layer]) -> After:
             if layer.param.bias_term:
                 bias = layer.bias.data if bias is None else bias + layer.bias.data
         else:
-            rectify, limit = True, 6.0 if isinstance(layer, ReLU6) else None
+            rectify = True
+            limit = 6.0 if isinstance(layer, ReLU6) else None
     dtype = layers[0].dtype if layers else None
     gain, bias = (None if values is None else np.asarray(values, dtype) for values in (gain, bias))
     return After(gain, bias, rectify, limit)

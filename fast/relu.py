@@ -41,10 +41,10 @@ class FastReLU(FastLayer, ReLU):
             x = bottom[0].data.reshape(-1)
             dy, dx = top[0].diff.reshape(-1), bottom[0].diff.reshape(-1)
             for part in blocks(x.size, BLOCK):
-                above = x[part] > 0
-                np.multiply(
-                    dy[part], above + self.slope * ~above if self.slope else above, out=dx[part]
-                )
+                factor = x[part] > 0
+                if self.slope:
+                    factor = factor + self.slope * ~factor
+                np.multiply(dy[part], factor, out=dx[part])
 
 
 class FastReLU6(FastLayer, ReLU6):
