@@ -15,8 +15,8 @@ Without this folder all results are the same up to rounding.
                   what they share
     map_pooling   pooling over any windows
     last_axis     maps with their number as last axis, for depthwise convolutions and max poolings
-    row_tiles, window_tiles
-                  algorithms for convolutions on tiles; that for max pooling is in pooling
+    row_tiles, window_tiles, max_tiles
+                  algorithms on tiles: two for convolutions, one for max poolings
     joint_steps, few_poses
                   what kinematics computes together; the algorithm for a few poses
     fusing        layers in place behind a convolution, computed with it
