@@ -132,19 +132,19 @@ def fuse(connections: Sequence[Connection], stored: Set[Blob]) -> None:
     release(connections)
     users = Counter(blob for at in connections for blob in set(at.blobs))
     last_writer = {blob.root: i for i, at in enumerate(connections) for blob in at.top}
-    can_move = all(writes_only_tops(at.layer) for at in connections)
+    may_run_later = all(writes_only_tops(at.layer) for at in connections)
     for i, at in enumerate(connections):
         layer = at.layer
         if not isinstance(layer, FastLayer) or layer.is_fused or not layer.fuses_relu():
             continue
         if len(at.top) != 1:
             continue
-        # an unstored blob is computed later from what the first layer has read
-        may_move = can_move and not at.needs_backward
-        may_move &= all(last_writer.get(blob.root, -1) < i for blob in at.bottom)
+        # an unstored blob is computed later, from what the first layer has read
+        may_unstore = may_run_later and not at.needs_backward
+        may_unstore &= all(last_writer.get(blob.root, -1) < i for blob in at.bottom)
         # other nets write what they share, at any time
-        may_move &= all(param.owns_memory for param in layer.blobs)
-        fixed = stored if may_move else users.keys()
+        may_unstore &= all(param.owns_memory for param in layer.blobs)
+        fixed = stored if may_unstore else users.keys()
         layer.after = _chain(at, connections[i + 1 :], users, fixed)
         for one in layer.after:
             one.is_fused = True
@@ -158,15 +158,15 @@ def _chain(
     users  the number of layers that use each blob
     """
     chain: list[FastLayer] = []
-    blob, own = at.top[0], 1  # the blob to be written, and its users among these layers
+    blob, seen = at.top[0], 1  # the blob to be written, and its users among these layers
     for follower in followers:
         if not _continues(at, chain, follower, blob):
             break
-        own += 1
+        seen += 1
         if follower.top[0] is not blob:
-            if follower.needs_backward or own < users[blob] or blob in stored:
+            if follower.needs_backward or seen < users[blob] or blob in stored:
                 break
-            blob, own = follower.top[0], 1
+            blob, seen = follower.top[0], 1
         assert isinstance(follower.layer, FastLayer)
         chain.append(follower.layer)
     return chain

@@ -1,5 +1,8 @@
 """Convolutions, poolings and crops, prior boxes, and the selection of detections, as
 ONNX operators.
+
+A public function adds the operators of one layer type (net.py) to the graph, and returns the names
+of the values of its tops.
 """
 
 from __future__ import annotations

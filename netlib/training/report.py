@@ -1,5 +1,5 @@
-"""Lines of Caffe's training log: losses, outputs of nets, debug_info; their format (glog), which
-log parsers read; and the test of a net.
+"""Lines of Caffe's training log: outputs of nets and their means in a test, debug_info, warnings of
+trainings that change nothing; and the format of the lines (glog), which log parsers read.
 """
 
 from __future__ import annotations
@@ -45,81 +45,6 @@ def scores(net: Net, values_of: Mapping[str, Array]) -> Iterator[str]:
             yield f"{name} = {value:.6g}{tail}"
 
 
-def lack_of_loss(net: Net) -> Iterator[str]:
-    """Yield a warning for each output that looks like a loss but has no loss_weight, or for a net
-    without any loss.
-    """
-    outputs = [
-        (at.layer, name, blob)
-        for at in net.connections
-        for name, blob in zip(at.layer.spec.top, at.top)
-        if name in net.outputs and not at.layer.spec.loss_weight
-    ]
-    named = [
-        (layer, name)
-        for layer, name, _ in outputs
-        if "loss" in f"{name} {layer.name} {type(layer).__name__}".lower()
-    ]
-    if net.losses:
-        for layer, name in named:
-            # as in Caffe, its weight is 0 if none is given; another type may be a metric
-            if layer.type == "Python":
-                yield f"top {name!r} of layer {layer.name!r} looks like a loss, but has no loss_weight; it is ignored"
-        return
-    found = named or [
-        (layer, name)
-        for layer, name, blob in outputs
-        if blob.count == 1 and layer.type != "Accuracy"
-    ]
-    if found:
-        layer, name = found[-1]
-        advice = (
-            f"top {name!r} of layer {layer.name!r} looks like one: add loss_weight: 1 to the layer"
-        )
-    else:
-        advice = f"its outputs: {', '.join(net.outputs) or 'none'}"
-    yield f"net {net.name!r} has no loss: no output has a loss_weight, so no weight changes; {advice}"
-
-
-Functions = list[Callable[[], object]]
-
-
-def warn_of_no_progress(
-    net: Net, on_step: Functions, on_gradients_ready: Functions, iterations: int = 3
-) -> None:
-    """Add functions to these lists of a solver that warn once of a training which changes no
-    weight: its net has no loss, or the gradients of its first iterations are all 0. Those of one
-    batch can be, as of a hinge loss without violations.
-    """
-    left = iterations
-
-    def warn_of_no_loss() -> None:
-        nonlocal left
-        for message in lack_of_loss(net):
-            log.warning("%s", message)
-        if not net.losses:
-            left = 0
-        on_step.remove(warn_of_no_loss)
-
-    def warn_of_zeros() -> None:
-        nonlocal left
-        learned = [param for param in net.learnable if param.spec.lr_mult]
-        if not left or not learned or any(param.blob.diff.any() for param in learned):
-            on_gradients_ready.remove(warn_of_zeros)
-            return
-        left -= 1
-        if not left:
-            log.warning(
-                "the gradients of all parameters were exactly 0 in the first %d iterations, so no weight "
-                "changes: check that a loss depends on them (propagate_down, layers of constant output such "
-                "as a ReLU of negative values)",
-                iterations,
-            )
-
-    on_step.append(warn_of_no_loss)
-    on_gradients_ready.append(warn_of_zeros)
-
-
 def means_of(
     net: Net, what: str, batches: int, is_stopped: Callable[[], bool]
 ) -> tuple[float, dict[str, Array]] | None:
@@ -147,6 +72,9 @@ def means_of(
         where = net.first_not_finite() or "its loss alone"
         log.error("%s has a value that is not finite: %s", what.capitalize(), where)
     return loss / max(batches, 1), {name: total / batches for name, total in sums.items()}
+
+
+# --------------------------------------------------------------------------------------- debug_info
 
 
 def debug_forward(net: Net) -> float:
@@ -206,6 +134,87 @@ def debug_params(net: Net) -> None:
 
 def _mean(array: Any) -> float:
     return float(np.abs(array).mean()) if array.size else 0.0
+
+
+# -------------------------------------------------------------------- trainings that change nothing
+
+
+Functions = list[Callable[[], object]]
+
+
+def lack_of_loss(net: Net) -> Iterator[str]:
+    """Yield a warning for each output that looks like a loss but has no loss_weight, or for a net
+    without any loss.
+    """
+    outputs = [
+        (at.layer, name, blob)
+        for at in net.connections
+        for name, blob in zip(at.layer.spec.top, at.top)
+        if name in net.outputs and not at.layer.spec.loss_weight
+    ]
+    named = [
+        (layer, name)
+        for layer, name, _ in outputs
+        if "loss" in f"{name} {layer.name} {type(layer).__name__}".lower()
+    ]
+    if net.losses:
+        for layer, name in named:
+            # as in Caffe, its weight is 0 if none is given; another type may be a metric
+            if layer.type == "Python":
+                yield f"top {name!r} of layer {layer.name!r} looks like a loss, but has no loss_weight; it is ignored"
+        return
+    found = named or [
+        (layer, name)
+        for layer, name, blob in outputs
+        if blob.count == 1 and layer.type != "Accuracy"
+    ]
+    if found:
+        layer, name = found[-1]
+        advice = (
+            f"top {name!r} of layer {layer.name!r} looks like one: add loss_weight: 1 to the layer"
+        )
+    else:
+        advice = f"its outputs: {', '.join(net.outputs) or 'none'}"
+    yield f"net {net.name!r} has no loss: no output has a loss_weight, so no weight changes; {advice}"
+
+
+def warn_of_no_progress(
+    net: Net, on_step: Functions, on_gradients_ready: Functions, iterations: int = 3
+) -> None:
+    """Add functions to these lists of a solver that warn once of a training which changes no
+    weight: its net has no loss, or the gradients of its first iterations are all 0. Those of one
+    batch can be, as of a hinge loss without violations.
+    """
+    left = iterations
+
+    def warn_of_no_loss() -> None:
+        nonlocal left
+        for message in lack_of_loss(net):
+            log.warning("%s", message)
+        if not net.losses:
+            left = 0
+        on_step.remove(warn_of_no_loss)
+
+    def warn_of_zeros() -> None:
+        nonlocal left
+        learned = [param for param in net.learnable if param.spec.lr_mult]
+        if not left or not learned or any(param.blob.diff.any() for param in learned):
+            on_gradients_ready.remove(warn_of_zeros)
+            return
+        left -= 1
+        if not left:
+            log.warning(
+                "the gradients of all parameters were exactly 0 in the first %d iterations, so no weight "
+                "changes: check that a loss depends on them (propagate_down, layers of constant output such "
+                "as a ReLU of negative values)",
+                iterations,
+            )
+
+    on_step.append(warn_of_no_loss)
+    on_gradients_ready.append(warn_of_zeros)
+
+
+# ------------------------------------------------------------------------------------------- format
 
 
 def show_printable(record: logging.LogRecord) -> bool:
