@@ -88,7 +88,7 @@ def _merge_multipliers(layer: Layer, spec: ParamSpec, owner: Param) -> None:
     Raises LayerError if another layer set a different value.
     """
     for name in ("lr_mult", "decay_mult"):
-        if not schema.is_given(spec, name):
+        if not schema.is_set(spec, name):
             continue
         mine, theirs = getattr(spec, name), getattr(owner.spec, name)
         if name in owner.given and mine != theirs:

@@ -194,9 +194,8 @@ def test_other_orders(order, first_row):
 
 def test_resized_integers():
     """The range of an image may be larger than that of its type."""
-    image = 4 * SMALL[..., None] - 120
-    found = io.resize_image(image.astype(np.int8), (3, 4))
-    assert_allclose(found, io.resize_image(image, (3, 4)), atol=1e-4)
+    image = np.array([[[-100], [100]]], np.int8)
+    assert io.resize_image(image, (1, 2)).tolist() == image.tolist()
 
 
 def test_resized_with_other_channels():
