@@ -22,7 +22,8 @@ class FastReLU(FastLayer, ReLU):
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         """Compute y = max(x, 0) + slope min(x, 0): the larger one of x and slope x, or the
-        smaller if slope > 1.
+        smaller if slope > 1. Without a slope, minus infinity becomes 0, as in the layers that
+        compute a ReLU behind them; the plain layer, like Caffe, gives 0 times it, NaN.
         """
         x, y = bottom[0].data.reshape(-1), top[0].data.reshape(-1)
         for part in blocks(x.size, BLOCK):
