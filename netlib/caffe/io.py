@@ -246,7 +246,6 @@ class Transformer:
         """
         _, channels, *size = self._shape(in_)
         mean = np.asarray(mean)
-        mean = mean if mean.dtype.kind == "f" else mean.astype(np.float64)
         if mean.ndim not in (1, 2, 3):
             raise ShapeError(
                 f"Mean shape invalid: expected (K,), (H, W) or (K, H, W), found {mean.shape}"
@@ -257,6 +256,7 @@ class Transformer:
                 f"Mean channels incompatible with input: {in_!r} has {channels}, found a mean of shape "
                 f"{mean.shape}"
             )
+        mean = mean if mean.dtype.kind == "f" else mean.astype(np.float64)
         if mean.ndim == 1:
             mean = mean[:, None, None]
         elif mean.shape[-2:] != tuple(size):

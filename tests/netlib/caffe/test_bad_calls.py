@@ -147,8 +147,8 @@ def transformer(name: str, *values: object, shape: tuple[int, ...] = (4, 3, 2, 3
             transformer("set_mean", "data", np.zeros((2, 4, 4))),
             "Mean channels incompatible with input: 'data' has 3, found a mean of shape (2, 4, 4)",
         ),
-        "Transformer: a number as mean": (
-            transformer("set_mean", "data", np.float64(3)),
+        "Transformer: the name of a file as mean": (
+            transformer("set_mean", "data", "mean.npy"),
             "Mean shape invalid: expected (K,), (H, W) or (K, H, W), found ()",
         ),
         "Transformer: a batch": (
