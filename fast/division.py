@@ -1,6 +1,6 @@
 """Division of a batch into slices, each with copies of the layers that run on it.
 
-A slice has the same parameter values as the whole batch, and small blobs:
+The copies have the parameter values of the layers, and small blobs:
 
 - a blob that only this run reads and writes is *unstored*: its values are in working memory of the
   thread, or in memory of the slice if backward needs them again, and it is not stored for the whole
