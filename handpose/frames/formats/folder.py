@@ -202,7 +202,7 @@ def _sizes_of(*infos: CameraInfo) -> list[tuple[int, int]]:
 def _raw(path: Path, sizes: Sequence[tuple[int, int]]) -> NDArray[np.uint16]:
     """The values of a file without a header.
 
-    Raises NotDepthError for another number of bytes, and DataError.
+    Raises NotDepthError for another number of bytes, and for that of several sizes; and DataError.
     """
     content = files.read_bytes(path, "the frame")
     if not sizes:
@@ -210,15 +210,21 @@ def _raw(path: Path, sizes: Sequence[tuple[int, int]]) -> NDArray[np.uint16]:
             f"{path}: {len(content)} bytes without a header, of unknown height and width; give them in a camera.json "
             "in the folder, with fx, fy, u0 and v0, or write PNG (rs-convert -p)"
         )
-    expected = {BYTES * width * height: (height, width) for width, height in sizes}
-    if len(content) not in expected:
+    fitting = [(height, width) for width, height in sizes if BYTES * width * height == len(content)]
+    if not fitting:
         known = ", ".join(
-            f"{count}, {width} x {height}" for count, (height, width) in expected.items()
+            f"{BYTES * width * height}, {width} x {height}" for width, height in sizes
         )
         raise NotDepthError(
             f"{path}: {len(content)} bytes; expected {known} depths of 16 bits without a header"
         )
-    return np.frombuffer(content, "<u2").reshape(expected[len(content)])
+    if len(fitting) > 1:
+        known = " and ".join(f"{width} x {height}" for height, width in fitting)
+        raise NotDepthError(
+            f"{path}: {len(content)} bytes without a header are frames of {known}; expected a "
+            "camera of one of these sizes"
+        )
+    return np.frombuffer(content, "<u2").reshape(fitting[0])
 
 
 def _frames_in(source: Path) -> tuple[Path, list[str]]:
