@@ -1,8 +1,8 @@
 """camera.json: the parameters of a depth camera, next to its frames or within their file; other
 files with a camera.
 
-{"fx": 476.0, "fy": 476.0, "u0": 313.7, "v0": 242.8, "width": 640, "height": 480, "unit_mm":
-0.125, "rate": 30,
+{"fx": 476.0, "fy": 476.0, "u0": 313.7, "v0": 242.8, "width": 640, "height": 480,
+ "unit_mm": 0.125, "rate": 30,
  "distortion": {"model": "brown_conrady", "coefficients": [0.1, -0.2, 0, 0, 0]}}
 
 fx, fy, u0, v0  px, all four or none; cx, cy and ppx, ppy are other names of u0, v0
@@ -34,6 +34,7 @@ that of the frames' size.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -56,6 +57,7 @@ from handpose.frames.camera_keys import (
     ROWS,
     SIZE,
     has_camera,
+    is_known,
     is_number,
     key_of,
     numbers_in,
@@ -138,7 +140,8 @@ def find(document: Any, where: str, is_replaced: bool = False) -> FoundCamera:
     chains = [chain for chain in _objects(document, []) if has_camera(chain[-1][1])]
     chains = chains or [[("", document)]]
     ranks = [_rank(chain) for chain in chains]
-    chosen = [chain for chain, rank in zip(chains, ranks) if rank == min(ranks)]
+    best = min(ranks)
+    chosen = [chain for chain, rank in zip(chains, ranks) if rank == best]
     found = [FoundCamera(chain, where, is_replaced) for chain in chosen]
     if len({one.info for one in found}) > 1:
         found[0].info = _of_modes(found, where)
@@ -205,6 +208,7 @@ IN_LENS = ("model", "coefficients", *BROWN)  # the keys of an object of a distor
 MATRIX = "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]], or fx, fy, cx, cy"
 MATRIX_SHAPES = {9: (3, 3), 12: (3, 4), 16: (4, 4)}  # of matrices, by the number of their elements
 PLACES = ([0, 1, 0, 1], [0, 1, 2, 2])  # of fx, fy, u0, v0 in a matrix
+SIZE_TEXT = re.compile(r"(\d+)\s*x\s*(\d+)", re.ASCII)
 
 
 class FoundCamera:
@@ -213,7 +217,7 @@ class FoundCamera:
     info    the parameters
     name    of the object
     fields  for each used key the field of CameraInfo that it gives
-    unused  the other keys of the same object
+    unused  the other keys of the same object, but for known ones whose value is null: unknown
     words   both, for people
     is_own  whether all used keys are those of a camera.json
     """
@@ -225,7 +229,8 @@ class FoundCamera:
         self.fields: dict[str, str] = {}
         own = chain[-1][1]
         wanted = {*ALIASES.values()}
-        if any(key_of(name) == "fx" for name in own):  # of two forms the matrix is not used
+        # of two forms the matrix is not used
+        if any(key_of(name) == "fx" and value is not None for name, value in own.items()):
             wanted -= {"matrix"}
         for _, values in reversed(chain):
             for name, value in values.items():
@@ -234,7 +239,8 @@ class FoundCamera:
             said = self._values.keys()
             wanted = {key for group in AROUND if said.isdisjoint(group) for key in group}
         self.name = ".".join(name.strip() for name, _ in chain if name)
-        self.unused = [name for name in own if name not in self.fields]
+        unknown = {name for name, value in own.items() if value is None and is_known(name)}
+        self.unused = [name for name in own if name not in self.fields.keys() | unknown]
         self.is_own = len(chain) < 2 and self.fields.keys() <= {*KNOWN}
         self.info = self._info()
 
@@ -260,9 +266,7 @@ class FoundCamera:
     def _plain(self, name: str, value: Any) -> dict[str, Any]:
         """The values of keys of a camera.json that a name and its value mean. Raises DataError."""
         key = key_of(name, value)
-        inner = {}
-        if isinstance(value, dict):
-            inner = {key_of(one): number for one, number in value.items()}
+        inner = self._inner(name, value) if isinstance(value, dict) else {}
         if key == "matrix":
             self.fields[name] = "camera"
             four = _of_matrix(numbers_in(value) or [])
@@ -271,6 +275,8 @@ class FoundCamera:
             return dict(zip(INTRINSICS, four))
         if key in ROWS:
             row = [inner.get(one) for one in ROWS[key]] if inner else value
+            if key == "size" and isinstance(value, str):
+                row = _numbers_of_size(value)
             is_row = isinstance(row, list) and len(row) == len(ROWS[key])
             return dict(zip(ROWS[key], row)) if is_row else {}
         if key == "distortion" and isinstance(value, str):
@@ -283,6 +289,16 @@ class FoundCamera:
         if key == "depthscale":
             return {"unit_mm": _unit_of(value)}
         return {key: value}
+
+    def _inner(self, name: str, values: dict[str, Any]) -> dict[str, Any]:
+        """The values in the object of a name, by their keys. Raises DataError for a key twice."""
+        found: dict[str, Any] = {}
+        for one, value in values.items():
+            key = key_of(one)
+            if key in found:
+                self._refuse(f"{name}: says {key} twice, once as {one}")
+            found[key] = value
+        return found
 
     def _checked(self, key: str, value: Any) -> Any:
         """The value of a key, numbers as such.
@@ -337,6 +353,12 @@ class FoundCamera:
         if coefficients is None and "model" not in said:
             return None
         return lens_of(said.get("model", "brown_conrady"), coefficients or [], self._where)
+
+
+def _numbers_of_size(text: str) -> list[int]:
+    """Width and height in a text such as 640x480; none in others."""
+    found = SIZE_TEXT.fullmatch(text.strip())
+    return [int(side) for side in found.groups()] if found else []
 
 
 def _unit_of(scale: Any) -> Any:

@@ -42,6 +42,7 @@ def test_the_example_of_the_docstring() -> None:
     [
         ("{}", CameraInfo(origin="x")),
         ('{"unit_mm": 0.125}', CameraInfo(unit_mm=0.125, origin="x")),
+        ('{"unit_mm": 0.125, "rate": null, "fx": null}', CameraInfo(unit_mm=0.125, origin="x")),
         (f"{{{FOUR}}}", CameraInfo(Camera("own", 60, 61, 31.5, 23.5, 0, 0), origin="x")),
         (
             f'{{{FOUR}, "min_range_mm": 80}}',
@@ -72,7 +73,7 @@ def test_the_example_of_the_docstring() -> None:
             ),
         ),
     ],
-    ids=["nothing", "a unit", "a camera", "a range", "a list", "RealSense", "by name"],
+    ids=["nothing", "a unit", "null", "a camera", "a range", "a list", "RealSense", "by name"],
 )
 def test_this_projects_and_realsenses_keys_are_accepted(text: str, expected: CameraInfo) -> None:
     assert replace(parse(text, "x"), origin="x") == expected
@@ -278,6 +279,12 @@ TRAJECTORY = {
             '{"fx": 60, "fy": 61, "cx": 31.5, "cy": 23.5, "scale": 0.5, "fl_unit": "px"}',
             CAMERA,
             "fx, fy, cx, cy; not used: scale, fl_unit",
+        ),
+        (f'{{"K": {BY_COLUMNS}, "fx": null, "resolution": "64x48"}}', SIZED, "K, resolution"),
+        (
+            f'{{"K": {BY_COLUMNS}, "resolution": "64 by 48", "size": "1,2"}}',
+            CAMERA,
+            "K; not used: resolution, size",
         ),
         (
             f'{{"K": {BY_COLUMNS}, "w": 64, "h": 48, "poses": [[0, 0, 0]]}}',
