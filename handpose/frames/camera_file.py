@@ -34,7 +34,6 @@ that of the frames' size.
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -64,7 +63,7 @@ from handpose.frames.camera_keys import (
     rank_of,
     unknown_key,
 )
-from handpose.frames.camera_text import parse_document
+from handpose.frames.camera_text import parse_document, value_of
 from handpose.frames.cameras import Camera, View
 from handpose.frames.lens import Lens, lens_of
 from handpose.frames.recording import CameraInfo
@@ -208,7 +207,6 @@ IN_LENS = ("model", "coefficients", *BROWN)  # the keys of an object of a distor
 MATRIX = "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]], or fx, fy, cx, cy"
 MATRIX_SHAPES = {9: (3, 3), 12: (3, 4), 16: (4, 4)}  # of matrices, by the number of their elements
 PLACES = ([0, 1, 0, 1], [0, 1, 2, 2])  # of fx, fy, u0, v0 in a matrix
-SIZE_TEXT = re.compile(r"(\d+)\s*x\s*(\d+)", re.ASCII)
 
 
 class FoundCamera:
@@ -236,11 +234,11 @@ class FoundCamera:
             for name, value in values.items():
                 if value is not None and key_of(name, value) in wanted:
                     self._take(name, value)
-            said = self._values.keys()
-            wanted = {key for group in AROUND if said.isdisjoint(group) for key in group}
+            found = self._values.keys()
+            wanted = {key for group in AROUND if found.isdisjoint(group) for key in group}
         self.name = ".".join(name.strip() for name, _ in chain if name)
-        unknown = {name for name, value in own.items() if value is None and is_known(name)}
-        self.unused = [name for name in own if name not in self.fields.keys() | unknown]
+        said = [name for name, value in own.items() if value is not None or not is_known(name)]
+        self.unused = [name for name in said if name not in self.fields]
         self.is_own = len(chain) < 2 and self.fields.keys() <= {*KNOWN}
         self.info = self._info()
 
@@ -266,7 +264,11 @@ class FoundCamera:
     def _plain(self, name: str, value: Any) -> dict[str, Any]:
         """The values of keys of a camera.json that a name and its value mean. Raises DataError."""
         key = key_of(name, value)
-        inner = self._inner(name, value) if isinstance(value, dict) else {}
+        inner = {}
+        if isinstance(value, dict):
+            inner = {key_of(one): number for one, number in value.items()}
+            if len(inner) < len(value):
+                self._refuse(f"{name} says a key twice, by the names {', '.join(value)}")
         if key == "matrix":
             self.fields[name] = "camera"
             four = _of_matrix(numbers_in(value) or [])
@@ -276,7 +278,7 @@ class FoundCamera:
         if key in ROWS:
             row = [inner.get(one) for one in ROWS[key]] if inner else value
             if key == "size" and isinstance(value, str):
-                row = _numbers_of_size(value)
+                row = value_of(value)
             is_row = isinstance(row, list) and len(row) == len(ROWS[key])
             return dict(zip(ROWS[key], row)) if is_row else {}
         if key == "distortion" and isinstance(value, str):
@@ -289,16 +291,6 @@ class FoundCamera:
         if key == "depthscale":
             return {"unit_mm": _unit_of(value)}
         return {key: value}
-
-    def _inner(self, name: str, values: dict[str, Any]) -> dict[str, Any]:
-        """The values in the object of a name, by their keys. Raises DataError for a key twice."""
-        found: dict[str, Any] = {}
-        for one, value in values.items():
-            key = key_of(one)
-            if key in found:
-                self._refuse(f"{name}: says {key} twice, once as {one}")
-            found[key] = value
-        return found
 
     def _checked(self, key: str, value: Any) -> Any:
         """The value of a key, numbers as such.
@@ -353,12 +345,6 @@ class FoundCamera:
         if coefficients is None and "model" not in said:
             return None
         return lens_of(said.get("model", "brown_conrady"), coefficients or [], self._where)
-
-
-def _numbers_of_size(text: str) -> list[int]:
-    """Width and height in a text such as 640x480; none in others."""
-    found = SIZE_TEXT.fullmatch(text.strip())
-    return [int(side) for side in found.groups()] if found else []
 
 
 def _unit_of(scale: Any) -> Any:

@@ -17,6 +17,7 @@ from __future__ import annotations
 import contextlib
 import fnmatch
 import itertools
+import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -210,21 +211,24 @@ def _raw(path: Path, sizes: Sequence[tuple[int, int]]) -> NDArray[np.uint16]:
             f"{path}: {len(content)} bytes without a header, of unknown height and width; give them in a camera.json "
             "in the folder, with fx, fy, u0 and v0, or write PNG (rs-convert -p)"
         )
-    fitting = [(height, width) for width, height in sizes if BYTES * width * height == len(content)]
+    fitting = [size for size in sizes if BYTES * math.prod(size) == len(content)]
     if not fitting:
-        known = ", ".join(
-            f"{BYTES * width * height}, {width} x {height}" for width, height in sizes
-        )
+        known = ", ".join(f"{BYTES * math.prod(size)}, {_by(size)}" for size in sizes)
         raise NotDepthError(
             f"{path}: {len(content)} bytes; expected {known} depths of 16 bits without a header"
         )
     if len(fitting) > 1:
-        known = " and ".join(f"{width} x {height}" for height, width in fitting)
         raise NotDepthError(
-            f"{path}: {len(content)} bytes without a header are frames of {known}; expected a "
-            "camera of one of these sizes"
+            f"{path}: {len(content)} bytes without a header are frames of "
+            f"{' and '.join(map(_by, fitting))}; expected a camera of one of these sizes"
         )
-    return np.frombuffer(content, "<u2").reshape(fitting[0])
+    width, height = fitting[0]
+    return np.frombuffer(content, "<u2").reshape(height, width)
+
+
+def _by(size: tuple[int, int]) -> str:
+    """A width and a height in words."""
+    return f"{size[0]} x {size[1]}"
 
 
 def _frames_in(source: Path) -> tuple[Path, list[str]]:

@@ -281,11 +281,7 @@ TRAJECTORY = {
             "fx, fy, cx, cy; not used: scale, fl_unit",
         ),
         (f'{{"K": {BY_COLUMNS}, "fx": null, "resolution": "64x48"}}', SIZED, "K, resolution"),
-        (
-            f'{{"K": {BY_COLUMNS}, "resolution": "64 by 48", "size": "1,2"}}',
-            CAMERA,
-            "K; not used: resolution, size",
-        ),
+        (f'{{"K": {BY_COLUMNS}, "resolution": "64 by 48"}}', CAMERA, "K; not used: resolution"),
         (
             f'{{"K": {BY_COLUMNS}, "w": 64, "h": 48, "poses": [[0, 0, 0]]}}',
             SIZED,
