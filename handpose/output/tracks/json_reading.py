@@ -34,13 +34,10 @@ def header_of(fields: Fields) -> TrackHeader:
         raise DataError(
             f"{fields.where}: predicted from crops without a camera, so positions are relative to crops"
         )
-    return TrackHeader(
-        fields.text("source"),
-        _camera_of(fields.part("camera")),
-        _skeleton_of(fields.part("skeleton")),
-        fields.positive("unit_mm"),
-        fields.truth("smoothed"),
-    )
+    camera = _camera_of(fields.part("camera"))
+    skeleton = _skeleton_of(fields.part("skeleton"))
+    unit_mm = fields.positive("unit_mm")
+    return TrackHeader(fields.text("source"), camera, skeleton, unit_mm, fields.truth("smoothed"))
 
 
 def _check_format(fields: Fields) -> None:
@@ -97,24 +94,17 @@ class FrameReader:
 
     def _hand(self, of: Fields) -> TrackedHand:
         """A hand with its pose, or with its place and the reason. Raises DataError."""
-        hand = TrackedHand(
-            of.whole("id"),
-            _side_of(of),
-            of.known("confidence"),
-            presence=of.known("presence") if "presence" in of else math.nan,
-        )
+        presence = of.known("presence") if "presence" in of else math.nan
+        hand = TrackedHand(of.whole("id"), _side_of(of), of.known("confidence"), presence=presence)
         if not of.has("positions_mm"):
             return hand.without_pose(hand.hand, of.numbers("palm_mm", 3), of.text("reason"))
         side, chance = hand.hand, 1.0
         if side is None:
             side, chance = self._assumed_side(of)
+        pose = self._pose(of, side or "right")
+        hand = dataclasses.replace(hand, hand=side, side_confidence=chance, pose=pose)
         return dataclasses.replace(
-            hand,
-            hand=side,
-            side_confidence=chance,
-            error_mm=of.known("error_mm"),
-            pose=self._pose(of, side or "right"),
-            finger_error_mm=_finger_errors(of),
+            hand, error_mm=of.known("error_mm"), finger_error_mm=_finger_errors(of)
         )
 
     def _assumed_side(self, of: Fields) -> tuple[Side | None, float]:
@@ -129,6 +119,9 @@ class FrameReader:
         """The pose of a hand of this side. Raises DataError."""
         crop = of.part("crop")
         joints = len(self._skeleton.joint_names)
+        raw = None
+        if "raw_positions_mm" in of:
+            raw = of.numbers("raw_positions_mm", joints, 3)
         return HandPose(
             self._skeleton,
             side,
@@ -138,7 +131,7 @@ class FrameReader:
             of.numbers("positions_mm", joints, 3),
             crop.numbers("center_uvd", 3),
             crop.positive("cube_mm"),
-            raw_xyz=of.numbers("raw_positions_mm", joints, 3) if "raw_positions_mm" in of else None,
+            raw_xyz=raw,
         )
 
     def _inputs(self, of: Fields) -> Array:
@@ -158,9 +151,8 @@ class FrameReader:
         hand = of.whole("id")
         joints = len(self._skeleton.joint_names)
         if "bones_mm" in of:
-            is_known = of.has("bones_mm")
             unknown = np.full(joints, np.nan)
-            self._bones_mm[hand] = of.numbers("bones_mm", joints) if is_known else unknown
+            self._bones_mm[hand] = of.numbers("bones_mm", joints) if of.has("bones_mm") else unknown
         if hand not in self._bones_mm:
             raise DataError(f"{of.where}: hand {hand} has no 'bones_mm', neither here nor before")
         return self._bones_mm[hand] / self._unit_mm

@@ -54,16 +54,8 @@ def header_values(
 
 
 def _camera_values(camera: Camera) -> dict[str, Any]:
-    return {
-        "name": camera.name,
-        "fx": rounded(camera.fx, 6),
-        "fy": rounded(camera.fy, 6),
-        "u0": rounded(camera.u0, 6),
-        "v0": rounded(camera.v0, 6),
-        "width": camera.width,
-        "height": camera.height,
-        "min_range_mm": rounded(camera.min_range_mm, 6),
-    }
+    numbers = {name: rounded(value, 6) for name, value in vars(camera).items() if name != "name"}
+    return {"name": camera.name, **numbers, "width": camera.width, "height": camera.height}
 
 
 def _skeleton_values(skeleton: Skeleton) -> dict[str, Any]:
