@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from handpose.frames.cameras import CAMERAS, UNIT_MM, VIEWS, Camera, View
 from handpose.frames.lens import Lens, Undistorter
-from netlib.errors import DataError
+from netlib.errors import DataError, located
 
 RATE = 30.0  # frames per second, if unknown
 # a remark
@@ -242,10 +242,8 @@ def _undistorter(camera: Camera, lens: Lens | None, where: str) -> Undistorter |
     """What removes the distortion of a lens; None without one. Raises DataError."""
     if lens is None or lens.is_straight:
         return None
-    try:
+    with located(where):
         return Undistorter(camera, lens)
-    except DataError as error:
-        raise DataError(f"{where}: {error}") from None
 
 
 def _unknown_camera(known: CameraInfo, where: str) -> DataError:
@@ -298,10 +296,8 @@ def sized(camera: Camera | View, shape: tuple[int, ...], where: str) -> Camera:
         raise DataError(f"{where}: frames of shape {shape}, expected (height, width)")
     height, width = shape
     if isinstance(camera, View):
-        try:
+        with located(where):
             return camera.at(width, height)
-        except DataError as error:
-            raise DataError(f"{where}: {error}") from None
     if not camera.width:
         return replace(camera, width=width, height=height)
     if (camera.width, camera.height) != (width, height):
