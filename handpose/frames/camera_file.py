@@ -267,8 +267,6 @@ class FoundCamera:
         inner = {}
         if isinstance(value, dict):
             inner = {key_of(one): number for one, number in value.items()}
-            if len(inner) < len(value):
-                self._refuse(f"{name} says a key twice, by the names {', '.join(value)}")
         if key == "matrix":
             self.fields[name] = "camera"
             four = _of_matrix(numbers_in(value) or [])

@@ -212,23 +212,14 @@ def _raw(path: Path, sizes: Sequence[tuple[int, int]]) -> NDArray[np.uint16]:
             "in the folder, with fx, fy, u0 and v0, or write PNG (rs-convert -p)"
         )
     fitting = [size for size in sizes if BYTES * math.prod(size) == len(content)]
-    if not fitting:
-        known = ", ".join(f"{BYTES * math.prod(size)}, {_by(size)}" for size in sizes)
+    if len(fitting) != 1:
+        known = ", ".join(f"{BYTES * w * h}, {w} x {h}" for w, h in fitting or sizes)
+        advice = "; give a camera of one of these sizes" if fitting else ""
         raise NotDepthError(
-            f"{path}: {len(content)} bytes; expected {known} depths of 16 bits without a header"
-        )
-    if len(fitting) > 1:
-        raise NotDepthError(
-            f"{path}: {len(content)} bytes without a header are frames of "
-            f"{' and '.join(map(_by, fitting))}; expected a camera of one of these sizes"
+            f"{path}: {len(content)} bytes; expected {known} depths of 16 bits without a header{advice}"
         )
     width, height = fitting[0]
     return np.frombuffer(content, "<u2").reshape(height, width)
-
-
-def _by(size: tuple[int, int]) -> str:
-    """A width and a height in words."""
-    return f"{size[0]} x {size[1]}"
 
 
 def _frames_in(source: Path) -> tuple[Path, list[str]]:

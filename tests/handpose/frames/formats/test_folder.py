@@ -416,7 +416,10 @@ def test_raw_values_of_two_sizes_of_the_camera(here: Path) -> None:
     ]
     Path("camera.json").write_text(json.dumps({"depth": modes}))
     put_array("1.raw", hand_sized())
-    with pytest.raises(DataError, match=r"1\.raw: 6144 bytes .* frames of 64 x 48 and 48 x 64; "):
+    with pytest.raises(
+        DataError,
+        match=r"6144 bytes; expected 6144, 64 x 48, 6144, 48 x 64 .*; give a camera of one",
+    ):
         FolderRecording(here)
     Path("1.raw").write_bytes(bytes(2 * 64 * 64))
     assert FolderRecording(here).camera.height == 64
