@@ -27,7 +27,7 @@ from handpose.frames.lens import Lens, Undistorter
 from netlib.errors import DataError, located
 
 RATE = 30.0  # frames per second, if unknown
-# a remark
+# the remark about it
 RATE_UNKNOWN = f"rate unknown: {RATE:g} frames per second assumed; --rate if that is wrong"
 MAX_UINT16 = 65535  # maximum of 16 bits
 
@@ -201,7 +201,6 @@ class DepthDecoder:
                 "unit unknown: a value of 1 is taken for 1 mm; --unit MM if that is wrong"
             )
         self.unit_mm = unit
-        self._unit = np.float32(unit)
         self._undistort = _undistorter(self.camera, known.lens, where)
         if self._undistort is not None:
             remarks.append("the distortion of the lens is taken out")
@@ -228,7 +227,7 @@ class DepthDecoder:
                 f"{self.camera.width} x {self.camera.height}"
             )
         with np.errstate(all="ignore"):  # numbers beyond float32's range become infinite
-            depth = raw.astype(np.float32) * self._unit
+            depth = raw.astype(np.float32) * np.float32(self.unit_mm)
         if raw.dtype.kind == "f":
             depth[~np.isfinite(depth)] = 0  # ROS has NaN, and infinities for too near and too far
         if raw.dtype.kind != "u" and depth.min(initial=0) < 0:

@@ -240,10 +240,9 @@ def checked(
     chosen = list(range(len(skeleton.parents))) if joints is None else list(joints)
     if goal.ndim != 3 or goal.shape[1:] != (len(chosen), 3):
         raise DataError(f"joints of shape {goal.shape}, expected (N, {len(chosen)}, 3)")
-    if np.isinf(goal).any():
-        raise DataError(
-            f"frame {int(np.isinf(goal).any(axis=(1, 2)).argmax())} has an infinite joint"
-        )
+    infinite = np.isinf(goal).any(axis=(1, 2))
+    if infinite.any():
+        raise DataError(f"frame {int(infinite.argmax())} has an infinite joint")
     goal = np.where(np.isnan(goal).any(axis=2, keepdims=True), np.nan, goal)
     empty = np.isnan(goal).all(axis=(1, 2))
     if empty.any():

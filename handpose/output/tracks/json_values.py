@@ -11,6 +11,7 @@ import numpy as np
 
 from handpose.body.joint_formats.formats import FormatName
 from handpose.body.model import FINGERS
+from handpose.fit.joints.angles import rotations
 from handpose.frames.cameras import Camera
 from handpose.output.tracks import joint_values
 from handpose.output.tracks.plain_numbers import rounded, rounded_if_known
@@ -193,7 +194,7 @@ def free_dofs(skeleton: Skeleton) -> tuple[dict[str, int], dict[str, int]]:
     """The DoFs that are free and move something, and their indices by name: those that turn a
     joint, in rad; those that translate, in units.
     """
-    turning = np.unique(skeleton.driven[skeleton.turns])
+    turning = rotations(skeleton)
     sliding = np.setdiff1d(skeleton.driven, turning)
     names = skeleton.dof_names
     return {names[d]: d for d in turning.tolist()}, {names[d]: d for d in sliding.tolist()}
