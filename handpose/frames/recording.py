@@ -201,8 +201,10 @@ class DepthDecoder:
                 "unit unknown: a value of 1 is taken for 1 mm; --unit MM if that is wrong"
             )
         self.unit_mm = unit
-        self._undistort = _undistorter(self.camera, known.lens, where)
-        if self._undistort is not None:
+        self._undistort = None
+        if known.lens is not None and not known.lens.is_straight:
+            with located(where):
+                self._undistort = Undistorter(self.camera, known.lens)
             remarks.append("the distortion of the lens is taken out")
         # the user gave a camera without a lens
         elif own.lens is not None and not own.lens.is_straight:
@@ -235,14 +237,6 @@ class DepthDecoder:
                 f"{where}: a depth of {depth.min():g} mm; expected 0 where nothing was read, else more"
             )
         return depth if self._undistort is None else self._undistort(depth)
-
-
-def _undistorter(camera: Camera, lens: Lens | None, where: str) -> Undistorter | None:
-    """What removes the distortion of a lens; None without one. Raises DataError."""
-    if lens is None or lens.is_straight:
-        return None
-    with located(where):
-        return Undistorter(camera, lens)
 
 
 def _unknown_camera(known: CameraInfo, where: str) -> DataError:

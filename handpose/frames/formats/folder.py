@@ -213,10 +213,12 @@ def _raw(path: Path, sizes: Sequence[tuple[int, int]]) -> NDArray[np.uint16]:
         )
     fitting = [size for size in sizes if BYTES * math.prod(size) == len(content)]
     if len(fitting) != 1:
-        known = ", ".join(f"{BYTES * w * h}, {w} x {h}" for w, h in fitting or sizes)
         advice = "; give a camera of one of these sizes" if fitting else ""
+        possible = fitting or sizes
+        known = [f"{BYTES * w * h}, {w} x {h}" for w, h in possible]
         raise NotDepthError(
-            f"{path}: {len(content)} bytes; expected {known} depths of 16 bits without a header{advice}"
+            f"{path}: {len(content)} bytes; expected {', '.join(known)} depths of 16 bits without a "
+            f"header{advice}"
         )
     width, height = fitting[0]
     return np.frombuffer(content, "<u2").reshape(height, width)

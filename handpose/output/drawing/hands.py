@@ -134,7 +134,8 @@ def view_3d(
         """The pixels (K, 2) of points, and their depths (K,) in the view."""
         seen = points @ view.T
         scale = size * CUBE_SHARE * VIEWER / (VIEWER + seen[:, 2:])
-        return seen[:, :2] * scale * (1, -1) + middle, seen[:, 2]
+        pixels = seen[:, :2] * scale * (1, -1) + middle
+        return pixels, seen[:, 2]
 
     canvas = np.full((size, size, 3), _PAPER, dtype=np.uint8)
     _draw_floor(canvas, place)
