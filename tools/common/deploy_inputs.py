@@ -156,8 +156,11 @@ class DeployInput:
 
     def _truth(self, name: str) -> bool | None:
         """The first block's value of an option that is true or false; None if there is none."""
-        found = (block.truth(name) for block in self._blocks)
-        return next((value for value in found if value is not None), None)
+        for block in self._blocks:
+            value = block.truth(name)
+            if value is not None:
+                return value
+        return None
 
     def _word(self, name: str) -> str:
         """The text of the first block with this option; empty if there is none."""

@@ -44,14 +44,13 @@ def refuse_training_net(model: str) -> None:
     """Raise NetlibError if the net reads its data in phase TEST, with the command that
     writes a deploy net.
     """
-    first = next(iter(_readers(model)), None)
-    if first is None:
-        return
-    where = schema.position_of(first, "type")
-    raise NetlibError(
-        f"{where}: this is a training net: layer {first.name!r} of type {first.type} reads the data; "
-        f"expected a deploy net; {deploy_command(model)} writes it"
-    )
+    readers = _readers(model)
+    if readers:
+        where = schema.position_of(readers[0], "type")
+        raise NetlibError(
+            f"{where}: this is a training net: layer {readers[0].name!r} of type {readers[0].type} reads "
+            f"the data; expected a deploy net; {deploy_command(model)} writes it"
+        )
 
 
 def _readers(model: str) -> list[LayerParameter]:
@@ -165,5 +164,4 @@ def _learns_statistics(options: Message) -> bool:
 
     PSPNet's fork has no mode: in phase TEST it uses the statistics of the training.
     """
-    is_segnet = bool(options.named(*SEGNET))
-    return is_segnet and options.text("bn_mode") not in ("INFERENCE", "1")
+    return bool(options.named(*SEGNET)) and options.text("bn_mode") not in ("INFERENCE", "1")
