@@ -9,7 +9,7 @@ fx, fy, u0, v0  px, all four or none; cx, cy and ppx, ppy are other names of u0,
 width, height   px of the frames, both or none
 unit_mm         depth of a stored value of 1 in mm; RealSense's depth_scale is in metres
 rate            frames per second; also fps
-min_range_mm    nearer readings are errors and count as missing; default 200
+min_range_mm    nearer readings are errors and count as missing; default 200, 0 for none
 distortion      of the lens: as above, or the coefficients alone; model, coeffs, k1 ... p2 may also
                 be keys next to fx
 name            of the camera

@@ -172,7 +172,8 @@ class DepthDecoder:
     ) -> None:
         check_values(dtype, where)
         known = given.or_else(own).or_else(camera_json)
-        for name, value in (("unit_mm", known.unit_mm), ("rate", known.rate)):
+        for name in ("unit_mm", "rate"):
+            value = getattr(known, name)
             if value is not None and not 0 < value < np.inf:
                 raise DataError(f"{where}: {name} is {value}; expected a number more than 0")
         if known.camera is None:
