@@ -8,6 +8,7 @@ with another one.
 
 from __future__ import annotations
 
+from collections import deque
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -144,8 +145,9 @@ def _ancestors(top: Top) -> dict[Top, Map]:
     maps to the top.
     """
     maps = {top: IDENTITY}
-    reached = [top]
-    for at in reached:  # grows by the bottoms of the layers
+    waiting = deque([top])
+    while waiting:
+        at = waiting.popleft()
         # the second bottom of a Crop only gives a size
         bottoms = at.fn.inputs[:1] if at.fn.type_name == "Crop" else at.fn.inputs
         try:
@@ -155,7 +157,7 @@ def _ancestors(top: Top) -> dict[Top, Map]:
         for bottom in bottoms:
             if bottom not in maps:
                 maps[bottom] = compose(maps[at], step)
-                reached.append(bottom)
+                waiting.append(bottom)
     return maps
 
 
