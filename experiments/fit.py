@@ -96,19 +96,24 @@ def measure(
 ) -> Figures:
     """Fit frames by several plans, with the fitter for the unit of their crops.
 
-    hands     fit their mirror images, too
-    progress  called with the number of further frames done
+    Raises NetlibError.
+
+    fitter_of  the fitter for a unit in mm, half the edge of a crop's cube
+    hands      fit their mirror images, too
+    progress   called with the number of further frames done
     """
     fitter_of = functools.cache(fitter_of)
     of_network: list[tuple[Array, Array, Array]] = []
     of_plans: dict[str, list[FitFigures]] = {plan.name: [] for plan in plans}
     for scene in scenes:
         unit_mm = scene.cube_mm / 2
-        fitter, joints = fitter_of(unit_mm), scene.bodies.joints * unit_mm
-        x = fit_starts(net, fitter, scene.depth, (0,))[0]
-        true, limbs = fitter.model.variables_of(scene.bodies.inputs), fitter.model.limbs
-        error_mm = mean_errors_14(fitter.model.joints(x), joints)
-        of_network.append((error_mm, (x - true)[:, limbs], true[:, limbs]))
+        fitter = fitter_of(unit_mm)
+        model = fitter.model
+        joints = scene.bodies.joints * unit_mm
+        (x,) = fit_starts(net, fitter, scene.depth, (0,))
+        true = model.variables_of(scene.bodies.inputs)
+        errors_mm = mean_errors_14(model.joints(x), joints)
+        of_network.append((errors_mm, (x - true)[:, model.limbs], true[:, model.limbs]))
         for plan in plans:
             of_plans[plan.name].append(_fit(net, fitter, scene, joints, plan, hands))
         progress(len(joints))

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from handpose.frames.cameras import Camera
 from netlib.blob import Array
+from netlib.errors import DataError
 
 # Largest shares of a hand: of its joints outside the image, of its pixels covered or not read.
 MAX_OUTSIDE, MAX_HIDDEN = 0.6, 0.9
@@ -47,8 +48,10 @@ class _Part(NamedTuple):
 
 
 def hidden_parts(rng: np.random.Generator, shown: Shown, joints: Array) -> Iterator[Shown]:
-    """The frame with a part of the hand with these joints (K, 3) in mm outside the image, then
-    covered, and then not read.
+    """The frame with a part of the hand with these joints (K, 3) in mm, camera axes, outside the
+    image, then covered, and then not read.
+
+    Raises DataError if no reading is of the hand.
     """
     yield _cut(shown, joints, _Part.drawn(rng, MAX_OUTSIDE))
     for nearer in (rng.uniform(*NEARER), 0.0):
@@ -69,13 +72,18 @@ def _cut(shown: Shown, joints: Array, part: _Part) -> Shown:
 
 
 def _covered(shown: Shown, joints: Array, part: _Part, nearer: float) -> Shown:
-    """The frame with readings at this depth, relative to the hand's, in place of a part."""
+    """The frame with readings at this depth, relative to the hand's, in place of a part.
+
+    Raises DataError if no reading is of the hand.
+    """
     depth, camera = shown
     u, v, d = camera.project(joints.mean(axis=0))
     rows, columns = np.indices(depth.shape)
     reach = REACH_MM * camera.fx / d
     is_near = (np.abs(columns - u) < reach) & (np.abs(rows - v) < reach)
     is_hand = is_near & (np.abs(depth - d) < DEPTH_MM)
+    if not is_hand.any():
+        raise DataError(f"no reading of the hand at {d:.0f} mm; expected some, to hide a part")
     at = (columns, rows)[part.axis]
     edge = part.edge(np.argwhere(is_hand)[:, ::-1])
     is_part = is_hand & ((at < edge) if part.is_first else (at > edge))

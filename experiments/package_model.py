@@ -93,15 +93,19 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _round(net: Net, bits: int) -> None:
+    """Round the weights of a net in place, to ``bits`` bits of each mantissa."""
     for blobs in net.params.values():
         for blob in blobs:
             blob.data[...] = rounded(blob.data, bits)
 
 
 def _measure(net: Net, args: argparse.Namespace) -> None:
-    """Round the weights, measure the errors of the network and the fits, and write the file."""
-    refuse_other_bodies(skeleton_to_fit(net), "errors are measured on frames of hands")
+    """Round the weights, measure the errors of the network, and write the file.
+
+    Raises NetlibError, also for another body than a hand.
+    """
     skeleton = skeleton_to_fit(net)
+    refuse_other_bodies(skeleton, "errors are measured on frames of hands")
     generator = Generator(args.seed, "train", recipes.recipe(args.recipe))
     with ProgressBar(2 * args.frames) as progress:
 

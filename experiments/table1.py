@@ -22,12 +22,12 @@ data. Ctrl-C writes a snapshot, from which the same command continues.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
+from experiments.table1_nets import NETWORKS, RECIPES, Recipe, derived_net, set_limit, solvers
 from experiments.tables import tabulated
 from handpose.body import nyu
 from handpose.fit.joints import angles, companions
@@ -40,57 +40,19 @@ from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
 from netlib.files import atomic, hdf5, make_folder
-from netlib.files.paths import ROOT
-from netlib.proto import prototxt
-from netlib.proto.prototxt import Message, Scalar
-from netlib.training import solver_parameter
+from netlib.proto.prototxt import Message
 from netlib.training.trained import trained
 from tools.common import training
 from tools.common.arguments import seed, weight, whole, workers
 from tools.common.console import DONE, say
 from tools.common.progress import ProgressBar
 
-PROTOTXT = ROOT / "prototxt"
 STATE, WEIGHTS = ".solverstate.h5", ".caffemodel.h5"
-TEST_BATCH = 256
-# loss weight of a SmoothL1Loss with sigma 10, as in synthetic_train_test.prototxt
-ROBUST_WEIGHT = 0.1
-ROBUST = "smooth_l1_loss_param { sigma: 10 }"
 BOTTLENECK = 30  # components
 RIDGE = 3e-4  # of the fit to all joints; sufficient, because 31 joints determine nearly all angles
-
-
-# The files of the networks, in prototxt/.
-NETWORKS = {
-    "direct_joint": "table1/direct_joint.prototxt",
-    "direct_parameter": "table1/direct_parameter.prototxt",
-    "no_limit": "table1/no_limit.prototxt",
-    "ours": "nyu_train_test.prototxt",
-    "bottleneck": "table1/bottleneck.prototxt",  # DeepPrior's
-    "direct_parameter_exact": "table1/direct_parameter.prototxt",
-    "ours_scale": "table1/ours_scale.prototxt",
-    "ours_bones": "table1/ours_bones.prototxt",
-}
-# learn the fitted angles, the exact ones
+# networks that learn the fitted angles, and the exact ones
 FITTED, EXACT = "direct_parameter", "direct_parameter_exact"
 SETTINGS = ("one_hand", "many_hands", "nyu")
-
-
-class Recipe(NamedTuple):
-    """A solver, and its changes to a net."""
-
-    solver: Path
-    length: int  # iterations by default
-    end: float  # fraction of the iterations with a decreasing rate
-    batch: int
-    # SmoothL1Loss, no dropout, FC2 filled by xavier, as in synthetic_train_test.prototxt
-    robust: bool
-
-
-RECIPES = {
-    "adam": Recipe(PROTOTXT / "synthetic_solver.prototxt", 30_000, 0.3, batch=64, robust=True),
-    "paper": Recipe(PROTOTXT / "nyu_solver.prototxt", 10_000, 0.1, batch=512, robust=False),
-}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -127,7 +89,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Train the network, score it, and print its row. Raises NetlibError."""
-    recipe, data = RECIPES[args.recipe], args.data or Path("data") / args.setting
+    recipe = RECIPES[args.recipe]
+    data = args.data or Path("data") / args.setting
     if args.setting == "nyu" and args.network == EXACT:
         raise NetlibError(
             f"{args.network}: the exact angles of NYU's frames are unknown; expected a synthetic setting"
@@ -139,7 +102,8 @@ def run(args: argparse.Namespace) -> int:
     if args.network == FITTED:
         _fitted_angles(files["train"], lists["train"], skeleton)
         lists = {split: _companions(path) / path.name for split, path in lists.items()}
-    net, limit = derived_net(args.network, recipe, lists), _limit_name(args)
+    net = derived_net(args.network, recipe, lists)
+    limit = _limit_name(args)
     if limit:
         set_limit(net, args.limit_weight, args.limit_norm)
     length = args.iterations or recipe.length
@@ -165,13 +129,14 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _limit_name(args: argparse.Namespace) -> str:
-    """What the name of a network has behind it for another PhysLimit than that of the paper."""
+    """The end of a network's name with another PhysLimit than the paper's, otherwise empty."""
     if (args.limit_weight, args.limit_norm) == (1, "L1"):
         return ""
     return f"_{args.limit_norm}_{args.limit_weight:g}"
 
 
 def _files(path: Path, setting: str) -> list[Path]:
+    """The files in a list of a setting. Raises DataError with the command that makes them."""
     try:
         return hdf5.read_list(str(path), None)
     except DataError as error:
@@ -182,6 +147,7 @@ def _files(path: Path, setting: str) -> list[Path]:
 
 
 def _companions(path: Path) -> Path:
+    """The folder of the fitted angles for the data of a list."""
     return path.parent.with_name(f"{path.parent.name}_angles")
 
 
@@ -197,69 +163,7 @@ def _fitted_angles(files: Sequence[Path], path: Path, skeleton: Skeleton) -> Arr
         )[0]
 
 
-# ------------------------------------------------------------------------------------------ the net
-
-
-def derived_net(network: str, recipe: Recipe, lists: dict[str, Path]) -> Message:
-    """A network's file with other data and the recipe's changes; its ``str`` is a prototxt.
-
-    Raises PrototxtError.
-    """
-    net = prototxt.parse_file(PROTOTXT / NETWORKS[network])
-    for layer in layers_of(net):
-        if layer.text("type") == "HDF5Data":
-            _set_data(layer, recipe, lists)
-        elif recipe.robust and layer.text("type") == "EuclideanLoss":
-            loss_weight = ROBUST_WEIGHT * float(layer.text("loss_weight"))
-            _put(layer, f'type: "SmoothL1Loss" loss_weight: {loss_weight} {ROBUST}')
-        elif recipe.robust and layer.text("name") == "FC2":
-            _put(_part(layer, "inner_product_param"), 'weight_filler { type: "xavier" }')
-    if recipe.robust:
-        dropout = [id(layer) for layer in layers_of(net) if layer.text("type") == "Dropout"]
-        net.fields = [field for field in net.fields if id(field.value) not in dropout]
-    return net
-
-
-def _set_data(layer: Message, recipe: Recipe, lists: dict[str, Path]) -> None:
-    """Let a layer read the files of the list for its phase."""
-    phase = _part(layer, "include").text("phase")
-    block = _part(layer, "hdf5_data_param")
-    source = Scalar("string", str(lists[phase.lower()].absolute()), block.position)
-    batch = recipe.batch if phase == "TRAIN" else TEST_BATCH
-    _put(block, f"source: {source} batch_size: {batch}")
-
-
-def set_limit(net: Message, loss_weight: float, norm: str) -> None:
-    """Change the weight and norm of the net's PhysLimit. Raises NetlibError if it has none."""
-    found = [layer for layer in layers_of(net) if layer.text("type") == "PhysLimit"]
-    if not found:
-        raise NetlibError(
-            "this network has no PhysLimit; expected one with it for --limit-weight and --limit-norm"
-        )
-    _put(found[0], f"loss_weight: {loss_weight} phys_limit_param {{ norm: {norm} }}")
-
-
-def layers_of(net: Message) -> Iterator[Message]:
-    """The layers of a net."""
-    return (
-        field.value
-        for field in net.fields
-        if field.name == "layer" and isinstance(field.value, Message)
-    )
-
-
-def _part(message: Message, name: str) -> Message:
-    return next(value for value in message.values(name) if isinstance(value, Message))
-
-
-def _put(message: Message, fields: str) -> None:
-    """Set fields, each in the place of the one of its name, or at the end."""
-    for new in prototxt.parse(fields).fields:
-        places = [i for i, old in enumerate(message.fields) if old.name == new.name]
-        if places:
-            message.fields[places[0]] = new
-        else:
-            message.fields.append(new)
+# ----------------------------------------------------------------------------------------- training
 
 
 def write_components(path: Path, files: Sequence[Path]) -> None:
@@ -277,20 +181,6 @@ def write_components(path: Path, files: Sequence[Path]) -> None:
     with hdf5.created(path) as file:
         file["data/joints/0"] = scaled.astype(np.float32)
         file["data/joints/1"] = mean.astype(np.float32)
-
-
-def column(files: Sequence[Path], name: str, width: int) -> Array:
-    """The rows (N, width) of a data set, of all files. Raises DataError."""
-    parts = [hdf5.File(path, (name,)).datasets[0].numbers() for path in files]
-    for path, part in zip(files, parts):
-        if part.shape[1:] != (width,) or not np.isfinite(part).all():
-            raise DataError(
-                f"{path}: data set {name!r} has shape {part.shape}, expected (N, {width}) finite numbers"
-            )
-    return np.concatenate(parts)
-
-
-# ----------------------------------------------------------------------------------------- training
 
 
 def train(
@@ -346,41 +236,8 @@ def train(
     return DONE
 
 
-def solvers(recipe: Recipe, length: int, own: dict[str, object]) -> list[tuple[int, Message]]:
-    """The solvers of a training run, one after the other, each with its last iteration.
-
-    Raises PrototxtError.
-
-    own  fields of the solvers; a path becomes a string, other values are prototxt text
-    """
-    begin = length - max(1, int(length * recipe.end))
-    if not recipe.robust:
-        return [(length, _solver(recipe, stepvalue=begin, max_iter=length, **own))]
-    # poly falls from base_lr at iteration 0 to 0 at max_iter; at ``begin`` it equals the
-    # constant rate.
-    rate = solver_parameter.read(recipe.solver).base_lr / (1 - begin / length)
-    return [
-        (begin, _solver(recipe, lr_policy='"fixed"', max_iter=begin, **own)),
-        (length, _solver(recipe, base_lr=rate, rampup_interval=0, max_iter=length, **own)),
-    ]
-
-
-def _solver(recipe: Recipe, **own: object) -> Message:
-    """The recipe's solver with other fields, without tests and snapshots."""
-    solver = prototxt.parse_file(recipe.solver)
-    kept = [
-        field
-        for field in solver.fields
-        if not field.name.startswith(("test_", "snapshot")) and field.name not in own
-    ]
-    for name, value in own.items():
-        if isinstance(value, Path):
-            value = Scalar("string", value.as_posix(), solver.position)
-        kept += prototxt.parse(f"{name}: {value}").fields
-    return Message(kept, solver.position)
-
-
 def _newest(prefix: Path) -> Path | None:
+    """The solver state of the last iteration among the snapshots of a run; None without any."""
     states = [
         path
         for path in prefix.parent.glob(f"*{STATE}")
@@ -442,7 +299,8 @@ def scores(
         """Mean errors (N,) in mm over the 14 joints."""
         return metrics.mean_errors_14(joints * scale, predictions.truth * scale)
 
-    errors, figures = errors_of(predictions.joints), figures_of(predictions, skeleton)
+    errors = errors_of(predictions.joints)
+    figures = figures_of(predictions, skeleton)
     row = {"error": f"{errors.mean():.2f}"}
     edges = np.round(2 * predictions.half_cube)
     cubes = np.unique(edges)
@@ -461,3 +319,14 @@ def scores(
         for name, own in (("scaled hand", skeleton.bones * size), ("person's bones", bones)):
             row[name] = f"{errors_of(hand.joints(inputs, own)).mean():.2f}"
     return row
+
+
+def column(files: Sequence[Path], name: str, width: int) -> Array:
+    """The rows (N, width) of a data set, of all files. Raises DataError."""
+    parts = [hdf5.File(path, (name,)).datasets[0].numbers() for path in files]
+    for path, part in zip(files, parts):
+        if part.shape[1:] != (width,) or not np.isfinite(part).all():
+            raise DataError(
+                f"{path}: data set {name!r} has shape {part.shape}, expected (N, {width}) finite numbers"
+            )
+    return np.concatenate(parts)

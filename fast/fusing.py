@@ -61,12 +61,8 @@ class After:
         stay in the cache.
         """
         count = target.shape[axis]
-        operations = (
-            (self.gain is not None)
-            + (self.bias is not None)
-            + self.rectify
-            + (self.limit is not None)
-        )
+        given = self.gain is not None, self.bias is not None, self.rectify, self.limit is not None
+        operations = sum(given)
         if operations == 0:
             if values is not target:
                 target[...] = values
@@ -108,8 +104,8 @@ def after_of(bias: Array | None, layers: Sequence[Layer]) -> After:
     for layer in layers:
         if isinstance(layer, BatchNorm):
             mean, deviation = statistics(layer)
-            bias = (0 if bias is None else bias) - mean
-            gain, bias = (1 if gain is None else gain) / deviation, bias / deviation
+            gain = (1 if gain is None else gain) / deviation
+            bias = ((0 if bias is None else bias) - mean) / deviation
         elif isinstance(layer, Scale):
             values = layer.gain.data.astype(np.float64)
             gain = values if gain is None else values * gain
@@ -117,7 +113,8 @@ def after_of(bias: Array | None, layers: Sequence[Layer]) -> After:
             if layer.param.bias_term:
                 bias = layer.bias.data if bias is None else bias + layer.bias.data
         else:
-            rectify, limit = True, 6.0 if isinstance(layer, ReLU6) else None
+            rectify = True
+            limit = 6.0 if isinstance(layer, ReLU6) else None
     dtype = layers[0].dtype if layers else None
     gain, bias = (None if values is None else np.asarray(values, dtype) for values in (gain, bias))
     return After(gain, bias, rectify, limit)
@@ -135,19 +132,19 @@ def fuse(connections: Sequence[Connection], stored: Set[Blob]) -> None:
     release(connections)
     users = Counter(blob for at in connections for blob in set(at.blobs))
     last_writer = {blob.root: i for i, at in enumerate(connections) for blob in at.top}
-    can_move = all(writes_only_tops(at.layer) for at in connections)
+    may_run_later = all(writes_only_tops(at.layer) for at in connections)
     for i, at in enumerate(connections):
         layer = at.layer
         if not isinstance(layer, FastLayer) or layer.is_fused or not layer.fuses_relu():
             continue
         if len(at.top) != 1:
             continue
-        # an unstored blob is computed later from what the first layer has read
-        may_move = can_move and not at.needs_backward
-        may_move &= all(last_writer.get(blob.root, -1) < i for blob in at.bottom)
+        # an unstored blob is computed later, from what the first layer has read
+        may_unstore = may_run_later and not at.needs_backward
+        may_unstore &= all(last_writer.get(blob.root, -1) < i for blob in at.bottom)
         # other nets write what they share, at any time
-        may_move &= all(param.owns_memory for param in layer.blobs)
-        fixed = stored if may_move else users.keys()
+        may_unstore &= all(param.owns_memory for param in layer.blobs)
+        fixed = stored if may_unstore else users.keys()
         layer.after = _chain(at, connections[i + 1 :], users, fixed)
         for one in layer.after:
             one.is_fused = True
@@ -161,15 +158,15 @@ def _chain(
     users  the number of layers that use each blob
     """
     chain: list[FastLayer] = []
-    blob, own = at.top[0], 1  # the blob to be written, and its users among these layers
+    blob, seen = at.top[0], 1  # the blob to be written, and its users among these layers
     for follower in followers:
         if not _continues(at, chain, follower, blob):
             break
-        own += 1
+        seen += 1
         if follower.top[0] is not blob:
-            if follower.needs_backward or own < users[blob] or blob in stored:
+            if follower.needs_backward or seen < users[blob] or blob in stored:
                 break
-            blob, own = follower.top[0], 1
+            blob, seen = follower.top[0], 1
         assert isinstance(follower.layer, FastLayer)
         chain.append(follower.layer)
     return chain

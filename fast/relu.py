@@ -22,7 +22,8 @@ class FastReLU(FastLayer, ReLU):
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         """Compute y = max(x, 0) + slope min(x, 0): the larger one of x and slope x, or the
-        smaller if slope > 1.
+        smaller if slope > 1. Without a slope, minus infinity becomes 0, as in the layers that
+        compute a ReLU behind them; the plain layer, like Caffe, gives 0 times it, NaN.
         """
         x, y = bottom[0].data.reshape(-1), top[0].data.reshape(-1)
         for part in blocks(x.size, BLOCK):
@@ -41,10 +42,10 @@ class FastReLU(FastLayer, ReLU):
             x = bottom[0].data.reshape(-1)
             dy, dx = top[0].diff.reshape(-1), bottom[0].diff.reshape(-1)
             for part in blocks(x.size, BLOCK):
-                above = x[part] > 0
-                np.multiply(
-                    dy[part], above + self.slope * ~above if self.slope else above, out=dx[part]
-                )
+                factor = x[part] > 0
+                if self.slope:
+                    factor = factor + self.slope * ~factor
+                np.multiply(dy[part], factor, out=dx[part])
 
 
 class FastReLU6(FastLayer, ReLU6):

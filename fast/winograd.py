@@ -78,7 +78,10 @@ class Winograd(Algorithm):
         return s.images * math.prod(tiles) >= 24 and channels >= 20 * waste**3
 
     def correlate(self, g: Geometry, x: Array, w: Array, after: After, y: Array) -> None:
-        """Write y."""
+        """Write y (N, O, Ho, Wo): x (N, C, H, W) correlated with w (O, C, 3, 3), then ``after``.
+
+        Raises NotFiniteError.
+        """
         if 0 < len(x) * math.prod(_tiles(y)) <= FEW_TILES:
             _correlate_few(g, x, w, after, y)
             return
@@ -94,7 +97,10 @@ class Winograd(Algorithm):
         parallel.run([partial(job, part) for part in _blocks(x, y)])
 
     def gradient(self, g: Geometry, x: Array, dy: Array, dw: Array) -> None:
-        """Add to dw."""
+        """Add to dw (O, C, 3, 3), from x (N, C, H, W) and dy (N, O, Ho, Wo).
+
+        Raises NotFiniteError.
+        """
         O, C = dw.shape[:2]
         parts = list(_blocks(x, dy))
         count = 1 if parallel.is_inside() else parallel.threads()
@@ -115,28 +121,30 @@ class Winograd(Algorithm):
         for total in totals[1:]:
             totals[0] += total
         if lanes:
-            found = _gg().T.astype(dw.dtype) @ totals[0].reshape(SIDE * SIDE, -1)
+            found = _weight_matrix().T.astype(dw.dtype) @ totals[0].reshape(SIDE * SIDE, -1)
             check_finite(found)
             dw += found.T.reshape(dw.shape)
 
 
 @lru_cache
-def _gg() -> Array:
+def _weight_matrix() -> Array:
     """The matrix (36, 9) of G w Gᵀ as one product."""
     G = kernel_matrix(KERNEL)
     return np.kron(G, G)
 
 
 def _correlate_few(g: Geometry, x: Array, w: Array, after: After, y: Array) -> None:
-    """Write y by blocks of outputs, whose transformed weights stay in the cache."""
+    """Write y by blocks of outputs, whose transformed weights stay in the cache; all blocks read
+    the same transformed inputs.
+    """
     N, C, O, (R, T) = len(x), x.shape[1], len(w), _tiles(y)
     V = scratch("shared", (SIDE, SIDE * C * N, R * T), x.dtype)
 
-    def lower(rows: slice) -> None:
+    def transform_inputs(rows: slice) -> None:
         first, end = rows.start * T, rows.stop * T
         _inputs(g, x, rows, y.shape[2:], V[..., first:end])
 
-    def job(o: slice) -> None:
+    def write_outputs(o: slice) -> None:
         weights = _weights(w[o], scratch("weights", (SIDE * SIDE, o.stop - o.start, C), w.dtype))
         _correlate(weights, V.reshape(SIDE * SIDE, C, -1), x, after.part(o), y[:, o])
 
@@ -144,13 +152,15 @@ def _correlate_few(g: Geometry, x: Array, w: Array, after: After, y: Array) -> N
     threads = parallel.threads() if cost >= MIN_COST else 1
     cached = WEIGHT_BYTES // (SIDE * SIDE * C * w.itemsize)
     each = min(max(cached, MIN_OUTPUTS), divide_up(O, threads))
-    parallel.run([partial(lower, rows) for rows in equal_blocks(R, threads)], here=threads == 1)
-    parallel.run([partial(job, o) for o in blocks(O, each)], here=threads == 1)
+    of_rows = [partial(transform_inputs, rows) for rows in equal_blocks(R, threads)]
+    of_outputs = [partial(write_outputs, o) for o in blocks(O, each)]
+    parallel.run(of_rows, here=threads == 1)
+    parallel.run(of_outputs, here=threads == 1)
 
 
 def _weights(w: Array, out: Array) -> Array:
     """Write G w Gᵀ of w (O, C, 3, 3) to out (36, O, C)."""
-    transform(_gg(), w.reshape(-1, KERNEL * KERNEL).T, out)
+    transform(_weight_matrix(), w.reshape(-1, KERNEL * KERNEL).T, out)
     return out
 
 

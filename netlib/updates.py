@@ -185,7 +185,7 @@ class Update:
         bound = self.param.clip_gradients
         if bound < 0:
             return 1.0
-        norm = float(np.sqrt(sum(float(np.vdot(p.blob.diff, p.blob.diff)) for p in params)))
+        norm = math.sqrt(sum(float(np.vdot(p.blob.diff, p.blob.diff)) for p in params))
         if norm <= bound:
             return 1.0
         log.info(

@@ -34,7 +34,7 @@ from netlib.distributed.ranks import ALONE, Ranks
 from netlib.net import Net
 from netlib.proto import schema
 from netlib.training import report, solver_parameter
-from tools.common import training
+from tools.common import training, training_log
 from tools.common.arguments import MAX_COUNT, caffes_flags, count, parser_of, whole
 from tools.common.console import DONE, guarded
 from tools.common.costs import mean_scores, report_time
@@ -104,7 +104,7 @@ def run(args: argparse.Namespace) -> int:
     with only_first_prints():
         ranks = world() if args.command == "train" else ALONE
     status = DONE
-    with training.logged(ranks) as console:
+    with training_log.logged(ranks) as console:
         if args.command == "device_query":
             log.info("This runs on the CPU; there is no GPU to query")
             return DONE
@@ -119,7 +119,7 @@ def run(args: argparse.Namespace) -> int:
     return DONE if ranks.rank else status
 
 
-def train(args: argparse.Namespace, console: training.BarHandler, ranks: Ranks) -> int:
+def train(args: argparse.Namespace, console: training_log.BarHandler, ranks: Ranks) -> int:
     """Train; returns the exit status, which is 0 for every end that the user
     requests, as in Caffe.
     """

@@ -44,7 +44,7 @@ from netlib.files.paths import list_folder
 from netlib.net import Net
 from netlib.proto import prototxt, schema
 from netlib.proto.binaryproto import write_blob
-from tools.common import training
+from tools.common import training, training_log
 from tools.common.arguments import add_engine, count, natural, parser_of, positive_number, real
 from tools.common.commands import command
 from tools.common.console import DONE, duration, guarded, notify, say
@@ -199,7 +199,7 @@ def _train(args: argparse.Namespace, old: Net, how: Preprocessing) -> int:
 
     Raises NetlibError.
     """
-    with training.logged(ALONE, args.out / "train.log") as console:
+    with training_log.logged(ALONE, args.out / "train.log") as console:
         console.setLevel(logging.WARNING)
         log.info("Use CPU, %s", training.set_up_engine(args.engine, ALONE))
         path = args.out / "solver.prototxt"
@@ -226,7 +226,7 @@ def _train(args: argparse.Namespace, old: Net, how: Preprocessing) -> int:
 
 
 def _print_accuracy(
-    solver: HeadSolver, console: training.BarHandler, means: Mapping[str, Any]
+    solver: HeadSolver, console: training_log.BarHandler, means: Mapping[str, Any]
 ) -> None:
     """Print the accuracy on the held-out pictures, if a test has it among its means."""
     if "accuracy" in means:

@@ -27,9 +27,10 @@ tools.begin(__name__)
 
 import numpy as np
 
-from handpose.datasets.frames import examples_of
+from handpose.datasets.frames import Example, examples_of
 from handpose.output.drawing import hands, strokes
 from layers.hand import skeleton as skeletons
+from layers.hand.skeleton import Skeleton
 from netlib import files
 from netlib.errors import DataError
 from tools.common import outputs
@@ -77,24 +78,33 @@ def run(args: argparse.Namespace) -> None:
     images = []
     titles = []
     for name, examples in zip(args.sets, sets):
-        for number, (crop, joints, where) in enumerate(examples):
-            found = 0 if joints is None else joints.size // 3
-            if args.skeleton and found not in (0, len(skeleton.parents)):
-                raise DataError(
-                    f"{name}: frames have {found} joints, {args.skeleton} has {len(skeleton.parents)}"
-                )
-            if args.plain or joints is None or found != len(skeleton.parents):
-                images.append(hands.picture(crop, 1))
-            elif not np.isfinite(joints).all():
-                raise DataError(f"{where}: its joints are not finite; use --plain to omit hands")
-            else:
-                images.append(hands.overlay(crop, joints, skeleton, zoom=1))
-            titles.append(Path(name).name if number == 0 else "")
+        titles.append(Path(name).name)
+        images += [_picture(name, example, skeleton, args) for example in examples]
         while len(images) % columns:  # each set starts a row
             images.append(np.full_like(images[-1], 255))
-            titles.append("")
+        titles += [""] * (len(images) - len(titles))
     outputs.write_image(args.out, strokes.sheet(images, columns, titles, gap=4))
     notify(f"wrote {args.out}")
+
+
+def _picture(
+    name: str, example: Example, skeleton: Skeleton, args: argparse.Namespace
+) -> strokes.Image:
+    """A frame of a data set with its skeleton, if it has the joints of one, and unless --plain.
+
+    Raises DataError for joints of another skeleton than --skeleton, and for some that are not
+    finite.
+    """
+    crop, joints, where = example
+    found = 0 if joints is None else joints.size // 3
+    expected = len(skeleton.parents)
+    if args.skeleton and found not in (0, expected):
+        raise DataError(f"{name}: frames have {found} joints, {args.skeleton} has {expected}")
+    if args.plain or joints is None or found != expected:
+        return hands.picture(crop)
+    if not np.isfinite(joints).all():
+        raise DataError(f"{where}: its joints are not finite; use --plain to omit hands")
+    return hands.overlay(crop, joints, skeleton, zoom=1)
 
 
 if __name__ == "__main__":

@@ -1,5 +1,8 @@
 """Activations, normalizations, inner products, reductions, and layers that split, join and reshape
 blobs, as ONNX operators. Normalizations are those of phase TEST.
+
+A public function adds the operators of one layer type (net.py) to the graph, and returns the names
+of the values of its tops.
 """
 
 from __future__ import annotations

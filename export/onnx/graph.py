@@ -22,7 +22,14 @@ OPSET = 17
 IR_VERSIONS = {11: 6, 12: 7, 13: 7, 14: 7, 15: 8, 16: 8, 17: 8}
 RANGE_OF_SHAPE = 15  # the opset from which Shape has a range of axes
 # The opset from which operators have the form that they have here.
-FIRST_OPSETS = {"GatherND": 12, "ReduceSum": 13, "Softmax": 13, "Split": 13, "Unsqueeze": 13}
+FIRST_OPSETS = {
+    "GatherND": 12,
+    "ReduceSum": 13,
+    "Resize": 13,  # without the inputs that its mode does not read
+    "Softmax": 13,
+    "Split": 13,
+    "Unsqueeze": 13,
+}
 PRODUCER = "handpose"
 MAX_BYTES = 2**31 - 1  # limit of a protocol buffer
 

@@ -117,33 +117,21 @@ def onnx_image(
     for the metadata of a net with a hand model; None leaves it out. Raises NetlibError, also if an
     operator needs a later ``opset``, which is from 11 to 17.
     """
-    all_shapes = shapes_of(net)
     graph = Graph(net.blobs, opset)
     graph.values = {name: name for name in net.inputs}
     shapes: dict[str, Shape] = {}  # of blobs, after the layers so far
-    hand_model: HandModel | None = None
-    pose = ""  # the value of its first bottom
-    for at, (bottom, top) in zip(net.connections, all_shapes):
-        layer, spec = at.layer, at.layer.spec
-        graph.layer = layer.name
-        if layer.is_input:
-            shapes.update(zip(spec.top, top))
+    hands: list[tuple[HandModel, str]] = []  # hand models, with the values that are their poses
+    for at, (bottom, top) in zip(net.connections, shapes_of(net)):
+        if at.layer.is_input:
+            shapes.update(zip(at.layer.spec.top, top))
             continue
-        values = [graph.values[name] for name in spec.bottom]
-        if hand_model is None and isinstance(layer, HandModel):
-            hand_model, pose = layer, values[0]
-        for name, shape in zip(spec.bottom, bottom):
-            if shapes[name] != shape and layer.type != "Silence":
-                raise layer.fail(
-                    f"reads {name!r}, whose number of rows depends on values, which cannot be exported "
-                    "to ONNX; expected no layer behind it"
-                )
-        call = LayerCall(layer, values, bottom, top)
-        graph.values.update(zip(spec.top, _translation(spec)(graph, call)))
-        shapes.update(zip(spec.top, call.top))
+        values = [graph.values[name] for name in at.layer.spec.bottom]
+        if isinstance(at.layer, HandModel):
+            hands.append((at.layer, values[0]))
+        _add_layer(graph, LayerCall(at.layer, values, bottom, top), shapes)
     outputs = _outputs(net, also)
     metadata = {"producer": PRODUCER, "net": net.name}
-    if hand_model is not None:
+    for hand_model, pose in hands[:1]:
         metadata |= _metadata(hand_model, cube_mm)
         if pose in [graph.values[name] for name in outputs]:
             metadata["dof_names"] = json.dumps(hand_model.skeleton.dof_names)
@@ -153,6 +141,23 @@ def onnx_image(
         {name: shapes[name] for name in outputs},
         metadata,
     )
+
+
+def _add_layer(graph: Graph, call: LayerCall, shapes: dict[str, Shape]) -> None:
+    """Add the operators of a layer, and set the values and the ``shapes`` of its tops.
+
+    Raises LayerError if it cannot be exported.
+    """
+    layer, spec = call.layer, call.layer.spec
+    for name, shape in zip(spec.bottom, call.bottom):
+        if shapes[name] != shape and layer.type != "Silence":
+            raise layer.fail(
+                f"reads {name!r}, whose number of rows depends on values, which cannot be exported "
+                "to ONNX; expected no layer behind it"
+            )
+    graph.layer = layer.name
+    graph.values.update(zip(spec.top, _translation(spec)(graph, call)))
+    shapes.update(zip(spec.top, call.top))
 
 
 def _metadata(layer: HandModel, cube_mm: float | None) -> dict[str, str]:

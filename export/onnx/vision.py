@@ -1,5 +1,8 @@
 """Convolutions, poolings and crops, prior boxes, and the selection of detections, as
 ONNX operators.
+
+A public function adds the operators of one layer type (net.py) to the graph, and returns the names
+of the values of its tops.
 """
 
 from __future__ import annotations
@@ -10,7 +13,7 @@ import numpy as np
 
 from export.onnx.graph import Graph, LayerCall
 from layers.detection.prior_box import prior_boxes
-from netlib.blob import divide_up
+from netlib.blob import Array, divide_up
 
 
 def sliding(graph: Graph, call: LayerCall, op: str) -> list[str]:
@@ -79,17 +82,23 @@ def pooling(graph: Graph, call: LayerCall) -> list[str]:
             y[1] = completed(graph.to_float(index), -1.0)
         return [completed(y[0], float(np.finfo(np.float32).min)), *y[1:]]
     mean = completed(graph.op("AveragePool", x, count_include_pad=1, **options), 0.0)
-    counts = []  # elements of each window that Caffe counts, by axis
-    for count, size, k, s, p in zip(outputs, sizes, kernel, stride, pad):
-        start = np.arange(count) * s - p
-        end = np.minimum(start + k, size + p)
-        counts.append(end - start)
-    with np.errstate(divide="ignore"):
-        # 0 x infinity is NaN, like Caffe's 0 / 0
-        correction = kernel.prod() / np.outer(*counts)
+    with np.errstate(divide="ignore"):  # 0 x infinity is NaN, like Caffe's 0 / 0
+        correction = kernel.prod() / _counted(layer, sizes, outputs)
     if (correction != 1).any():
         mean = graph.op("Mul", mean, graph.constant(correction, "correction"))
     return [mean]
+
+
+def _counted(layer: Any, sizes: Array, outputs: Array) -> Array:
+    """The numbers of elements (Ho, Wo) by which Caffe's mean divides: those of each window in the
+    image (2,) and its padding.
+    """
+    by_axis = []
+    for count, size, k, s, p in zip(outputs, sizes, layer.kernel, layer.stride, layer.pad):
+        start = np.arange(count) * s - p
+        end = np.minimum(start + k, size + p)
+        by_axis.append(end - start)
+    return np.outer(*by_axis)
 
 
 def spp(graph: Graph, call: LayerCall) -> list[str]:

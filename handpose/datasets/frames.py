@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from handpose.frames.cameras import Camera, Floats
-from handpose.frames.crops import SIZE
+from handpose.frames.crops import BACKGROUND, SIZE
 from handpose.frames.images import read_crop
 from netlib.blob import Array
 from netlib.errors import DataError
@@ -91,7 +91,8 @@ class Frames:
 # ----------------------------------------------------------------------------------------- examples
 
 
-# A crop (size, size) in [-1, 1]; its joints (3 K) in half-cubes, if known; its file and row.
+# A crop (size, size) in [-1, 1], whose pixels that were not finite show the background; its joints
+# (3 K) in half-cubes, if known; its file and row.
 Example = tuple[Floats, Array | None, str]
 
 
@@ -130,8 +131,8 @@ def _open(path: Path) -> File:
 
 def _example(file: File, row: int) -> Example:
     crop, *stored = (dataset[row] for dataset in file.datasets)
-    # The numbers may be of any type. Pixels that are not finite are drawn as missing.
-    with np.errstate(all="ignore"):
+    with np.errstate(all="ignore"):  # the numbers may be of any type
         depth = crop.reshape(crop.shape[-2:]).astype(np.float32)
         joints = stored[0].astype(np.float64) if stored else None
+    depth[~np.isfinite(depth)] = BACKGROUND
     return depth, joints, f"{file.path}: frame {row}"

@@ -78,7 +78,7 @@ def read_annotation(paths: Sequence[Path]) -> IcvlAnnotation:
         raise DataError(f"{paths[0]}: no labels in it")
     uvd = np.stack(rows)
     u, v, d = np.nanmedian(uvd[:, PALM_JOINT], axis=0)
-    if not (0 <= u < ICVL.width and 0 <= v < ICVL.height and 50 < d < 5000):
+    if not (ICVL.has_pixel(u, v) and 50 < d < 5000):
         raise DataError(
             f"{paths[0]}: the palm is mostly at {u:g} {v:g} {d:g}, expected u v d: pixels of an image "
             f"{ICVL.width} x {ICVL.height}, and mm"

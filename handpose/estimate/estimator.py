@@ -26,7 +26,7 @@ from handpose.body.sides import Side, SideView, camera_of
 from handpose.estimate.candidates import Candidate, SearchRegion
 from handpose.estimate.crop_fits import fit_crops
 from handpose.estimate.expected import ExpectedBodies
-from handpose.estimate.hand import HandEstimate, judge
+from handpose.estimate.hand import HandEstimate, in_groups, judge
 from handpose.estimate.nets import network_joints, the_hand_layer
 from handpose.estimate.palm import recenter
 from handpose.fit.body import CapsuleModel, crop_variables
@@ -51,7 +51,11 @@ class HandEstimator:
     fitter   of the net's body; None leaves the joints to the network
     plan     of the fit; None without a fitter
     settings  tuned numbers; with a fitter its own
-    judge    of the hands
+
+    Has further
+
+    skeleton  of the net's body
+    judge     of the hands, by the settings
     """
 
     def __init__(
@@ -163,7 +167,7 @@ class HandEstimator:
         return candidate
 
     def _select(self, candidates: list[Candidate], frame: SideView) -> HandEstimate:
-        """The hand of the crop whose fast fit costs least, as either side."""
+        """The hand of the crop whose fast fit costs least, fitted by the plan as either side."""
         camera = camera_of(frame.camera, frame.side)
         if self.plan is None or len(candidates) == 1:
             return self.estimate(candidates[:1], camera, self.plan, frame)[0]
@@ -178,8 +182,8 @@ class HandEstimator:
             else self._candidate(frame.of(side), view.pixel_in(side, best.center_uvd))
             for side in self.sides
         ]
-        left = [candidate for candidate in sides if _key(candidate) not in hands]
-        hands |= zip(map(_key, left), self.estimate(left, camera, self.plan, frame))
+        unfitted = [candidate for candidate in sides if _key(candidate) not in hands]
+        hands |= zip(map(_key, unfitted), self.estimate(unfitted, camera, self.plan, frame))
         return _likelier([hands[_key(candidate)] for candidate in sides])
 
     # ---------------------------------------------------------------------------- hands together
@@ -230,16 +234,13 @@ class HandEstimator:
         """
         if plan is None or self.fitter is None:
             return [self._predicted(candidate, camera) for candidate in candidates]
-        alike: dict[tuple[bool, bool], list[int]] = {}
-        for i, candidate in enumerate(candidates):
-            alike.setdefault((candidate.size is not None, candidate.asks_network), []).append(i)
-        found: dict[int, HandEstimate] = {}
-        for rows in alike.values():
-            found |= zip(
-                rows, self._fitted([candidates[i] for i in rows], camera, self.fitter, plan)
-            )
-        hands = [found[i] for i in range(len(candidates))]
-        return judge(hands, view, self.judge) if self.fitter.errors.is_measured else hands
+        fitter = self.fitter
+
+        def fitted(alike: Sequence[Candidate]) -> list[HandEstimate]:
+            return self._fitted(alike, camera, fitter, plan)
+
+        hands = in_groups(candidates, lambda one: (one.size is not None, one.asks_network), fitted)
+        return judge(hands, view, self.judge) if fitter.errors.is_measured else hands
 
     def _predicted(self, candidate: Candidate, camera: Camera) -> HandEstimate:
         """The hand by the network alone."""

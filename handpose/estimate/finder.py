@@ -287,4 +287,4 @@ def _in_sight(middle: Array, camera: Camera) -> bool:
     if middle[2] < NEAREST_MM:
         return False
     u, v, _ = camera.project(middle)
-    return bool(0 <= u < camera.width and 0 <= v < camera.height)
+    return bool(camera.has_pixel(u, v))

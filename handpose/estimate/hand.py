@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,8 @@ from handpose.fit.pose_confidence import Evidence, Judge, Judged, unknown_finger
 from handpose.frames.cameras import Camera
 from handpose.frames.crops import crop_scale
 from netlib.blob import Array
+
+Item = TypeVar("Item")
 
 MIN_CONFIDENCE = 0.3  # of a hand whose joints are given, unless the user asks for others
 MIN_PRESENCE = 0.25  # 0.1 false hands a frame in scenes of the training's generator, one at a desk
@@ -206,13 +209,27 @@ def judge(hands: Sequence[HandEstimate], view: SideView | None, by: Judge) -> li
     """
     if view is None:
         return [_judge([hand], *_as_frame(hand), by)[0] for hand in hands]
+
+    def of_one_side(some: Sequence[HandEstimate]) -> list[HandEstimate]:
+        seen = view.of(some[0].hand)
+        return _judge(some, np.asarray(seen.readings, np.float32), seen.camera, by)
+
+    return in_groups(hands, lambda hand: hand.hand, of_one_side)
+
+
+def in_groups(
+    items: Sequence[Item],
+    group_of: Callable[[Item], object],
+    results_of: Callable[[Sequence[Item]], Sequence[HandEstimate]],
+) -> list[HandEstimate]:
+    """The results for items in their order, computed for the items of each group together."""
+    groups: dict[object, list[int]] = {}
+    for n, item in enumerate(items):
+        groups.setdefault(group_of(item), []).append(n)
     found: dict[int, HandEstimate] = {}
-    for side in {hand.hand for hand in hands}:
-        rows = [n for n, hand in enumerate(hands) if hand.hand == side]
-        seen = view.of(side)
-        readings = np.asarray(seen.readings, np.float32)
-        found |= zip(rows, _judge([hands[n] for n in rows], readings, seen.camera, by))
-    return [found[n] for n in range(len(hands))]
+    for rows in groups.values():
+        found |= zip(rows, results_of([items[n] for n in rows]))
+    return [found[n] for n in range(len(items))]
 
 
 def _judge(
@@ -252,7 +269,7 @@ def _as_frame(hand: HandEstimate) -> tuple[NDArray[np.float32], Camera]:
     )
 
 
-def as_one_side(hand: HandEstimate, judge: Judge) -> HandEstimate:
+def as_one_side(hand: HandEstimate, by: Judge) -> HandEstimate:
     """A hand that was fitted as either side, with the errors and the confidence if the
     side may be wrong.
 
@@ -263,7 +280,7 @@ def as_one_side(hand: HandEstimate, judge: Judge) -> HandEstimate:
     other = hand.other
     if other is None or np.isnan(hand.confidence):
         return hand
-    chance = judge.side_chance(judge.side_log_ratio(hand.cost, other.cost))
+    chance = by.side_chance(by.side_log_ratio(hand.cost, other.cost))
     apart = np.linalg.norm(hand.xyz - other.xyz, axis=1)
     error_mm = chance * hand.error_mm + (1 - chance) * max(float(apart.mean()), hand.error_mm)
     of_fingers = hand.finger_error_mm

@@ -92,8 +92,6 @@ class _Rays(NamedTuple):
         """
         columns = np.rint(self.x * camera.fx + camera.u0).astype(np.int64)[:, None, :]
         rows = np.rint(self.y * camera.fy + camera.v0).astype(np.int64)[:, :, None]
-        in_width = (columns >= 0) & (columns < camera.width)
-        in_height = (rows >= 0) & (rows < camera.height)
         found = np.zeros(surface.shape, np.float32)
         least = np.full(surface.shape, np.inf, np.float32)
         for down, right in AROUND:
@@ -102,7 +100,7 @@ class _Rays(NamedTuple):
             apart = np.where(reading > 0, np.abs(reading - surface), np.float32(np.inf))
             is_nearer = apart < least
             found[is_nearer], least[is_nearer] = reading[is_nearer], apart[is_nearer]
-        return found, in_width & in_height & (surface < BEYOND_MM)
+        return found, camera.has_pixel(columns, rows) & (surface < BEYOND_MM)
 
 
 class ImageSupport:
@@ -184,8 +182,6 @@ def _readings(
     before = points[..., 2] > 0
     pixels = np.rint(camera.project(np.where(before[..., None], points, 1.0)))
     column, row, _ = np.moveaxis(pixels, -1, 0)
-    in_width = (column >= 0) & (column < camera.width)
-    in_height = (row >= 0) & (row < camera.height)
-    inside = before & in_width & in_height
+    inside = before & camera.has_pixel(column, row)
     at = [np.where(inside, index, 0).astype(np.int64) for index in (row, column)]
     return depth[at[0], at[1]], inside

@@ -1,15 +1,15 @@
 """camera.json: the parameters of a depth camera, next to its frames or within their file; other
 files with a camera.
 
-{"fx": 476.0, "fy": 476.0, "u0": 313.7, "v0": 242.8, "width": 640, "height": 480, "unit_mm":
-0.125, "rate": 30,
+{"fx": 476.0, "fy": 476.0, "u0": 313.7, "v0": 242.8, "width": 640, "height": 480,
+ "unit_mm": 0.125, "rate": 30,
  "distortion": {"model": "brown_conrady", "coefficients": [0.1, -0.2, 0, 0, 0]}}
 
 fx, fy, u0, v0  px, all four or none; cx, cy and ppx, ppy are other names of u0, v0
 width, height   px of the frames, both or none
 unit_mm         depth of a stored value of 1 in mm; RealSense's depth_scale is in metres
 rate            frames per second; also fps
-min_range_mm    nearer readings are errors and count as missing; default 200
+min_range_mm    nearer readings are errors and count as missing; default 200, 0 for none
 distortion      of the lens: as above, or the coefficients alone; model, coeffs, k1 ... p2 may also
                 be keys next to fx
 name            of the camera
@@ -56,13 +56,14 @@ from handpose.frames.camera_keys import (
     ROWS,
     SIZE,
     has_camera,
+    is_known,
     is_number,
     key_of,
     numbers_in,
     rank_of,
     unknown_key,
 )
-from handpose.frames.camera_text import parse_document
+from handpose.frames.camera_text import parse_document, value_of
 from handpose.frames.cameras import Camera, View
 from handpose.frames.lens import Lens, lens_of
 from handpose.frames.recording import CameraInfo
@@ -138,7 +139,8 @@ def find(document: Any, where: str, is_replaced: bool = False) -> FoundCamera:
     chains = [chain for chain in _objects(document, []) if has_camera(chain[-1][1])]
     chains = chains or [[("", document)]]
     ranks = [_rank(chain) for chain in chains]
-    chosen = [chain for chain, rank in zip(chains, ranks) if rank == min(ranks)]
+    best = min(ranks)
+    chosen = [chain for chain, rank in zip(chains, ranks) if rank == best]
     found = [FoundCamera(chain, where, is_replaced) for chain in chosen]
     if len({one.info for one in found}) > 1:
         found[0].info = _of_modes(found, where)
@@ -213,7 +215,7 @@ class FoundCamera:
     info    the parameters
     name    of the object
     fields  for each used key the field of CameraInfo that it gives
-    unused  the other keys of the same object
+    unused  the other keys of the same object, but for known ones whose value is null: unknown
     words   both, for people
     is_own  whether all used keys are those of a camera.json
     """
@@ -225,16 +227,18 @@ class FoundCamera:
         self.fields: dict[str, str] = {}
         own = chain[-1][1]
         wanted = {*ALIASES.values()}
-        if any(key_of(name) == "fx" for name in own):  # of two forms the matrix is not used
+        # of two forms the matrix is not used
+        if any(key_of(name) == "fx" and value is not None for name, value in own.items()):
             wanted -= {"matrix"}
         for _, values in reversed(chain):
             for name, value in values.items():
                 if value is not None and key_of(name, value) in wanted:
                     self._take(name, value)
-            said = self._values.keys()
-            wanted = {key for group in AROUND if said.isdisjoint(group) for key in group}
+            found = self._values.keys()
+            wanted = {key for group in AROUND if found.isdisjoint(group) for key in group}
         self.name = ".".join(name.strip() for name, _ in chain if name)
-        self.unused = [name for name in own if name not in self.fields]
+        said = [name for name, value in own.items() if value is not None or not is_known(name)]
+        self.unused = [name for name in said if name not in self.fields]
         self.is_own = len(chain) < 2 and self.fields.keys() <= {*KNOWN}
         self.info = self._info()
 
@@ -271,6 +275,8 @@ class FoundCamera:
             return dict(zip(INTRINSICS, four))
         if key in ROWS:
             row = [inner.get(one) for one in ROWS[key]] if inner else value
+            if key == "size" and isinstance(value, str):
+                row = value_of(value)
             is_row = isinstance(row, list) and len(row) == len(ROWS[key])
             return dict(zip(ROWS[key], row)) if is_row else {}
         if key == "distortion" and isinstance(value, str):

@@ -19,7 +19,7 @@ RANGES = {  # exclusive lower and inclusive upper bounds
     "rate": (1e-6, 1e4),
     "width": (0, 1 << 14),
     "height": (0, 1 << 14),
-    "min_range_mm": (0, 1e4),
+    "min_range_mm": (-1e-6, 1e4),  # 0: every reading counts
 } | dict.fromkeys(BROWN, (-1e300, 1e300))
 INTRINSICS, SIZE = ("fx", "fy", "u0", "v0"), ("width", "height")
 CAMERA = (*SIZE, *INTRINSICS, "name", "min_range_mm")  # the keys of a camera

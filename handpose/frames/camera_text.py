@@ -61,7 +61,7 @@ def parse_document(text: str, where: str) -> Any:
     """
     plain = _plain(text)
     if TABLE.fullmatch(plain):
-        return _value(f"[{plain}]")
+        return value_of(f"[{plain}]")
     if JSON.match(text):
         return parse_json(text, where)
     if PYTHON.match(text):
@@ -165,11 +165,14 @@ def _items(text: str) -> Iterator[_Item]:
             indent = len(head) - len(head.lstrip())
             yield _Item(-1 if head.startswith("[") else indent, name, None)
         for pair in pairs:
-            yield _Item(pair.start(1), pair[1].strip("\"'"), _value(pair[2] or pair[3]))
+            yield _Item(pair.start(1), pair[1].strip("\"'"), value_of(pair[2] or pair[3]))
 
 
-def _value(text: str) -> Any:
-    """A number, the list of several numbers or of those in brackets, or a text."""
+def value_of(text: str) -> Any:
+    """A number, the list of several numbers or of those in brackets, or a text. A size such as
+    640x480 is two numbers.
+    """
+    text = PRODUCT.sub(", ", text)
     if not TABLE.fullmatch(text):
         return text.strip(" \t\"'")
     numbers = [float(number) for number in re.findall(NUMBER, text)]

@@ -76,6 +76,12 @@ class Camera:
         near = self.is_too_near(depth)
         return np.where(near, depth.dtype.type(0), depth) if near.any() else depth
 
+    def has_pixel(self, column: NDArray[Any], row: NDArray[Any]) -> NDArray[np.bool_]:
+        """True for columns and rows, of any shapes that broadcast, that are in the image."""
+        in_width = (column >= 0) & (column < self.width)
+        in_height = (row >= 0) & (row < self.height)
+        return in_width & in_height
+
     def mirrored(self) -> Camera:
         """The camera of the mirror images of its frames, whose columns are in reverse order."""
         return replace(self, u0=self.width - 1 - self.u0)

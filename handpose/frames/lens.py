@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from handpose.frames.cameras import Camera
 from netlib.blob import Array
-from netlib.errors import DataError, did_you_mean
+from netlib.errors import DataError, did_you_mean, located
 
 COUNTS = (4, 5, 8)  # allowed numbers of coefficients
 INVERSE_ITERATIONS = 30  # of a fixed point, whose steps at least halve for any real lens
@@ -139,10 +139,8 @@ def lens_of(model: str, coefficients: Sequence[float], where: str) -> Lens:
         )
     while len(numbers) > max(COUNTS) and not numbers[-1]:  # OpenCV's thin prisms and tilted sensors
         numbers = numbers[:-1]
-    try:
+    with located(where):
         return Lens(numbers, "inverse_brown_conrady" if name in INVERSE else "brown_conrady")
-    except DataError as error:
-        raise DataError(f"{where}: {error}") from None
 
 
 class Undistorter:
@@ -160,9 +158,7 @@ class Undistorter:
             u, v = lens.distorted(*np.broadcast_arrays(x, y))
             column = np.rint(u * camera.fx + camera.u0)
             row = np.rint(v * camera.fy + camera.v0)
-            in_width = (column >= 0) & (column < camera.width)
-            in_height = (row >= 0) & (row < camera.height)
-            inside = in_width & in_height
+            inside = camera.has_pixel(column, row)
             self._source = np.where(inside, row * camera.width + column, 0).astype(np.int32)
         if inside.mean() < MIN_SHOWN:
             raise DataError(

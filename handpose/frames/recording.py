@@ -24,10 +24,10 @@ from numpy.typing import NDArray
 
 from handpose.frames.cameras import CAMERAS, UNIT_MM, VIEWS, Camera, View
 from handpose.frames.lens import Lens, Undistorter
-from netlib.errors import DataError
+from netlib.errors import DataError, located
 
 RATE = 30.0  # frames per second, if unknown
-# a remark
+# the remark about it
 RATE_UNKNOWN = f"rate unknown: {RATE:g} frames per second assumed; --rate if that is wrong"
 MAX_UINT16 = 65535  # maximum of 16 bits
 
@@ -172,7 +172,8 @@ class DepthDecoder:
     ) -> None:
         check_values(dtype, where)
         known = given.or_else(own).or_else(camera_json)
-        for name, value in (("unit_mm", known.unit_mm), ("rate", known.rate)):
+        for name in ("unit_mm", "rate"):
+            value = getattr(known, name)
             if value is not None and not 0 < value < np.inf:
                 raise DataError(f"{where}: {name} is {value}; expected a number more than 0")
         if known.camera is None:
@@ -201,9 +202,10 @@ class DepthDecoder:
                 "unit unknown: a value of 1 is taken for 1 mm; --unit MM if that is wrong"
             )
         self.unit_mm = unit
-        self._unit = np.float32(unit)
-        self._undistort = _undistorter(self.camera, known.lens, where)
-        if self._undistort is not None:
+        self._undistort = None
+        if known.lens is not None and not known.lens.is_straight:
+            with located(where):
+                self._undistort = Undistorter(self.camera, known.lens)
             remarks.append("the distortion of the lens is taken out")
         # the user gave a camera without a lens
         elif own.lens is not None and not own.lens.is_straight:
@@ -228,7 +230,7 @@ class DepthDecoder:
                 f"{self.camera.width} x {self.camera.height}"
             )
         with np.errstate(all="ignore"):  # numbers beyond float32's range become infinite
-            depth = raw.astype(np.float32) * self._unit
+            depth = raw.astype(np.float32) * np.float32(self.unit_mm)
         if raw.dtype.kind == "f":
             depth[~np.isfinite(depth)] = 0  # ROS has NaN, and infinities for too near and too far
         if raw.dtype.kind != "u" and depth.min(initial=0) < 0:
@@ -236,16 +238,6 @@ class DepthDecoder:
                 f"{where}: a depth of {depth.min():g} mm; expected 0 where nothing was read, else more"
             )
         return depth if self._undistort is None else self._undistort(depth)
-
-
-def _undistorter(camera: Camera, lens: Lens | None, where: str) -> Undistorter | None:
-    """What removes the distortion of a lens; None without one. Raises DataError."""
-    if lens is None or lens.is_straight:
-        return None
-    try:
-        return Undistorter(camera, lens)
-    except DataError as error:
-        raise DataError(f"{where}: {error}") from None
 
 
 def _unknown_camera(known: CameraInfo, where: str) -> DataError:
@@ -298,10 +290,8 @@ def sized(camera: Camera | View, shape: tuple[int, ...], where: str) -> Camera:
         raise DataError(f"{where}: frames of shape {shape}, expected (height, width)")
     height, width = shape
     if isinstance(camera, View):
-        try:
+        with located(where):
             return camera.at(width, height)
-        except DataError as error:
-            raise DataError(f"{where}: {error}") from None
     if not camera.width:
         return replace(camera, width=width, height=height)
     if (camera.width, camera.height) != (width, height):

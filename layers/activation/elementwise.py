@@ -52,8 +52,12 @@ class Elementwise(Layer):
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:
-            x = self.x if bottom[0] is top[0] and not self.reads_top else bottom[0].data
-            read = top[0].data.reshape(-1) if self.reads_top else x.reshape(-1)
+            if self.reads_top:
+                read = top[0].data.reshape(-1)
+            elif bottom[0] is top[0]:
+                read = self.x.reshape(-1)
+            else:
+                read = bottom[0].data.reshape(-1)
             dy, dx = top[0].diff.reshape(-1), bottom[0].diff.reshape(-1)
             for part in blocks(read.size, BLOCK):
                 np.multiply(dy[part], self._slope(read[part]), out=dx[part])

@@ -47,7 +47,8 @@ class ArgMax(Layer):
             self.axis = self.canonical_axis(p.axis, x)
             values = x.shape[self.axis]
             what = f"the {values} values along axis {self.axis}"
-            shape = [*x.shape[: self.axis], p.top_k, *x.shape[self.axis + 1 :]]
+            shape = list(x.shape)
+            shape[self.axis] = p.top_k
         else:
             items = x.shape[self.canonical_axis(0, x, "first axis")]
             values = math.prod(x.shape[1:])

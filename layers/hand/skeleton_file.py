@@ -178,10 +178,12 @@ def _dof_lines(dofs: tuple[DofParameter, ...]) -> Iterator[str]:
             f"name: {_quoted(d.name).ljust(width)}",
             f"initial: {_number(d.initial).rjust(9)}",
         ]
-        fields += (
-            ["fixed: true"] if d.fixed else [f"lower: {_number(d.lower)} upper: {_number(d.upper)}"]
-        )
-        fields += [f"deviation: {_number(d.deviation)}"] if np.isfinite(d.deviation) else []
+        if d.fixed:
+            fields.append("fixed: true")
+        else:
+            fields.append(f"lower: {_number(d.lower)} upper: {_number(d.upper)}")
+        if np.isfinite(d.deviation):
+            fields.append(f"deviation: {_number(d.deviation)}")
         yield f"dof {{ {'  '.join(fields)} }}  # {i}"
 
 

@@ -36,7 +36,7 @@ class Crop(ZeroGradient):
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         x, size = bottom[0].shape, bottom[1].shape
         middle = [(n - m) // 2 for n, m in zip(x, size)][self.param.axis :]
-        if any(middle) and not self.param.offset:  # 0: the size is odd
+        if any(middle) and not self.param.offset:  # where only one value is cut, both align alike
             warn(
                 self,
                 f"without an offset, the first {size} of {x} remain, as in Caffe 1.0; Caffe's forks of FCN, HED and "

@@ -38,7 +38,7 @@ class Parameters:
     def __init__(self) -> None:
         self.learnable: list[Param] = []
         self.bytes = 0
-        self._named: dict[str, Param] = {}
+        self._named: dict[str | None, Param] = {}
 
     def enter(self, layer: Layer) -> list[Param]:
         """Register the parameters of a layer and return them, or their owners if shared.
@@ -52,26 +52,34 @@ class Parameters:
         entered = []
         for i, blob in enumerate(layer.blobs):
             spec = layer.spec.param[i] if i < len(layer.spec.param) else ParamSpec()
-            owner = self._named.get(spec.name or "")
-            if owner is None:
+            owner = self._named.get(spec.name)
+            if owner is not None:
+                _share(layer, i, spec, owner)
+            else:
                 owner = Param(blob, layer.name, i, spec)
                 self.learnable.append(owner)
                 self.bytes += blob.bytes
                 if spec.name:
                     self._named[spec.name] = owner
-            else:
-                mine, theirs = blob.shape, owner.blob.shape
-                if blob.count != owner.blob.count or (
-                    spec.share_mode != "PERMISSIVE" and mine != theirs
-                ):
-                    raise layer.fail(
-                        f"parameter {i} {mine} cannot share {spec.name!r} with layer {owner.layer!r} "
-                        f"parameter {owner.index} {theirs}"
-                    )
-                blob.share(owner.blob)
             _merge_multipliers(layer, spec, owner)
             entered.append(owner)
         return entered
+
+
+def _share(layer: Layer, index: int, spec: ParamSpec, owner: Param) -> None:
+    """Let parameter ``index`` of a layer share the memory of its owner.
+
+    Raises LayerError if the shapes differ; with share_mode PERMISSIVE, if the counts do.
+    """
+    blob = layer.blobs[index]
+    mine, theirs = blob.shape, owner.blob.shape
+    may_differ = spec.share_mode == "PERMISSIVE" and blob.count == owner.blob.count
+    if mine != theirs and not may_differ:
+        raise layer.fail(
+            f"parameter {index} {mine} cannot share {spec.name!r} with layer {owner.layer!r} "
+            f"parameter {owner.index} {theirs}"
+        )
+    blob.share(owner.blob)
 
 
 def _merge_multipliers(layer: Layer, spec: ParamSpec, owner: Param) -> None:
@@ -80,7 +88,7 @@ def _merge_multipliers(layer: Layer, spec: ParamSpec, owner: Param) -> None:
     Raises LayerError if another layer set a different value.
     """
     for name in ("lr_mult", "decay_mult"):
-        if not schema.is_given(spec, name):
+        if not schema.is_set(spec, name):
             continue
         mine, theirs = getattr(spec, name), getattr(owner.spec, name)
         if name in owner.given and mine != theirs:

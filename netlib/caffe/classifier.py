@@ -16,7 +16,7 @@ from netlib.layer import TEST
 
 
 class Classifier(Net):
-    """A net in phase TEST with preprocessing for its first input.
+    """A net in phase TEST with preprocessing for its first input. Raises NetlibError.
 
     image_dims                                   height and width to which images are scaled
                                                  before they are cropped to the input's size; by
@@ -41,22 +41,21 @@ class Classifier(Net):
                 "layer"
             )
         name = self.inputs[0]
-        given = self.blobs[name].data.shape
-        self.transformer = io.Transformer({name: given})
+        shape = self.blobs[name].data.shape
+        self.transformer = io.Transformer({name: shape})
         self.transformer.set_transpose(name, (2, 0, 1))
-        settings = {
-            "mean": mean,
-            "input_scale": input_scale,
-            "raw_scale": raw_scale,
-            "channel_swap": channel_swap,
-        }
-        for setting, value in settings.items():
-            if value is not None:
-                getattr(self.transformer, f"set_{setting}")(name, value)
-        self.crop_dims = np.array(given[2:])
-        self.image_dims: io.Size = (
-            self.crop_dims if image_dims is None or not len(image_dims) else image_dims
-        )
+        if mean is not None:
+            self.transformer.set_mean(name, mean)
+        if input_scale is not None:
+            self.transformer.set_input_scale(name, input_scale)
+        if raw_scale is not None:
+            self.transformer.set_raw_scale(name, raw_scale)
+        if channel_swap is not None:
+            self.transformer.set_channel_swap(name, channel_swap)
+        self.crop_dims = np.array(shape[2:])
+        self.image_dims: io.Size = self.crop_dims
+        if image_dims is not None and len(image_dims):
+            self.image_dims = image_dims
         if len(self.image_dims) != 2 or (np.array(self.image_dims) < self.crop_dims).any():
             raise io.ShapeError(
                 f"image_dims {io.plain(self.image_dims)} are smaller than the net's input, "
@@ -75,15 +74,19 @@ class Classifier(Net):
                 f"{[np.shape(image) for image in inputs]}"
             )
         images = np.stack([io.resize_image(image, self.image_dims) for image in inputs])
-        h, w = self.crop_dims
-        y, x = (images.shape[1] - h) // 2, (images.shape[2] - w) // 2
-        crops = (
-            io.oversample(images, self.crop_dims) if oversample else images[:, y : y + h, x : x + w]
-        )
+        crops = io.oversample(images, self.crop_dims) if oversample else self._centres(images)
         name = self.inputs[0]
         items = np.stack([self.transformer.preprocess(name, crop) for crop in crops])
         predictions: NDArray[np.float32] = self.forward_all(**{name: items})[self.outputs[0]]
-        return predictions.reshape(len(images), 10, -1).mean(axis=1) if oversample else predictions
+        if not oversample:
+            return predictions
+        return predictions.reshape(len(images), 10, -1).mean(axis=1)
+
+    def _centres(self, images: Array) -> Array:
+        """The centre of each image (N, H, W, K), of the size of the net's input."""
+        h, w = self.crop_dims
+        y, x = (images.shape[1] - h) // 2, (images.shape[2] - w) // 2
+        return images[:, y : y + h, x : x + w]
 
 
 class Detector:

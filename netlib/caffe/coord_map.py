@@ -148,7 +148,7 @@ def _ancestors(top: Top) -> dict[Top, Map]:
     waiting = deque([top])
     while waiting:
         at = waiting.popleft()
-        # the second only gives a size
+        # the second bottom of a Crop only gives a size
         bottoms = at.fn.inputs[:1] if at.fn.type_name == "Crop" else at.fn.inputs
         try:
             step = coord_map(at.fn) if bottoms else IDENTITY

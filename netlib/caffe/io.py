@@ -6,6 +6,7 @@ SciPy instead of scikit-image.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -39,10 +40,9 @@ def __getattr__(name: str) -> Any:
             import skimage.io
             from skimage.transform import resize
         except ImportError:
-            found = (
+            raise NetlibError(
                 f"caffe.io.{name} is of scikit-image, which is missing: pip install scikit-image"
-            )
-            raise NetlibError(found) from None
+            ) from None
         return resize if name == "resize" else skimage
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
@@ -135,10 +135,9 @@ def datum_to_array(datum: Any) -> Array:
 
 
 def _shaped(values: Array, shape: tuple[int, ...], what: str) -> Array:
-    try:
-        return values.reshape(shape)
-    except ValueError:
-        raise ShapeError(f"{what} has shape {shape}, but {values.size} values") from None
+    if min(shape, default=0) < 0 or math.prod(shape) != values.size:
+        raise ShapeError(f"{what} has shape {shape}, but {values.size} values")
+    return values.reshape(shape)
 
 
 # ------------------------------------------------------------------------------------ preprocessing
@@ -171,14 +170,19 @@ class Transformer:
             raise ShapeError(
                 f"preprocess needs an input (N, K, H, W), but {in_!r} has shape {tuple(shape)}"
             )
-        height, width = shape[2:]
+        size = tuple(shape[2:])
         image = np.asarray(data).astype(np.float32)
-        if image.shape[:2] != (height, width):
-            image = resize_image(image, (height, width))
-        if in_ in self.transpose:
-            image = image.transpose(self.transpose[in_])
-        if in_ in self.channel_swap:
-            image = image[list(self.channel_swap[in_])]
+        if image.shape[:2] != size:
+            image = resize_image(image, size)
+        try:
+            if in_ in self.transpose:
+                image = image.transpose(self.transpose[in_])
+            if in_ in self.channel_swap:
+                image = image[list(self.channel_swap[in_])]
+        except (ValueError, IndexError):
+            raise ShapeError(
+                f"preprocess takes an image (H, W, {shape[1]}) for {in_!r}, found {np.shape(data)}"
+            ) from None
         if in_ in self.raw_scale:
             image *= self.raw_scale[in_]
         if in_ in self.mean:
@@ -242,7 +246,6 @@ class Transformer:
         """
         _, channels, *size = self._shape(in_)
         mean = np.asarray(mean)
-        mean = mean if mean.dtype.kind == "f" else mean.astype(np.float64)
         if mean.ndim not in (1, 2, 3):
             raise ShapeError(
                 f"Mean shape invalid: expected (K,), (H, W) or (K, H, W), found {mean.shape}"
@@ -253,6 +256,7 @@ class Transformer:
                 f"Mean channels incompatible with input: {in_!r} has {channels}, found a mean of shape "
                 f"{mean.shape}"
             )
+        mean = mean if mean.dtype.kind == "f" else mean.astype(np.float64)
         if mean.ndim == 1:
             mean = mean[:, None, None]
         elif mean.shape[-2:] != tuple(size):
@@ -338,6 +342,8 @@ def resize_image(im: Array, new_dims: Size, interp_order: int = 1) -> NDArray[np
     factors = (height / im.shape[0], width / im.shape[1], 1)
     if im.shape[2] not in (1, 3):
         return scipy.ndimage.zoom(im, factors, order=interp_order).astype(np.float32)
+    if im.dtype.kind != "f":
+        im = im.astype(np.float64)  # a difference of small signed integers overflows
     least = im.min()
     most = im.max()
     if not most > least:

@@ -144,9 +144,19 @@ class Message:
         return [f.value for f in self.fields if f.name == name and not isinstance(f.value, Unknown)]
 
     def text(self, name: str) -> str:
-        """The last scalar called ``name``; empty if there is none."""
+        """The text of the last scalar called ``name``; empty if there is none."""
+        last = self.scalar(name)
+        return "" if last is None else last.text
+
+    def truth(self, name: str) -> bool | None:
+        """The last scalar called ``name`` as true or false; None if there is none, or a number."""
+        last = self.scalar(name)
+        return None if last is None else last.truth()
+
+    def scalar(self, name: str) -> Scalar | None:
+        """The last scalar called ``name``; None if there is none."""
         scalars = [value for value in self.values(name) if isinstance(value, Scalar)]
-        return scalars[-1].text if scalars else ""
+        return scalars[-1] if scalars else None
 
     def named(self, *names: str) -> list[Field]:
         """The fields with one of these names, in the order of the file."""

@@ -71,130 +71,6 @@ def numbered(number: int, default: Any = dataclasses.MISSING, packed: bool = Fal
     return dataclasses.field(default=default, metadata={"number": number, "packed": packed})
 
 
-def read(message: Message, cls: type[T], what: str | None = None) -> T:
-    """Fill the dataclass ``cls`` from a tree.
-
-    Raises PrototxtError with the position of the mistake.
-    """
-    known = fields_of(cls)  # type: ignore[arg-type]
-    takes_blocks = "blocks" in hints_of(cls)  # type: ignore[arg-type]
-    found: dict[str, list[Field]] = {}
-    blocks: dict[str, list[Message]] = {}
-    for item in message.fields:
-        if isinstance(item.value, Unknown):
-            continue
-        if item.name in known:
-            found.setdefault(item.name, []).append(item)
-        elif forks.has_no_effect(cls.__name__, item):
-            continue
-        elif takes_blocks and item.name.endswith("_param") and isinstance(item.value, Message):
-            blocks.setdefault(item.name, []).append(item.value)
-        else:
-            raise unknown_field(item, known, cls.__name__)
-    values: dict[str, Any] = {
-        known[name].attribute: _field_value(items, known[name]) for name, items in found.items()
-    }
-    for name, info in known.items():
-        if name in found:
-            continue
-        if info.default is dataclasses.MISSING:
-            raise PrototxtError(
-                message.position, f"missing required field {name!r} in {what or cls.__name__}"
-            )
-        if info.kind is float and isinstance(info.default, float):
-            values[info.attribute] = round_to_32_bits(info.default)
-    if takes_blocks:
-        values["blocks"] = {name: _merged(parts) for name, parts in blocks.items()}
-    return placed(cls(**values), message)
-
-
-def unknown_field(item: Field, known: typing.Iterable[str], message: str) -> PrototxtError:
-    """The error for an unknown field of the named message."""
-    if effect := forks.effect_of(message, item.name):
-        return PrototxtError(item.position, f"unknown option {item.name!r} {effect}")
-    advice = meant_or_known(item.name, known, "known fields:")
-    return PrototxtError(item.position, f"unknown field {item.name!r}{advice}")
-
-
-def with_values(message: T, **values: Any) -> T:
-    """Set fields of a message from Python values, checked like those of a file.
-
-    Raises PrototxtError.
-    """
-    known = fields_of(type(message))  # type: ignore[arg-type]
-    found: dict[str, Any] = {}
-    for name, value in values.items():
-        place = position_of(message, name)
-        info = known.get(written_name(name))
-        if info is None:
-            raise PrototxtError(place, f"unknown field {name!r}{did_you_mean(name, known)}")
-        if value is None and info.default is None:
-            found[name] = None
-            continue
-        several = info.repeated and isinstance(value, (list, tuple))
-        items = tuple(_python_value(one, info.kind) for one in (value if several else [value]))
-        if info.repeated != several or None in items:
-            what = "a message" if is_message(info.kind) else expected(info.kind)
-            each = "a list, each " if info.repeated else ""
-            raise PrototxtError(place, f"{name!r} expects {each}{what}, found {value!r}")
-        found[name] = items if several else items[0]
-    return changed(message, **found)
-
-
-def _python_value(value: Any, kind: Any) -> Any:
-    """Convert a Python value to that of a field of this kind; None if it is of another kind."""
-    if is_message(kind):
-        return value if isinstance(value, kind) else None
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, os.PathLike):
-        value = os.fspath(value)
-    if not isinstance(value, (int, float, str)) or isinstance(value, bool) != (kind is bool):
-        return None
-    written = _tree_value(value, Double if kind is float else kind, Place(""))
-    return scalar_value(written, kind) if isinstance(written, Scalar) else None
-
-
-def changed(message: T, **changes: Any) -> T:
-    """Replace fields of a message; its position in the file is kept."""
-    return placed(dataclasses.replace(message, **changes), tree_of(message))  # type: ignore[type-var]
-
-
-def placed(made: T, tree: Message | None) -> T:
-    """Set the tree from which ``made`` counts as read, with the positions of its fields, and
-    return ``made``.
-    """
-    object.__setattr__(made, "_tree", tree)
-    return made
-
-
-def tree_of(message: object) -> Message | None:
-    """The tree that a typed message was read from."""
-    return getattr(message, "_tree", None)
-
-
-def is_set(message: object, name: str) -> bool:
-    """Whether a field is given in the file or, in a message made by a program, differs
-    from its default.
-    """
-    return is_given(message, name) or getattr(message, name) != getattr(type(message), name)
-
-
-def is_given(message: object, name: str) -> bool:
-    """Whether a field is given in the file."""
-    tree = tree_of(message)
-    return tree is not None and bool(tree.values(name))
-
-
-def position_of(message: object, name: str | None = None, index: int = 0) -> Place:
-    """Position of a typed message, or of one of its fields, in its file."""
-    tree = tree_of(message)
-    if tree is None:
-        return Position("<built in code>", 1, 1)
-    places = [f.position for f in tree.fields if f.name == name]
-    return places[index] if index < len(places) else tree.position
-
-
 @functools.cache
 def hints_of(cls: type) -> dict[str, Any]:
     """The attributes of a message with their types."""
@@ -245,6 +121,18 @@ def written_name(name: str) -> str:
 
 
 @functools.cache
+def kind_of(hint: Any) -> tuple[Any, bool]:
+    """The kind of one value of a field, and whether the field is repeated."""
+    if hint in ARRAYS:
+        return hint, True
+    if typing.get_origin(hint) is tuple:
+        return typing.get_args(hint)[0], True
+    if typing.get_origin(hint) in (types.UnionType, typing.Union):
+        return kind_of(next(k for k in typing.get_args(hint) if k is not type(None)))
+    return hint, False
+
+
+@functools.cache
 def enum_of(kind: Any) -> dict[str, int]:
     """The names of an enum with their numbers; empty for other kinds."""
     first = 0
@@ -259,21 +147,57 @@ def enum_of(kind: Any) -> dict[str, int]:
 
 
 @functools.cache
-def kind_of(hint: Any) -> tuple[Any, bool]:
-    """The kind of one value of a field, and whether the field is repeated."""
-    if hint in ARRAYS:
-        return hint, True
-    if typing.get_origin(hint) is tuple:
-        return typing.get_args(hint)[0], True
-    if typing.get_origin(hint) in (types.UnionType, typing.Union):
-        return kind_of(next(k for k in typing.get_args(hint) if k is not type(None)))
-    return hint, False
-
-
-@functools.cache
 def is_message(kind: Any) -> bool:
     """Whether a kind is a nested message: a dataclass or an unparsed tree."""
     return kind is Message or (isinstance(kind, type) and dataclasses.is_dataclass(kind))
+
+
+# ------------------------------------------------------------------------------------- tree → typed
+
+
+def read(message: Message, cls: type[T], what: str | None = None) -> T:
+    """Fill the dataclass ``cls`` from a tree.
+
+    Raises PrototxtError with the position of the mistake.
+    """
+    known = fields_of(cls)  # type: ignore[arg-type]
+    takes_blocks = "blocks" in hints_of(cls)  # type: ignore[arg-type]
+    found: dict[str, list[Field]] = {}
+    blocks: dict[str, list[Message]] = {}
+    for item in message.fields:
+        if isinstance(item.value, Unknown):
+            continue
+        if item.name in known:
+            found.setdefault(item.name, []).append(item)
+        elif forks.has_no_effect(cls.__name__, item):
+            continue
+        elif takes_blocks and item.name.endswith("_param") and isinstance(item.value, Message):
+            blocks.setdefault(item.name, []).append(item.value)
+        else:
+            raise unknown_field(item, known, cls.__name__)
+    values: dict[str, Any] = {
+        known[name].attribute: _field_value(items, known[name]) for name, items in found.items()
+    }
+    for name, info in known.items():
+        if name in found:
+            continue
+        if info.default is dataclasses.MISSING:
+            raise PrototxtError(
+                message.position, f"missing required field {name!r} in {what or cls.__name__}"
+            )
+        if info.kind is float and isinstance(info.default, float):
+            values[info.attribute] = round_to_32_bits(info.default)
+    if takes_blocks:
+        values["blocks"] = {name: _merged(parts) for name, parts in blocks.items()}
+    return placed(cls(**values), message)
+
+
+def unknown_field(item: Field, known: typing.Iterable[str], message: str) -> PrototxtError:
+    """The error for an unknown field of the named message."""
+    if effect := forks.effect_of(message, item.name):
+        return PrototxtError(item.position, f"unknown option {item.name!r} {effect}")
+    advice = meant_or_known(item.name, known, "known fields:")
+    return PrototxtError(item.position, f"unknown field {item.name!r}{advice}")
 
 
 def _field_value(items: Sequence[Field], info: FieldInfo) -> Any:
@@ -403,6 +327,88 @@ def _float(value: Scalar) -> float | None:
         return None
 
 
+# -------------------------------------------------------------------------------------------- typed
+
+
+def tree_of(message: object) -> Message | None:
+    """The tree that a typed message was read from."""
+    return getattr(message, "_tree", None)
+
+
+def placed(made: T, tree: Message | None) -> T:
+    """Set the tree from which ``made`` counts as read, with the positions of its fields, and
+    return ``made``.
+    """
+    object.__setattr__(made, "_tree", tree)
+    return made
+
+
+def position_of(message: object, name: str | None = None, index: int = 0) -> Place:
+    """Position of a typed message, or of one of its fields, in its file."""
+    tree = tree_of(message)
+    if tree is None:
+        return Position("<built in code>", 1, 1)
+    places = [f.position for f in tree.fields if f.name == name]
+    return places[index] if index < len(places) else tree.position
+
+
+def is_given(message: object, name: str) -> bool:
+    """Whether a field is given in the file."""
+    tree = tree_of(message)
+    return tree is not None and bool(tree.values(name))
+
+
+def is_set(message: object, name: str) -> bool:
+    """Whether a field is given in the file or, in a message made by a program, differs
+    from its default.
+    """
+    return is_given(message, name) or getattr(message, name) != getattr(type(message), name)
+
+
+def changed(message: T, **changes: Any) -> T:
+    """Replace fields of a message; its position in the file is kept."""
+    return placed(dataclasses.replace(message, **changes), tree_of(message))  # type: ignore[type-var]
+
+
+def with_values(message: T, **values: Any) -> T:
+    """Set fields of a message from Python values, checked like those of a file.
+
+    Raises PrototxtError.
+    """
+    known = fields_of(type(message))  # type: ignore[arg-type]
+    found: dict[str, Any] = {}
+    for name, value in values.items():
+        place = position_of(message, name)
+        info = known.get(written_name(name))
+        if info is None:
+            raise PrototxtError(place, f"unknown field {name!r}{did_you_mean(name, known)}")
+        if value is None and info.default is None:
+            found[name] = None
+            continue
+        several = info.repeated and isinstance(value, (list, tuple))
+        items = tuple(_python_value(one, info.kind) for one in (value if several else [value]))
+        if info.repeated != several or None in items:
+            what = "a message" if is_message(info.kind) else expected(info.kind)
+            each = "a list, each " if info.repeated else ""
+            raise PrototxtError(place, f"{name!r} expects {each}{what}, found {value!r}")
+        found[name] = items if several else items[0]
+    return changed(message, **found)
+
+
+def _python_value(value: Any, kind: Any) -> Any:
+    """Convert a Python value to that of a field of this kind; None if it is of another kind."""
+    if is_message(kind):
+        return value if isinstance(value, kind) else None
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, os.PathLike):
+        value = os.fspath(value)
+    if not isinstance(value, (int, float, str)) or isinstance(value, bool) != (kind is bool):
+        return None
+    written = _tree_value(value, Double if kind is float else kind, Place(""))
+    return scalar_value(written, kind) if isinstance(written, Scalar) else None
+
+
 # ------------------------------------------------------------------------------------- typed → tree
 
 
@@ -439,4 +445,6 @@ def _tree_value(value: Any, kind: Any, place: Place) -> Scalar | Numbers | Messa
     if isinstance(value, bool):
         return Scalar("word", str(value).lower(), place)
     text = str(np.float32(value)) if kind is float else repr(value)
-    return Scalar("number" if np.isfinite(value) else "word", text, place)
+    if isinstance(value, int) or np.isfinite(value):
+        return Scalar("number", text, place)
+    return Scalar("word", text, place)  # infinity and NaN

@@ -9,6 +9,7 @@ import pytest
 
 from experiments.hidden_parts import NEARER, Shown, hidden_parts
 from handpose.frames.cameras import NYU
+from netlib.errors import DataError
 
 CAMERA = replace(NYU, width=640, height=480)
 JOINTS = np.array([[x, y, 700.0] for x in (-60, 0, 60) for y in (-60, 0, 60)])
@@ -36,3 +37,11 @@ def test_a_part_of_a_square_is_outside_covered_and_not_read(seed: int) -> None:
         assert 0 < changed[square].mean() < 1
         values = shown.depth[changed]
         assert (700 * low <= values).all() and (values <= 700 * high).all()
+
+
+def test_a_hand_without_readings_has_no_part_to_hide() -> None:
+    depth = np.full((CAMERA.height, CAMERA.width), 1500, np.float32)
+    parts = hidden_parts(np.random.default_rng(0), Shown(depth, CAMERA), JOINTS)
+    next(parts)
+    with pytest.raises(DataError, match="no reading of the hand at 700 mm"):
+        next(parts)

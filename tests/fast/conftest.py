@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import netlib
-from fast import slices
+from fast import division
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -27,7 +27,7 @@ def slices_of_any_size(monkeypatch: pytest.MonkeyPatch) -> None:
     Products of other sizes round differently, and the values under a pooling window over the
     background are equal up to rounding, so the winner would change.
     """
-    monkeypatch.setattr(slices, "SPLITS", ())
+    monkeypatch.setattr(division, "SPLITS", ())
 
 
 @pytest.fixture

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import netlib
-from fast import slices
+from fast import division
 from netlib.proto import prototxt
 from tests.support.random_nets import images, random_net
 from tests.support.sliced_nets import unstored
@@ -130,7 +130,7 @@ def check_look(
 
 def check(seed: int) -> None:
     """Look at a random blob of a random net at a random moment."""
-    slices.MAX_SLICE, rng = 2 if seed % 2 else 64, Random(seed)
+    division.MAX_SLICE, rng = 2 if seed % 2 else 64, Random(seed)
     model, phase = (
         prototxt.parse(random_net(rng)),
         rng.choice([netlib.TRAIN, netlib.TRAIN, netlib.TEST]),
@@ -173,7 +173,7 @@ def test_first_accesses_at_any_moment_agree_with_the_plain_engine(
     moment: str, monkeypatch: Any, caplog: Any
 ) -> None:
     caplog.set_level("ERROR", "netlib")
-    monkeypatch.setattr(slices, "MAX_SLICE", 64)  # restored after the test
+    monkeypatch.setattr(division, "MAX_SLICE", 64)  # restored after the test
     first = list(MOMENTS).index(moment)
     for seed in range(first, first + 4 * len(MOMENTS) * len(WRITTEN), 3 * len(MOMENTS)):
         check(seed)

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import netlib
 from fast.convolution import FastConvolution
-from fast.slices import SliceBlob, SlicedStep
+from fast.division import SliceBlob
+from fast.slices import SlicedStep
 from netlib.proto import prototxt
 
 TRAIN_TEST = Path(__file__).resolve().parents[2] / "prototxt" / "nyu_train_test.prototxt"

@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 
 import netlib
-from fast import slices
+from fast import division
 from netlib.proto import prototxt
 from netlib.solver import Solver
 from netlib.training import solver_parameter
@@ -396,7 +396,7 @@ def check(seed: int, folder: Path) -> None:
     """Run the program of a seed, every second one in slices of one or two items, so that there
     are several.
     """
-    slices.MAX_SLICE, slices.LANES = (2, 1, 64, 64)[seed % 4], (2, 16)[seed // 4 % 2]
+    division.MAX_SLICE, division.LANES = (2, 1, 64, 64)[seed % 4], (2, 16)[seed // 4 % 2]
     program = drawn(seed)
     # in float32 nets with algorithms that depend on the size of a value, and with few thresholds
     is_single = seed % 3 == 0 and (is_large(program.net) or has_depth(program.net))
@@ -453,6 +453,6 @@ def test_the_engines_agree(
     block: int, keep_threads: None, monkeypatch: Any, caplog: Any, tmp_path: Path
 ) -> None:
     caplog.set_level("ERROR", "netlib")
-    monkeypatch.setattr(slices, "MAX_SLICE", 64)  # restored after the test
+    monkeypatch.setattr(division, "MAX_SLICE", 64)  # restored after the test
     for seed in range(40 * block, 40 * block + 40):
         check(seed, tmp_path)

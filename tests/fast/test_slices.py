@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import netlib
-from fast import slices
+from fast import division
 from fast.slices import SlicedStep
 from tests.support.nets import inputs
 from tests.support.sliced_nets import (
@@ -48,7 +48,7 @@ def test_slices_give_what_layer_by_layer_gives(
 
     In training, the first convolution computes only windows that are not background.
     """
-    monkeypatch.setattr(slices, "MAX_SLICE", 4)
+    monkeypatch.setattr(division, "MAX_SLICE", 4)
     sliced = net_of(start + PAPER, dtype=np.float64)
     plain = layer_by_layer(net_of(start + PAPER, engine=engine, dtype=np.float64))
     inputs = batch(items, flat=not start)

@@ -36,13 +36,14 @@ def everything(solver: netlib.Solver) -> str:
 
 
 # Loss = (w x - t)² / 2 with x = 2, t = 1: dL/dw = 2 (2 w - 1). From w = 1 the gradient is 2.
-ONE_WEIGHT = """
+WEIGHT_WITH = """
     layer { name: "x" type: "DummyData" top: "x" dummy_data_param { shape { dim: 1 dim: 1 } data_filler { value: 2 } } }
     layer { name: "t" type: "DummyData" top: "t" dummy_data_param { shape { dim: 1 dim: 1 } data_filler { value: 1 } } }
     layer { name: "ip" type: "InnerProduct" bottom: "x" top: "y" %s
             inner_product_param { num_output: 1 bias_term: false weight_filler { value: 1 } } }
     layer { name: "loss" type: "EuclideanLoss" bottom: "y" bottom: "t" top: "loss" }
 """
+ONE_WEIGHT = WEIGHT_WITH % ""
 
 
 @pytest.fixture

@@ -59,7 +59,7 @@ def test_without_its_folder_fast_is_refused_by_name_only(
 
 @needs_fast
 def test_a_solver_takes_an_engine(solver_of: MakeSolver) -> None:
-    solver_of(ONE_WEIGHT % "", "test_iter: 1 test_interval: 100")
+    solver_of(ONE_WEIGHT, "test_iter: 1 test_interval: 100")
     for name in ("plain", "fast"):
         solver = netlib.get_solver("solver.prototxt", engine=name)
         assert {net.engine.name for net in [solver.net, *solver.test_nets]} == {name}

@@ -217,12 +217,13 @@ def test_nets_share_parameters_and_not_their_gradients(net_of: MakeNet) -> None:
     text = "force_backward: true " + ONE
     one, two = net_of(text), net_of(text, seed=2)
     two.share_params(one)
-    assert np.shares_memory(one.params["a"][0].data, two.params["a"][0].data)
-    one.params["a"][0].diff[...] = 5
+    weight = one.params["a"][0]
+    assert np.shares_memory(weight.data, two.params["a"][0].data)
+    weight.diff[...] = 5
     two.forward()
     two.backward(a=np.ones(two.blobs["a"].shape))
     two.clear_param_diffs()
-    assert (one.params["a"][0].diff == 5).all()
+    assert (weight.diff == 5).all()
 
 
 @pytest.mark.parametrize("how", [copy.copy, copy.deepcopy, pickle.dumps])

@@ -13,11 +13,12 @@ import netlib
 from netlib.proto.messages import NetState
 from netlib.snapshots import binary_format, snapshot
 from netlib.snapshots.solver_state import SolverState
-from tests.netlib.conftest import ONE_WEIGHT, MakeSolver, everything
+from tests.netlib.conftest import ONE_WEIGHT, WEIGHT_WITH, MakeSolver, everything
 from tests.support.bad_input import bad_inputs, in_table
 from tests.support.hdf5_files import write_hdf5
 from tests.support.tables import lines_of
 
+Messages = Callable[[str], list[str]]
 pytestmark = pytest.mark.both_engines
 
 # Shuffled data, dropout and random noise: all state that an exact resume must restore.
@@ -54,6 +55,13 @@ def rows(write_rows: Callable[..., Path]) -> None:
     write_rows("test.txt", [4], seed=1, x=(1, 5, 5), t=(2,))
 
 
+@pytest.fixture
+def messages(caplog: pytest.LogCaptureFixture) -> Messages:
+    """``messages("loss")``: the lines of the log that contain this text."""
+    caplog.set_level("INFO", "netlib")
+    return lambda part: [line.strip() for line in caplog.messages if part in line]
+
+
 def weight(solver: netlib.Solver) -> float:
     return float(solver.net.params["ip"][0].data.item())
 
@@ -65,63 +73,62 @@ def test_one_update_by_hand(solver_of: MakeSolver, param: str, options: str, exp
     """The sum is clipped, divided by iter_size, decayed, and passed to the update rule,
     in this order.
     """
-    solver = solver_of(ONE_WEIGHT % param, options)
+    solver = solver_of(WEIGHT_WITH % param, options)
     solver.step(1)
     assert weight(solver) == pytest.approx(float(expected), rel=1e-6)
     assert solver.iter == 1
 
 
-def messages(caplog: pytest.LogCaptureFixture, part: str) -> list[str]:
-    return [line.strip() for line in caplog.messages if part in line]
-
-
-def test_debug_info_shows_every_blob(
-    solver_of: MakeSolver, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_debug_info_shows_every_blob(solver_of: MakeSolver, messages: Messages) -> None:
     """debug_info logs mean absolute values: x = 2, y = 2 and the gradient 2."""
-    caplog.set_level("INFO", "netlib")
-    solver_of(ONE_WEIGHT % 'param { name: "w" }', "display: 1 debug_info: true").step(1)
-    assert "[Forward] Layer ip, top blob y data: 2" in messages(caplog, "[Forward]")
-    assert "[Forward] Layer ip, param blob w data: 1" in messages(caplog, "[Forward]")
-    assert messages(caplog, "[Backward]") == [
+    solver_of(WEIGHT_WITH % 'param { name: "w" }', "display: 1 debug_info: true").step(1)
+    assert "[Forward] Layer ip, top blob y data: 2" in messages("[Forward]")
+    assert "[Forward] Layer ip, param blob w data: 1" in messages("[Forward]")
+    assert messages("[Backward]") == [
         "[Backward] Layer loss, bottom blob y diff: 1",
         "[Backward] Layer ip, param blob 0 diff: 2",
         "[Backward] All net params (data, diff): L1 norm = (1, 2); L2 norm = (1, 2)",
     ]
-    assert "[Update] Layer ip, param 0 data: 1; diff: 2" in messages(caplog, "[Update]")
+    assert "[Update] Layer ip, param 0 data: 1; diff: 2" in messages("[Update]")
+
+
+def test_debug_info_leaves_out_the_gradients_of_frozen_parameters(
+    solver_of: MakeSolver, messages: Messages
+) -> None:
+    """As in Caffe, which does not compute them. The bias is 0, its gradient 1."""
+    net = (WEIGHT_WITH % "param { lr_mult: 0 }").replace("bias_term: false", "")
+    solver_of(net, "display: 1 debug_info: true").step(1)
+    assert messages("[Backward]")[1:] == [
+        "[Backward] Layer ip, param blob 1 diff: 1",
+        "[Backward] All net params (data, diff): L1 norm = (1, 1); L2 norm = (1, 1)",
+    ]
 
 
 def test_debug_info_shows_a_blob_before_a_layer_in_place(
-    solver_of: MakeSolver, caplog: pytest.LogCaptureFixture
+    solver_of: MakeSolver, messages: Messages
 ) -> None:
     """For a blob in place, the values after each layer are logged: y is 2, then 4; its gradient
     is 1, then 0.5.
     """
-    caplog.set_level("INFO", "netlib")
-    ip = ONE_WEIGHT.split('layer { name: "loss"')[0] % ""
+    ip = ONE_WEIGHT.split('layer { name: "loss"')[0]
     text = """
         layer { name: "half" type: "Power" bottom: "y" top: "y" power_param { scale: 0.5 shift: 3 } }
         layer { name: "sum" type: "Reduction" bottom: "y" top: "sum" loss_weight: 1 }
     """
     solver_of(ip + text, "base_lr: 0 display: 2 debug_info: true").step(2)
-    assert [line for line in messages(caplog, "[Forward]") if "blob y " in line] == [
+    assert [line for line in messages("[Forward]") if "blob y " in line] == [
         "[Forward] Layer ip, top blob y data: 2",
         "[Forward] Layer half, top blob y data: 4",
     ]
-    assert [line for line in messages(caplog, "[Backward]") if "blob y " in line] == [
+    assert [line for line in messages("[Backward]") if "blob y " in line] == [
         "[Backward] Layer sum, bottom blob y diff: 1",
         "[Backward] Layer half, bottom blob y diff: 0.5",
     ]
 
 
-def test_a_step_of_multistep_is_logged(
-    solver_of: MakeSolver, caplog: pytest.LogCaptureFixture
-) -> None:
-    caplog.set_level("INFO", "netlib")
-    solver_of(ONE_WEIGHT % "", 'lr_policy: "multistep" gamma: 0.1 stepvalue: 1 stepvalue: 3').step(
-        5
-    )
-    assert messages(caplog, "MultiStep") == [
+def test_a_step_of_multistep_is_logged(solver_of: MakeSolver, messages: Messages) -> None:
+    solver_of(ONE_WEIGHT, 'lr_policy: "multistep" gamma: 0.1 stepvalue: 1 stepvalue: 3').step(5)
+    assert messages("MultiStep") == [
         "MultiStep Status: Iteration 1, step = 1",
         "MultiStep Status: Iteration 3, step = 2",
     ]
@@ -133,7 +140,7 @@ def test_a_step_of_multistep_is_logged(
 def test_an_overflow_of_the_learning_rate_ends_the_training(
     solver_of: MakeSolver, policy: str
 ) -> None:
-    solver = solver_of(ONE_WEIGHT % "param { lr_mult: 0 }", f"lr_policy: {policy}")
+    solver = solver_of(WEIGHT_WITH % "param { lr_mult: 0 }", f"lr_policy: {policy}")
     solver.iter = 10**4
     with pytest.raises(netlib.DivergenceError, match="iteration 10000: learning rate overflow"):
         solver.step(1)
@@ -158,38 +165,35 @@ def test_the_state_of_the_training_net(
     """train_state takes precedence over the net's state, then phase TRAIN and level 0;
     stages are added up.
     """
-    solver = solver_of(ONE_WEIGHT % "" + f"state {{ {of_net} }}", f"train_state {{ {of_solver} }}")
+    solver = solver_of(ONE_WEIGHT + f"state {{ {of_net} }}", f"train_state {{ {of_solver} }}")
     assert solver.net.state == state
 
 
-def test_without_test_iter_nothing_is_tested(
-    solver_of: MakeSolver, caplog: pytest.LogCaptureFixture
-) -> None:
-    solver = solver_of(ONE_WEIGHT % "", "test_interval: 1 max_iter: 2")
+def test_without_test_iter_nothing_is_tested(solver_of: MakeSolver, messages: Messages) -> None:
+    solver = solver_of(ONE_WEIGHT, "test_interval: 1 max_iter: 2")
     assert solver.test_nets == []
     assert solver.solve()
-    assert len(messages(caplog, "test_interval without test_iter")) == 1
+    assert len(messages("test_interval without test_iter")) == 1
 
 
 def test_a_test_iter_of_0_builds_the_test_net_only(
-    solver_of: MakeSolver, caplog: pytest.LogCaptureFixture
+    solver_of: MakeSolver, messages: Messages
 ) -> None:
     """Solvers of scripts that test by themselves, such as that of HED, have a test net and a
     test_iter of 0.
     """
-    caplog.set_level("INFO", "netlib")
-    solver = solver_of(ONE_WEIGHT % "", "test_iter: 0 test_interval: 1 max_iter: 2")
+    solver = solver_of(ONE_WEIGHT, "test_iter: 0 test_interval: 1 max_iter: 2")
     assert len(solver.test_nets) == 1
     assert solver.solve()
     assert solver.test(0) == {}
-    assert messages(caplog, "Testing net")
-    assert not messages(caplog, "Test net output")
+    assert messages("Testing net")
+    assert not messages("Test net output")
 
 
 def test_an_output_of_changing_size_has_no_mean(
     solver_of: MakeSolver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    solver = solver_of(ONE_WEIGHT % "", "test_iter: 2 test_interval: 1")
+    solver = solver_of(ONE_WEIGHT, "test_iter: 2 test_interval: 1")
     [net], sizes = solver.test_nets, iter([1, 2])
     monkeypatch.setattr(net, "run_forward", lambda: net.blobs["loss"].reshape(next(sizes)) or 0.0)
     with pytest.raises(netlib.LayerError, match="output 'loss' has 2 values in this batch, had 1"):
@@ -197,13 +201,13 @@ def test_an_output_of_changing_size_has_no_mean(
 
 
 def test_a_test_net_with_values_that_are_not_finite_is_reported(
-    solver_of: MakeSolver, caplog: pytest.LogCaptureFixture
+    solver_of: MakeSolver, messages: Messages
 ) -> None:
-    solver = solver_of(ONE_WEIGHT % "", "test_iter: 1 test_interval: 1")
+    solver = solver_of(ONE_WEIGHT, "test_iter: 1 test_interval: 1")
     for weight, where in ((1, []), (np.nan, ["parameter 0 of layer 'ip'"])):
         solver.net.params["ip"][0].data[...] = weight
         solver.test_all()
-        assert messages(caplog, "not finite") == [
+        assert messages("not finite") == [
             f"Test net (#0) has a value that is not finite: {s}" for s in where
         ]
 
@@ -236,36 +240,30 @@ def test_test_nets_share_weights_and_are_averaged(solver_of: MakeSolver, rows: N
     ],
 )
 def test_when_tests_are_made(
-    solver_of: MakeSolver, caplog: pytest.LogCaptureFixture, options: str, iterations: list[int]
+    solver_of: MakeSolver, messages: Messages, options: str, iterations: list[int]
 ) -> None:
     """Tests run every test_interval iterations before the update, and at 0 unless
     test_initialization is false.
     """
-    caplog.set_level("INFO", "netlib")
-    solver_of(ONE_WEIGHT % "", options + " test_iter: 1 snapshot_after_train: false").solve()
-    assert messages(caplog, "Testing net") == [
-        f"Iteration {i}, Testing net (#0)" for i in iterations
-    ]
+    solver_of(ONE_WEIGHT, options + " test_iter: 1 snapshot_after_train: false").solve()
+    assert messages("Testing net") == [f"Iteration {i}, Testing net (#0)" for i in iterations]
 
 
-def test_several_test_nets(
-    solver_of: MakeSolver, tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_several_test_nets(solver_of: MakeSolver, tmp_path: Path, messages: Messages) -> None:
     """``test_net`` files come first, then ``net`` for the remaining values of test_iter, each with
     its test_state.
     """
-    caplog.set_level("INFO", "netlib")
     extra = 'layer { name: "p" type: "Power" bottom: "x" top: "p" include { stage: "more" } }'
-    (tmp_path / "other.prototxt").write_text(ONE_WEIGHT % "" + extra)
+    (tmp_path / "other.prototxt").write_text(ONE_WEIGHT + extra)
     solver = solver_of(
-        ONE_WEIGHT % "" + extra,
+        ONE_WEIGHT + extra,
         'test_net: "other.prototxt" test_iter: 1 test_iter: 2 test_interval: 5 '
         'test_state { } test_state { stage: "more" }',
     )
     assert [net.source for net in solver.test_nets] == ["other.prototxt", "net.prototxt"]
     assert ["p" in net.blobs for net in solver.test_nets] == [False, True]
     solver.step(1)
-    assert messages(caplog, "Testing net") == [f"Iteration 0, Testing net (#{i})" for i in (0, 1)]
+    assert messages("Testing net") == [f"Iteration 0, Testing net (#{i})" for i in (0, 1)]
 
 
 @pytest.mark.parametrize(
@@ -284,7 +282,7 @@ def test_when_snapshots_are_written(
     """Snapshots are written every ``snapshot`` updates and at the end, unless one
     was just written.
     """
-    assert solver_of(ONE_WEIGHT % "", options).solve()
+    assert solver_of(ONE_WEIGHT, options).solve()
     names = sorted(
         f"snap_iter_{i}.{kind}" for i in expected for kind in ("caffemodel", "solverstate")
     )
@@ -305,7 +303,7 @@ def test_snapshots_are_named_by_the_prefix_or_the_solver_file(
 ) -> None:
     """Those in a folder, or without a prefix, are named after the solver file."""
     (tmp_path / "there").mkdir()
-    state = solver_of(ONE_WEIGHT % "", prefix).snapshot()
+    state = solver_of(ONE_WEIGHT, prefix).snapshot()
     assert state == Path(f"{stem}_iter_0.solverstate")
     assert (tmp_path / f"{stem}_iter_0.caffemodel").exists()
 
@@ -313,10 +311,10 @@ def test_snapshots_are_named_by_the_prefix_or_the_solver_file(
 def test_a_finished_training_of_another_prefix_is_written_there(
     solver_of: MakeSolver, tmp_path: Path
 ) -> None:
-    first = solver_of(ONE_WEIGHT % "", "max_iter: 2")
+    first = solver_of(ONE_WEIGHT, "max_iter: 2")
     first.solve()
     state = first.snapshots.paths(2)[1]
-    again = solver_of(ONE_WEIGHT % "", 'max_iter: 2 snapshot_prefix: "other"')
+    again = solver_of(ONE_WEIGHT, 'max_iter: 2 snapshot_prefix: "other"')
     assert again.solve(resume=state)
     assert Path("other_iter_2.caffemodel").exists()
 
@@ -325,7 +323,7 @@ def test_a_directory_that_cannot_be_written_is_found_before_training(
     solver_of: MakeSolver, tmp_path: Path
 ) -> None:
     (tmp_path / "file").write_text("")
-    solver = solver_of(ONE_WEIGHT % "", 'snapshot_prefix: "file/x" max_iter: 2')
+    solver = solver_of(ONE_WEIGHT, 'snapshot_prefix: "file/x" max_iter: 2')
     with pytest.raises(netlib.WeightsError, match=r"^file: cannot write snapshots there: "):
         solver.solve()
     assert solver.iter == 0
@@ -335,7 +333,7 @@ def test_a_directory_that_cannot_be_written_is_found_before_training(
 def test_a_request_is_met_after_the_iteration(
     solver_of: MakeSolver, tmp_path: Path, request_: str
 ) -> None:
-    solver = solver_of(ONE_WEIGHT % "", "max_iter: 6 snapshot_after_train: false")
+    solver = solver_of(ONE_WEIGHT, "max_iter: 6 snapshot_after_train: false")
 
     def ask() -> None:
         if solver.iter == 3:
@@ -364,7 +362,7 @@ def test_the_gradients_become_the_update(solver_of: MakeSolver, rows: None, rule
 
 @pytest.mark.parametrize("rule", list(RULES))
 def test_n_updates_resume_n_more_equal_2n(
-    solver_of: MakeSolver, rows: None, caplog: pytest.LogCaptureFixture, rule: str
+    solver_of: MakeSolver, rows: None, messages: Messages, rule: str
 ) -> None:
     """A resume is exact to the bit with dropout, shuffled data, a step policy and an averaged loss,
     without a seed: in a new solver, and in the same one, which goes back.
@@ -378,18 +376,15 @@ def test_n_updates_resume_n_more_equal_2n(
     state = whole.snapshot()
     whole.step(7)
     wanted = everything(whole), whole.test(0)["loss"][0]
-    caplog.set_level("INFO", "netlib")
     for resumed in (solver_of(RANDOM, options), whole):
         resumed.restore(state)
         assert resumed.iter == len(resumed.smoothed) == 7
         resumed.step(7)
         assert resumed.iter == 14
         assert (everything(resumed), resumed.test(0)["loss"][0]) == wanted
-    assert (
-        len(messages(caplog, "Resuming at iteration 7: weights from snap_iter_7.caffemodel")) == 2
-    )
-    assert len(messages(caplog, "the resume is exact")) == 2
-    assert not messages(caplog, "Changed")
+    assert len(messages("Resuming at iteration 7: weights from snap_iter_7.caffemodel")) == 2
+    assert len(messages("the resume is exact")) == 2
+    assert not messages("Changed")
 
 
 @pytest.mark.parametrize(
@@ -412,23 +407,17 @@ def test_n_updates_resume_n_more_equal_2n(
     ],
 )
 def test_resume_says_what_changed(
-    solver_of: MakeSolver,
-    rows: None,
-    caplog: pytest.LogCaptureFixture,
-    net: str,
-    options: str,
-    line: str,
+    solver_of: MakeSolver, rows: None, messages: Messages, net: str, options: str, line: str
 ) -> None:
     state = solver_of(RANDOM).snapshot()
-    caplog.set_level("INFO", "netlib")
     solver_of(net, options).restore(state)
-    assert line in messages(caplog, "Changed")
-    assert not messages(caplog, "the resume is exact")
+    assert line in messages("Changed")
+    assert not messages("the resume is exact")
 
 
 def test_a_state_with_four_dimensional_histories(solver_of: MakeSolver, tmp_path: Path) -> None:
     """Histories with four axes, as older versions of Caffe stored them, are restored."""
-    solver = solver_of(ONE_WEIGHT % "", "momentum: 0.9")
+    solver = solver_of(ONE_WEIGHT, "momentum: 0.9")
     solver.step(2)
     state = solver.snapshot()
     found = snapshot.read_state(state)
@@ -436,19 +425,19 @@ def test_a_state_with_four_dimensional_histories(solver_of: MakeSolver, tmp_path
         2, 0, found.learned_net, [array.reshape(1, 1, 1, 1) for array in found.history], {}
     )
     state.write_bytes(binary_format.state_image(old))
-    again = solver_of(ONE_WEIGHT % "", "momentum: 0.9")
+    again = solver_of(ONE_WEIGHT, "momentum: 0.9")
     again.restore(state)
     assert again.history[0][0].tolist() == solver.history[0][0].tolist() != [[0]]
 
 
 def test_resume_of_moved_files(solver_of: MakeSolver, tmp_path: Path) -> None:
-    solver = solver_of(ONE_WEIGHT % "")
+    solver = solver_of(ONE_WEIGHT)
     solver.step(2)
     state = solver.snapshot()
     (tmp_path / "moved").mkdir()
     for path in tmp_path.glob("snap*"):
         path.rename(tmp_path / "moved" / path.name)
-    again = solver_of(ONE_WEIGHT % "")
+    again = solver_of(ONE_WEIGHT)
     again.restore(tmp_path / "moved" / state.name)
     assert weight(again) == weight(solver)
 
@@ -479,10 +468,10 @@ BIAS, TWO_INPUTS = ("bias_term: false", ""), ("dim: 1 dim: 1", "dim: 1 dim: 2")
 def test_a_state_of_another_solver_or_net_changes_nothing(
     solver_of: MakeSolver, given: tuple[tuple[str, str], str], rejected: Any
 ) -> None:
-    solver = solver_of(ONE_WEIGHT % "")
+    solver = solver_of(ONE_WEIGHT)
     solver.step(1)
     state = solver.snapshot()
-    other = solver_of((ONE_WEIGHT % "").replace(*given[0], 1), given[1])
+    other = solver_of(ONE_WEIGHT.replace(*given[0], 1), given[1])
     before = everything(other)
     with rejected:
         other.restore(state)
@@ -490,7 +479,7 @@ def test_a_state_of_another_solver_or_net_changes_nothing(
 
 
 def test_weights_of_another_net_change_nothing(solver_of: MakeSolver, tmp_path: Path) -> None:
-    solver = solver_of(ONE_WEIGHT % "", "momentum: 0.9")
+    solver = solver_of(ONE_WEIGHT, "momentum: 0.9")
     solver.step(1)
     state = solver.snapshot()
     write_hdf5(tmp_path / "snap_iter_1.caffemodel", **{"data/ip/0": np.zeros((2, 2), np.float32)})
@@ -503,10 +492,8 @@ def test_weights_of_another_net_change_nothing(solver_of: MakeSolver, tmp_path: 
 
 def test_a_nan_behind_finite_weights_names_the_top(solver_of: MakeSolver) -> None:
     log = 'layer { name: "log" type: "Log" bottom: "y" top: "logy" } layer { name: "loss"'
-    text = (
-        (ONE_WEIGHT % "")
-        .replace('layer { name: "loss"', log)
-        .replace('bottom: "y" bottom: "t"', 'bottom: "logy" bottom: "t"')
+    text = ONE_WEIGHT.replace('layer { name: "loss"', log).replace(
+        'bottom: "y" bottom: "t"', 'bottom: "logy" bottom: "t"'
     )
     solver = solver_of(text.replace("weight_filler { value: 1 }", "weight_filler { value: -1 }"))
     with (
@@ -521,7 +508,7 @@ def test_a_nan_behind_finite_weights_names_the_top(solver_of: MakeSolver) -> Non
 def test_a_diverging_training_leaves_the_last_good_snapshot(
     solver_of: MakeSolver, tmp_path: Path
 ) -> None:
-    solver = solver_of(ONE_WEIGHT % "", "base_lr: 1e9 snapshot: 1 max_iter: 100")
+    solver = solver_of(ONE_WEIGHT, "base_lr: 1e9 snapshot: 1 max_iter: 100")
     with (
         pytest.raises(netlib.DivergenceError, match=r"iteration \d+: the loss is inf.*'(ip|loss)'"),
         np.errstate(all="ignore"),
@@ -541,7 +528,7 @@ def test_mistakes_in_a_solver_point_at_their_place(
     solver_of: MakeSolver, given: str, rejected: Any
 ) -> None:
     with rejected:
-        solver_of(ONE_WEIGHT % "", given)
+        solver_of(ONE_WEIGHT, given)
 
 
 @bad_inputs(
@@ -573,4 +560,4 @@ def test_files_without_a_solver_are_rejected(
 
 
 def test_the_older_solver_type_field(solver_of: MakeSolver) -> None:
-    assert solver_of(ONE_WEIGHT % "", "solver_type: ADAM").param.type == "Adam"
+    assert solver_of(ONE_WEIGHT, "solver_type: ADAM").param.type == "Adam"

@@ -161,6 +161,31 @@ def test_statistics_of_the_training_are_used() -> None:
     assert net.layer_dict["c"].param.bn_mode == "INFERENCE"
 
 
+@pytest.mark.parametrize("value", ["false", "False", "f", "0"])
+def test_all_forms_of_false_mean_the_statistics_of_the_batch(value: str) -> None:
+    """As in Caffe, whose text format accepts them."""
+    options = f"batch_norm_param {{ use_global_stats: {value} }}"
+    net = deploy(of_database() + end("BatchNorm", "data", name="b", more=options)
+                 + fc("fc", "b") + ENDS)  # fmt: skip
+    assert net.layer_dict["b"].uses_sums
+
+
+@pytest.mark.parametrize("mode", ["", "bn_mode: LEARN", "bn_mode: 0", "bn_mode: INFERENCE"])
+def test_a_bn_of_segnet_infers(mode: str) -> None:
+    """Its training nets rarely name the mode, which is LEARN by default."""
+    options = f"bn_param {{ scale_filler {{ value: 1 }} {mode} }}"
+    net = deploy(of_database() + end("BN", "data", name="c", more=options)
+                 + fc("fc", "c") + ENDS)  # fmt: skip
+    assert net.layer_dict["c"].param.bn_mode == "INFERENCE"
+
+
+def test_a_bn_of_pspnet_has_no_mode() -> None:
+    options = "bn_param { slope_filler { value: 1 } }"
+    net = deploy(of_database() + end("BN", "data", name="c", more=options)
+                 + fc("fc", "c") + ENDS)  # fmt: skip
+    assert net.layer_dict["c"].averages and not net.layer_dict["c"].of_batch
+
+
 SSD = """
 layer {{ name: "d" type: "AnnotatedData" top: "data" top: "label"
         transform_param {{ mean_value: 104 resize_param {{ prob: 1 height: 8 width: 10 }} }} }}
@@ -185,6 +210,9 @@ def test_the_loss_of_ssd_becomes_detections() -> None:
     [
         ("crop_size: 7", (1, 3, 7, 7)),
         ("crop_size: 7 force_gray: true", (1, 1, 7, 7)),
+        ("crop_size: 7 force_gray: t", (1, 1, 7, 7)),
+        ("crop_size: 7 force_gray: 1", (1, 1, 7, 7)),
+        ("crop_size: 7 force_gray: 0", (1, 3, 7, 7)),
         ("crop_size: 7 mean_value: 1", (1, 3, 7, 7)),
         ('mean_file: "mean.binaryproto"', (1, 1, 5, 6)),
         ('crop_size: 4 mean_file: "mean.binaryproto"', (1, 1, 4, 4)),

@@ -15,7 +15,7 @@ from netlib.distributed.ranks import ALONE
 from netlib.files import locks
 from netlib.snapshots import snapshot
 from tests.support.running import run_tool
-from tools.common import training
+from tools.common import training_log
 
 READ = "is read in this run; expected another output"
 STAMP = r"I\d{4} \d\d:\d\d:\d\d\.\d{6} \d+ \w+\.py:\d+\] "
@@ -224,7 +224,7 @@ def test_a_training_that_does_not_begin_leaves_an_older_log_alone(work):
 def test_a_full_disk_leaves_only_whole_lines_in_the_log(tmp_path, monkeypatch, capsys):
     """One message reports the error."""
     path, log = tmp_path / "a.log", logging.getLogger("netlib")
-    with training.logged(ALONE, path) as console:
+    with training_log.logged(ALONE, path) as console:
         console.file.begin(())
         log.info("whole")
         whole, stream = path.read_bytes(), console.file.stream

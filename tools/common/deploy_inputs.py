@@ -138,7 +138,7 @@ class DeployInput:
         """Channels of an image, from the options or the shape of the mean image."""
         if channels := self._numbers("channels"):
             return int(channels[0])
-        if self._word("is_color") == "false" or self._word("force_gray") == "true":
+        if self._truth("is_color") is False or self._truth("force_gray"):
             return 1
         return mean[0] if mean else max(COLORS, len(self._numbers("mean_value")))
 
@@ -153,6 +153,14 @@ class DeployInput:
                 if texts:
                     return [float(text.removesuffix("f")) for text in texts]
         return []
+
+    def _truth(self, name: str) -> bool | None:
+        """The first block's value of an option that is true or false; None if there is none."""
+        for block in self._blocks:
+            value = block.truth(name)
+            if value is not None:
+                return value
+        return None
 
     def _word(self, name: str) -> str:
         """The text of the first block with this option; empty if there is none."""

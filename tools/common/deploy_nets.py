@@ -16,12 +16,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from layers.normalization.bn import SEGNET
 from netlib.errors import NetlibError, did_you_mean, some_of
 from netlib.net import Net
 from netlib.proto import prototxt, schema
 from netlib.proto.messages import LayerParameter, NetParameter, NetState
 from netlib.proto.net_parameter import load_parameter, select_layers
 from netlib.proto.options import layer_types
+from netlib.proto.prototxt import Message
 from tools.common.commands import command
 from tools.common.deploy_inputs import DeployInput, Shape
 from tools.common.deploy_predictions import predictions_of
@@ -42,11 +44,12 @@ def refuse_training_net(model: str) -> None:
     """Raise NetlibError if the net reads its data in phase TEST, with the command that
     writes a deploy net.
     """
-    for spec in _readers(model):
-        where = schema.position_of(spec, "type")
+    readers = _readers(model)
+    if readers:
+        where = schema.position_of(readers[0], "type")
         raise NetlibError(
-            f"{where}: this is a training net: layer {spec.name!r} of type {spec.type} reads the data; "
-            f"expected a deploy net; {deploy_command(model)} writes it"
+            f"{where}: this is a training net: layer {readers[0].name!r} of type {readers[0].type} reads "
+            f"the data; expected a deploy net; {deploy_command(model)} writes it"
         )
 
 
@@ -143,10 +146,10 @@ def _for_deployment(spec: LayerParameter) -> LayerParameter:
     """
     blocks = dict(spec.blocks)
     options = blocks.get("batch_norm_param")
-    if options is not None and options.text("use_global_stats") == "false":
+    if options is not None and options.truth("use_global_stats") is False:
         blocks["batch_norm_param"] = options.without("use_global_stats")
     options = blocks.get("bn_param")
-    if options is not None and options.text("bn_mode") == "LEARN":
+    if options is not None and _learns_statistics(options):
         options = options.without("bn_mode")
         options.fields.extend(prototxt.parse("bn_mode: INFERENCE").fields)
         blocks["bn_param"] = options
@@ -154,3 +157,11 @@ def _for_deployment(spec: LayerParameter) -> LayerParameter:
     made = dataclasses.replace(spec, blocks=blocks, **rules)  # type: ignore[arg-type]
     tree = schema.tree_of(spec)
     return schema.placed(made, tree and tree.without(*rules))
+
+
+def _learns_statistics(options: Message) -> bool:
+    """Whether a BN is of SegNet's fork and uses the statistics of the batch, as it does by default.
+
+    PSPNet's fork has no mode: in phase TEST it uses the statistics of the training.
+    """
+    return bool(options.named(*SEGNET)) and options.text("bn_mode") not in ("INFERENCE", "1")

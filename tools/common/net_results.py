@@ -18,15 +18,15 @@ from netlib.net import Net
 from tools.common.console import aligned
 from tools.common.net_images import Preprocessing
 
-MAX_SHOWN = 20  # classes in a table of confusions
+MAX_SHOWN = 20  # classes in a table of confusions; of more classes, mistakes
 FONT, WHITE = cv2.FONT_HERSHEY_SIMPLEX, (255, 255, 255)
 
 
 class Shown(NamedTuple):
     """How much of an image's result is shown.
 
-    top        number of classes or detections, the best first; None for all
-    threshold  least confidence or value
+    top        maximum number of classes or detections, the best first; None for all
+    threshold  minimum confidence or value
     """
 
     top: int | None = 5
@@ -43,6 +43,12 @@ class Results:
     labels         names of the classes, from the file ``source``
     shown          how much of an image's result is shown
     preprocessing  of the images
+
+    Has further
+
+    classes     number of classes of a DetectionOutput; 0 for another blob
+    is_softmax  True if a Softmax makes the blob
+    found       the values of each image
     """
 
     def __init__(
@@ -139,8 +145,8 @@ class Results:
         Raises NetlibError.
         """
         height, width = image.shape[:2]
-        grey = image.reshape(height, width, -1)
-        picture = np.repeat(grey, 3 // grey.shape[2], axis=2)
+        channels = image.reshape(height, width, -1)  # one of a grey image, three of a coloured one
+        picture = np.repeat(channels, 3 // channels.shape[2], axis=2)
         unit = max(height, width) / 600
         line = max(1, round(2 * unit))
         scale = max(0.4, 0.6 * unit)
@@ -199,21 +205,25 @@ class Confusion:
         """Yield a table with a row for each true class, or the most frequent mistakes;
         then the accuracy.
         """
+        yield from self._table() if len(self._names) <= MAX_SHOWN else self._mistakes()
         right = int(np.trace(self.counts))
         total = int(self.counts.sum())
-        if len(self._names) <= MAX_SHOWN:
-            heading = ["true \\ found", *self._names]
-            yield from aligned(
-                [heading, *([name, *map(str, row)] for name, row in zip(self._names, self.counts))]
-            ).split("\n")
-        else:
-            wrong = self.counts - np.diag(np.diag(self.counts))
-            for at in np.argsort(-wrong.ravel(), kind="stable")[:MAX_SHOWN]:
-                if wrong.flat[at]:
-                    name, other = (self._names[n] for n in divmod(int(at), len(self._names)))
-                    yield f"{name} taken for {other}: {wrong.flat[at]}"
         yield f"accuracy {right / max(total, 1):.4f} ({right} of {total})"
         true, found = (self.counts.any(axis=axis) for axis in (1, 0))
-        if true.sum() > 1 == found.sum():
+        if true.sum() > 1 and found.sum() == 1:
             only = self._names[int(found.argmax())]
             yield f"all images were taken for {only!r}: are the mean, the scale and the weights those of this net?"
+
+    def _table(self) -> list[str]:
+        """The lines of a table with a row for each true class."""
+        heading = ["true \\ found", *self._names]
+        rows = [[name, *map(str, counts)] for name, counts in zip(self._names, self.counts)]
+        return aligned([heading, *rows]).split("\n")
+
+    def _mistakes(self) -> Iterator[str]:
+        """Yield a line for each of the most frequent mistakes, the most frequent first."""
+        wrong = self.counts - np.diag(np.diag(self.counts))
+        for at in np.argsort(-wrong.ravel(), kind="stable")[:MAX_SHOWN]:
+            if wrong.flat[at]:
+                name, other = (self._names[n] for n in divmod(int(at), len(self._names)))
+                yield f"{name} taken for {other}: {wrong.flat[at]}"

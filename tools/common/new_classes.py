@@ -122,13 +122,12 @@ class NewClasses:
         options = _with(
             spec.blocks[block], "num_output", prototxt.parse(f"num_output: {self._count}")
         )
-        rates = tuple(
-            ParamSpec(lr_mult=NEW_RATE * rate, decay_mult=decay) for rate, decay in ((1, 1), (2, 0))
-        )
+        weights = ParamSpec(lr_mult=NEW_RATE, decay_mult=1)
+        bias = ParamSpec(lr_mult=2 * NEW_RATE, decay_mult=0)
         return schema.changed(
             spec,
             name=self.name,
-            param=rates[: len(self._net.params[self.head])],
+            param=(weights, bias)[: len(self._net.params[self.head])],
             blocks={**spec.blocks, block: _with(options, "weight_filler", filler)},
         )
 

@@ -1,5 +1,5 @@
-"""Training from a solver file like Caffe's command: its log in glog's format, signals as requests,
-and a progress bar.
+"""Training from a solver file like Caffe's command: with a log (``training_log``), signals as
+requests, and a progress bar.
 
 tools/train.py is the command line for this; experiments use it to train many nets.
 """
@@ -7,12 +7,9 @@ tools/train.py is the command line for this; experiments use it to train many ne
 from __future__ import annotations
 
 import contextlib
-import logging
-import os
 import shlex
 import signal
-import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import FrameType
 from typing import Any, Literal
@@ -21,117 +18,16 @@ import netlib
 from netlib import engine as engines
 from netlib import files
 from netlib.distributed.ranks import ALONE, Ranks
-from netlib.errors import NetlibError, reason_of
-from netlib.files import locks
 from netlib.proto import prototxt
 from netlib.solver import Solver
 from netlib.training import solver_parameter
-from netlib.training.report import CaffeFormatter
-from tools.common import outputs
 from tools.common.commands import command
 from tools.common.console import DONE, notify
 from tools.common.progress import ProgressBar
-from tools.common.ranks import ended_together, threads_of
-
-log = logging.getLogger("netlib")
+from tools.common.ranks import threads_of
+from tools.common.training_log import BarHandler, log, logged
 
 Effect = Literal["stop", "snapshot", "none"]  # of a signal
-
-
-class BarHandler(logging.StreamHandler):  # type: ignore[type-arg]  # not a generic before Python 3.11
-    """Writes log lines to a stream, above the progress bar if there is one.
-
-    file  the log file, if any, which receives the same lines
-    """
-
-    bar = ProgressBar(0)
-    file: LogFile | None = None
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Write one record."""
-        try:
-            self.print(self.format(record))
-        except Exception:
-            self.handleError(record)
-
-    def print(self, line: str) -> None:
-        """Write a line, above the progress bar if there is one."""
-        self.bar.print(line, self.stream)
-
-    def handleError(self, record: logging.LogRecord) -> None:
-        """Ignore that standard error cannot be written: the error could only be reported there."""
-
-
-class LogFile(logging.FileHandler):
-    """A log file that buffers lines until ``begin``, so that an earlier failure does not
-    replace an older log.
-
-    If writing fails later, one message reports it, and the training continues without the file.
-    """
-
-    def __init__(self, path: str | Path, append: bool) -> None:
-        super().__init__(path, encoding="utf-8", delay=True)
-        self._path = path
-        self._append = append
-        self._size: int | None = None  # of all whole lines; None for a terminal or device
-        self._early: list[logging.LogRecord] = []
-
-    def begin(self, inputs: Iterable[str | Path | None]) -> None:
-        """Open the file and write the buffered lines.
-
-        Raises NetlibError if it is one of the inputs, cannot be written, or another process
-        is writing it.
-        """
-        outputs.refuse_inputs(self._path, inputs)
-        try:
-            Path(self._path).parent.mkdir(parents=True, exist_ok=True)
-            self.stream = self._open()
-            if Path(self._path).is_file():  # terminals and the null device are not locked
-                self._take_lock(self.stream.fileno())
-                if not self._append:  # only after the lock is taken
-                    self.stream.truncate(0)
-                self._size = os.fstat(self.stream.fileno()).st_size
-        except OSError as error:
-            raise NetlibError(f"{self._path}: cannot write the log: {reason_of(error)}") from error
-        while self._early:
-            self.emit(self._early.pop(0))
-
-    def _take_lock(self, descriptor: int) -> None:
-        """Raise NetlibError, and close the file, if another process is writing it."""
-        if not locks.take(descriptor):
-            self.close()
-            raise NetlibError(
-                f"{self._path}: another process is writing this log; wait for it, or choose "
-                "another name"
-            )
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Write or buffer one record."""
-        if self.stream is None:
-            self._early.append(record)
-        else:
-            super().emit(record)
-            if self.stream is not None and self._size is not None:
-                self._size = os.fstat(self.stream.fileno()).st_size
-
-    def handleError(self, record: logging.LogRecord) -> None:
-        """Report the error and stop writing; the file keeps its whole lines."""
-        error = sys.exc_info()[1]
-        self._early.clear()
-        logging.getLogger(record.name).removeHandler(self)
-        if self.stream is not None and self._size is not None:
-            with contextlib.suppress(OSError):
-                descriptor = os.dup(self.stream.fileno())
-                self.close()
-                os.ftruncate(descriptor, self._size)
-                os.close(descriptor)
-            self._size = None
-        notify(f"{self.baseFilename}: cannot continue the log: {reason_of(error)}")
-
-    def close(self) -> None:
-        """Close the file; buffered data that cannot be written is lost."""
-        with contextlib.suppress(OSError):
-            super().close()
 
 
 def train(
@@ -188,33 +84,6 @@ def say_how_to_continue(solver: Solver, options: Mapping[str, object]) -> None:
             words += [option, value]
     how = f"continue with {solver.ranks.count} ranks" if solver.ranks.count > 1 else "continue"
     notify(f"{how}: {command('train')} {shlex.join(map(str, words))}")
-
-
-@contextlib.contextmanager
-def logged(
-    ranks: Ranks, log_file: str | Path | None = None, append: bool = False
-) -> Iterator[BarHandler]:
-    """Context manager: rank 0 sends netlib's log to stderr and to a file once that has begun; an
-    error of one rank ends all. Raises NetlibError, on rank 0.
-
-    append  to an existing file instead of replacing it
-    """
-    console = BarHandler(sys.stderr)
-    handlers: list[logging.Handler] = [console]
-    with ended_together(ranks), contextlib.ExitStack() as after:
-        if log_file and not ranks.rank:
-            console.file = LogFile(log_file, append)
-            handlers.append(console.file)
-            after.callback(console.file.close)
-        after.callback(log.setLevel, log.level)
-        after.callback(setattr, log, "propagate", log.propagate)
-        log.setLevel(logging.CRITICAL if ranks.rank else logging.INFO)
-        log.propagate = False
-        for handler in handlers:
-            handler.setFormatter(CaffeFormatter())
-            log.addHandler(handler)
-            after.callback(log.removeHandler, handler)
-        yield console
 
 
 def set_up_engine(name: str | None, ranks: Ranks, threads: int | None = None) -> str:

@@ -31,19 +31,20 @@ from netlib.errors import DataError, did_you_mean
 FormatName = Literal["mediapipe", "mano", "nyu"]
 FORMAT_NAMES: tuple[FormatName, ...] = get_args(FormatName)
 METRE = 1000.0
-# the joints of a finger, from the palm outwards
-PARTS, PARTS_OF_THUMB = ("mcp", "pip", "dip", "tip"), ("cmc", "mcp", "ip", "tip")
+# the joints of each finger, from the palm outwards
+PARTS = {"thumb": ("cmc", "mcp", "ip", "tip")}
+PARTS |= dict.fromkeys(LONG_FINGERS, ("mcp", "pip", "dip", "tip"))
 
 
 @dataclass(frozen=True)
 class JointFormat:
     """One format.
 
-    joints   names in order, and the point of each
-    bones    pairs of names to draw lines between
-    unit     of positions: "m" or "mm"
-    axes     signs that turn camera axes (x right, y up, z away) into the format's
-    in_words of the axes
+    joints    names in order, and the point of each
+    bones     pairs of names to draw lines between
+    unit      of positions: "m" or "mm"
+    axes      signs that turn camera axes (x right, y up, z away) into the format's
+    in_words  the axes in words
     """
 
     name: FormatName
@@ -56,16 +57,14 @@ class JointFormat:
 
 def _points_of(finger: str, names: Sequence[str]) -> dict[str, Point]:
     """The points of the joints of a finger, from the palm outwards, by these names."""
-    parts = PARTS_OF_THUMB if finger == "thumb" else PARTS
-    return {name: POINTS[f"{finger}_{part}"] for name, part in zip(names, parts)}
+    return {name: POINTS[f"{finger}_{part}"] for name, part in zip(names, PARTS[finger])}
 
 
 def _mediapipe() -> JointFormat:
     joints = {"WRIST": POINTS["wrist"]}
     bones: list[tuple[str, str]] = []
-    for finger in ("thumb", *LONG_FINGERS):
+    for finger, parts in PARTS.items():
         own = {"thumb": "THUMB", "little": "PINKY"}.get(finger, f"{finger.upper()}_FINGER")
-        parts = PARTS_OF_THUMB if finger == "thumb" else PARTS
         names = [f"{own}_{part.upper()}" for part in parts]
         joints |= _points_of(finger, names)
         bones += itertools.pairwise(names)
@@ -90,9 +89,7 @@ def _mano() -> JointFormat:
             *itertools.pairwise(names),
             (names[2], f"{_pinky(finger)}_tip"),
         ]
-    joints |= {
-        f"{_pinky(finger)}_tip": POINTS[f"{finger}_skin"] for finger in ("thumb", *LONG_FINGERS)
-    }
+    joints |= {f"{_pinky(finger)}_tip": POINTS[f"{finger}_skin"] for finger in PARTS}
     return JointFormat("mano", joints, tuple(bones))
 
 
@@ -103,16 +100,14 @@ def _pinky(finger: str) -> str:
 def _nyu() -> JointFormat:
     names = [f"{finger}_{part}" for finger in reversed(LONG_FINGERS) for part in ("tip", "pip_a")]
     names += ["thumb_tip", "thumb_dip", "thumb_pip", "wrist_left", "wrist_middle", "palm"]
-    moved = "as annotated; of the packaged hand 5 to 8 mm distal"
+    distal = "as annotated; of the packaged hand 5 to 8 mm distal"
     joints = {
-        name: Point({name: 1}, moved if name.endswith("_pip_a") else "as annotated")
+        name: Point({name: 1}, distal if name.endswith("_pip_a") else "as annotated")
         for name in names
     }
     bones = [(f"{finger}_pip_a", f"{finger}_tip") for finger in LONG_FINGERS]
-    bones += [("palm", f"{finger}_pip_a") for finger in LONG_FINGERS] + [
-        ("palm", "wrist_left"),
-        ("palm", "wrist_middle"),
-    ]
+    bones += [("palm", f"{finger}_pip_a") for finger in LONG_FINGERS]
+    bones += [("palm", "wrist_left"), ("palm", "wrist_middle")]
     bones += [("palm", "thumb_pip"), ("thumb_pip", "thumb_dip"), ("thumb_dip", "thumb_tip")]
     return JointFormat(
         "nyu", joints, tuple(bones), "mm", (1, 1, 1), "x right, y up, z away from the camera"
@@ -170,6 +165,7 @@ def formatted(
 
 @functools.lru_cache(maxsize=16)
 def _weights(name: FormatName, skeleton: Skeleton) -> Array:
+    """The weights (J, K) of the skeleton's joints for those of a format."""
     return weights_of(list(FORMATS[name].joints.values()), skeleton)
 
 

@@ -37,10 +37,23 @@ class Flip:
     that change sign.
     """
 
-    turned: tuple[int, ...]  # t -> t + pi
+    turned: list[int]  # t -> t + pi
     mirrored: int  # t -> pi - t
-    negated: tuple[int, ...]  # t -> -t
+    negated: list[int]  # t -> -t
     whole: bool  # about three axes: nothing below changes
+
+    @property
+    def changed(self) -> list[int]:
+        """All DoFs that change."""
+        return [*self.turned, self.mirrored, *self.negated]
+
+    def applied(self, theta: Array) -> Array:
+        """The other values (N, D) of the DoFs in the poses of ``theta`` (N, D)."""
+        other = theta.copy()
+        other[:, self.turned] += np.pi
+        other[:, self.mirrored] = np.pi - theta[:, self.mirrored]
+        other[:, self.negated] *= -1
+        return other
 
 
 def wrap(angles: ArrayLike) -> Array:
@@ -68,14 +81,14 @@ def flips(skeleton: Skeleton) -> list[Flip]:
         if len(turns) == 3 and turns == all_turns:
             a, b, c = turns
             if len({a.axis, b.axis, c.axis}) == 3:
-                found.append(Flip((a.dof, c.dof), b.dof, (), whole=True))
+                found.append(Flip([a.dof, c.dof], b.dof, [], whole=True))
         elif len(turns) == 2 and motions[-2:] == turns:
             a, b = turns
             if a.axis == b.axis:
                 continue
             negated = _passed_down(skeleton, joint, 3 - a.axis - b.axis)
             if negated is not None and not any(driven.count(dof) > 1 for dof in negated):
-                found.append(Flip((a.dof,), b.dof, tuple(negated), whole=False))
+                found.append(Flip([a.dof], b.dof, negated, whole=False))
     return found
 
 
@@ -108,39 +121,36 @@ def canonical(skeleton: Skeleton, inputs: ArrayLike, *, limits: bool = False) ->
     limits  do nothing to an angle that would take it out of the skeleton's limits
     """
     theta = skeleton.theta(np.asarray(inputs, dtype=np.float64))
-    turning = rotations(skeleton)
-
-    def within(values: Array, dofs: list[int]) -> NDArray[np.bool_]:
-        """(N, len(dofs)): is the value, wrapped, within the limits, but for rounding?"""
-        x = wrap(values[:, dofs] - skeleton.initial[dofs])
-        lower, upper = skeleton.lower[dofs] - ROUNDING, skeleton.upper[dofs] + ROUNDING
-        return (x >= lower) & (x <= upper)
-
     for flip in flips(skeleton):
-        other = theta.copy()
-        other[:, list(flip.turned)] += np.pi
-        other[:, flip.mirrored] = np.pi - theta[:, flip.mirrored]
-        other[:, list(flip.negated)] *= -1
-        changed = [*flip.turned, flip.mirrored, *flip.negated]
+        other = flip.applied(theta)
         if flip.whole:
             better = np.abs(wrap(theta[:, flip.mirrored])) > np.pi / 2
         else:
-            initial = skeleton.initial[changed]
-            away = wrap(theta[:, changed] - initial)
-            other_away = wrap(other[:, changed] - initial)
+            away = wrap((theta - skeleton.initial)[:, flip.changed])
+            other_away = wrap((other - skeleton.initial)[:, flip.changed])
             better = (other_away**2).sum(axis=1) < (away**2).sum(axis=1)
         if limits:
-            better &= within(other, changed).all(axis=1)
+            better &= _within_limits(skeleton, other - skeleton.initial)[:, flip.changed].all(
+                axis=1
+            )
         theta[better] = other[better]
     result = theta - skeleton.initial
+    turning = rotations(skeleton)
     wrapped = wrap(result[:, turning])
-    result[:, turning] = (
-        np.where(within(theta, turning.tolist()), wrapped, result[:, turning])
-        if limits
-        else wrapped
-    )
+    if limits:
+        is_within = _within_limits(skeleton, result)[:, turning]
+        wrapped = np.where(is_within, wrapped, result[:, turning])
+    result[:, turning] = wrapped
     result[:, skeleton.fixed] = 0
     return result
+
+
+def _within_limits(skeleton: Skeleton, inputs: Array) -> NDArray[np.bool_]:
+    """Whether each of the inputs (N, D), as a wrapped angle, is within its limits, but for
+    rounding.
+    """
+    x = wrap(inputs)
+    return (x >= skeleton.lower - ROUNDING) & (x <= skeleton.upper + ROUNDING)
 
 
 def angle_errors(skeleton: Skeleton, inputs: ArrayLike, truth: ArrayLike) -> Array:

@@ -28,7 +28,7 @@ from handpose.datasets import labels, parts
 from handpose.fit.joints.fit_joints import JointFit, fit_joints
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
-from netlib.errors import DataError, reason_of
+from netlib.errors import DataError, located, reason_of
 from netlib.files import atomic, hdf5, make_folder, opened
 from netlib.files.paths import exists, real
 
@@ -134,12 +134,10 @@ def fit_file(
         return
     found_labels = labels.read(path, len(skeleton.parents))
     joints = np.where(found_labels.seen[..., None], found_labels.joints, np.nan)
-    try:
+    with located(path):
         found = fit_joints(
             skeleton, joints, limits=limits, ridge=ridge, starts=STARTS, progress=progress
         )
-    except DataError as error:
-        raise DataError(f"{path}: {error}") from None
     rest = os.path.relpath(real(path), real(target.parent))
     try:
         make_folder(target.parent)

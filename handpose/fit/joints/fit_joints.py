@@ -97,7 +97,8 @@ class PoseProblem:
             J *= ~unknown[:, None]
         x = inputs[:, self.free]
         A = J @ J.swapaxes(1, 2)
-        A[:, np.arange(len(self.free)), np.arange(len(self.free))] += self.ridge
+        diagonal = np.arange(len(self.free))
+        A[:, diagonal, diagonal] += self.ridge
         b = (J @ r[:, :, None])[:, :, 0] + self.ridge * x
         pull = (self.ridge * x * x).sum(axis=1)
         return (r * r).sum(axis=1) + pull, A, b
@@ -114,7 +115,7 @@ class PoseProblem:
         targets (N, K, 3).
         """
         final = canonical(self.skeleton, inputs, limits=limits)
-        # undoes rounding
+        # canonical form may exceed a limit by rounding
         final[:, self.free] = np.clip(final[:, self.free], self.lower, self.upper)
         found = self.kinematics.forward(final).joints[:, self.joints]
         return JointFit(final, np.linalg.norm(found - goal, axis=2))
@@ -167,7 +168,7 @@ def fit_absolute(
 ) -> tuple[JointFit, Array]:
     """Fit the hand to joints (N, K, 3) in mm, whose unit of the skeleton is ``half_cube`` (N,) mm.
 
-    Raises DataError.
+    Raises DataError, also for a joint that is not finite.
 
     joints   indices of the K joints in the skeleton
     fit      ``fit_joints`` or ``fit_joints_by_swarm``, with its options
@@ -239,10 +240,9 @@ def checked(
     chosen = list(range(len(skeleton.parents))) if joints is None else list(joints)
     if goal.ndim != 3 or goal.shape[1:] != (len(chosen), 3):
         raise DataError(f"joints of shape {goal.shape}, expected (N, {len(chosen)}, 3)")
-    if np.isinf(goal).any():
-        raise DataError(
-            f"frame {int(np.isinf(goal).any(axis=(1, 2)).argmax())} has an infinite joint"
-        )
+    infinite = np.isinf(goal).any(axis=(1, 2))
+    if infinite.any():
+        raise DataError(f"frame {int(infinite.argmax())} has an infinite joint")
     goal = np.where(np.isnan(goal).any(axis=2, keepdims=True), np.nan, goal)
     empty = np.isnan(goal).all(axis=(1, 2))
     if empty.any():
@@ -273,7 +273,7 @@ class RotationGrid:
         """The best inputs (N, D) of the grid for joints (N, K, 3)."""
         problem = self.problem
         centre = np.nanmean(goal, axis=1)
-        # unknown joints: in the middle
+        # an unknown joint counts as one at the centre
         shapes = np.nan_to_num(goal - centre[:, None]).reshape(len(goal), -1)
         best = np.argmin(self.sizes - 2 * shapes @ self.shapes.T, axis=1)
         inputs = self.inputs[best]

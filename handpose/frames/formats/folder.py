@@ -17,6 +17,7 @@ from __future__ import annotations
 import contextlib
 import fnmatch
 import itertools
+import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -202,7 +203,7 @@ def _sizes_of(*infos: CameraInfo) -> list[tuple[int, int]]:
 def _raw(path: Path, sizes: Sequence[tuple[int, int]]) -> NDArray[np.uint16]:
     """The values of a file without a header.
 
-    Raises NotDepthError for another number of bytes, and DataError.
+    Raises NotDepthError for another number of bytes, and for that of several sizes; and DataError.
     """
     content = files.read_bytes(path, "the frame")
     if not sizes:
@@ -210,15 +211,17 @@ def _raw(path: Path, sizes: Sequence[tuple[int, int]]) -> NDArray[np.uint16]:
             f"{path}: {len(content)} bytes without a header, of unknown height and width; give them in a camera.json "
             "in the folder, with fx, fy, u0 and v0, or write PNG (rs-convert -p)"
         )
-    expected = {BYTES * width * height: (height, width) for width, height in sizes}
-    if len(content) not in expected:
-        known = ", ".join(
-            f"{count}, {width} x {height}" for count, (height, width) in expected.items()
-        )
+    fitting = [size for size in sizes if BYTES * math.prod(size) == len(content)]
+    if len(fitting) != 1:
+        advice = "; give a camera of one of these sizes" if fitting else ""
+        possible = fitting or sizes
+        known = [f"{BYTES * w * h}, {w} x {h}" for w, h in possible]
         raise NotDepthError(
-            f"{path}: {len(content)} bytes; expected {known} depths of 16 bits without a header"
+            f"{path}: {len(content)} bytes; expected {', '.join(known)} depths of 16 bits without a "
+            f"header{advice}"
         )
-    return np.frombuffer(content, "<u2").reshape(expected[len(content)])
+    width, height = fitting[0]
+    return np.frombuffer(content, "<u2").reshape(height, width)
 
 
 def _frames_in(source: Path) -> tuple[Path, list[str]]:

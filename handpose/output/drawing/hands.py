@@ -39,10 +39,15 @@ BLACK: Colour = (0, 0, 0)
 _PAPER: Colour = (248, 248, 248)
 _LINE: Colour = (222, 222, 222)
 _AXIS: Colour = (110, 110, 110)
+_SHADOW: Colour = (212, 212, 212)
+_INK: Colour = (60, 60, 60)
 FLOOR, FLOOR_LINES, AXIS_LENGTH = -1.0, 7, 0.4  # in half-cubes
 GUESS_MM = 30.0  # a finger with a larger expected error is drawn as a guess
 _NEAREST_GREY = 215  # of the front of the cube
 YAW, PITCH = 35.0, 20.0  # degrees: where the view in space is seen from
+VIEWER = 7.0  # distance from the middle of the cube in half-cubes: a weak perspective
+# in that picture: its middle, and the length of a half-cube
+CUBE_PLACE, CUBE_SHARE = (0.5, 0.46), 0.33
 PAGE_COLUMNS = 6  # of a page of ``two_views``
 LEGEND = "in colour: predicted; thin white, in space thin black: annotated"
 
@@ -58,14 +63,16 @@ def overlay(
     zoom: int = 4,
     guesses: Collection[str] = (),
 ) -> Image:
-    """The skeleton on the crop (S, S) in [-1, 1], enlarged ``zoom`` times; ``truth`` joints
-    in thin white.
+    """The skeleton on the crop (S, S) in [-1, 1], enlarged ``zoom`` times.
 
-    The fingers ``guesses`` are drawn hollow (``draw``).
+    Raises DataError for a crop that is no square, and for joints of another skeleton.
 
-    With the crop's ``center_uvd`` (px, px, mm) joints are drawn exactly at their pixels. Without it
-    the projection is parallel, which shifts joints at the near or far face of the cube by up to a
-    tenth of the image.
+    truth       joints in thin white
+    center_uvd  (3,) px, px, mm of the crop, with which joints are drawn exactly at their pixels.
+                Without it the projection is parallel, which shifts joints at the near or far face
+                of the cube by up to a tenth of the image
+    cube_mm, camera  of the crop, for its centre
+    guesses     fingers that are drawn hollow (``draw``)
     """
     depth = np.squeeze(np.asarray(crop))
     if depth.ndim != 2 or depth.shape[0] != depth.shape[1]:
@@ -112,43 +119,47 @@ def view_3d(
     guesses: Collection[str] = (),
 ) -> Image:
     """The skeleton in the cube around the body, seen from YAW degrees to the right of the
-    camera and PITCH up.
+    camera and PITCH up, with its shadow on the floor of the cube.
 
-    Its shadow is on the floor of the cube. ``truth`` joints in thin black; the fingers ``guesses``
-    hollow (``draw``).
+    Raises DataError for joints of another skeleton.
+
+    truth    joints in thin black
+    size     px of both sides
+    guesses  fingers that are drawn hollow (``draw``)
     """
     view = rotation(0, -np.deg2rad(PITCH)) @ rotation(1, np.deg2rad(YAW))
-    distance = 7.0  # distance of the viewer in half-cubes: a weak perspective
-    middle = 0.5 * size, 0.46 * size  # in the image, that of the cube
+    middle = size * np.array(CUBE_PLACE)
 
-    def place(points: Array) -> Array:
+    def place(points: Array) -> tuple[Array, Array]:
+        """The pixels (K, 2) of points, and their depths (K,) in the view."""
         seen = points @ view.T
-        scale = size * 0.33 * distance / (distance + seen[:, 2:])
-        return seen[:, :2] * scale * (1, -1) + middle
+        scale = size * CUBE_SHARE * VIEWER / (VIEWER + seen[:, 2:])
+        pixels = seen[:, :2] * scale * (1, -1) + middle
+        return pixels, seen[:, 2]
 
     canvas = np.full((size, size, 3), _PAPER, dtype=np.uint8)
     _draw_floor(canvas, place)
     points = _checked(joints, skeleton)
     shadow = points * (1, 0, 1) + (0, FLOOR, 0)
-    draw(canvas, place(shadow), points[:, 1], skeleton, thick=2, colour=(212, 212, 212))
-    depth = (points @ view.T)[:, 2]
-    thick = max(size // 200, 1)
-    draw(canvas, place(points), depth, skeleton, thick=thick, guesses=guesses)
+    draw(canvas, place(shadow)[0], points[:, 1], skeleton, thick=2, colour=_SHADOW)
+    draw(canvas, *place(points), skeleton, thick=max(size // 200, 1), guesses=guesses)
     if truth is not None:
-        points = _checked(truth, skeleton)
-        draw(canvas, place(points), (points @ view.T)[:, 2], skeleton, thick=1, colour=(60, 60, 60))
+        draw(canvas, *place(_checked(truth, skeleton)), skeleton, thick=1, colour=_INK)
     return canvas
 
 
-def _draw_floor(canvas: Image, place: Callable[[Array], Array]) -> None:
-    """The lines of the cube's floor, and the axes along its edges; ``place`` projects points."""
+def _draw_floor(canvas: Image, place: Callable[[Array], tuple[Array, Array]]) -> None:
+    """Draw the lines of the cube's floor, and the axes along its edges.
+
+    place  the pixels of points, and their depths
+    """
     for line in np.linspace(-1, 1, FLOOR_LINES):
         for ends in ([(line, FLOOR, -1), (line, FLOOR, 1)], [(-1, FLOOR, line), (1, FLOOR, line)]):
-            start, stop = place(np.array(ends, dtype=np.float64))
+            start, stop = place(np.array(ends, dtype=np.float64))[0]
             strokes.line(canvas, start, stop, _LINE, 1)
     for label, direction in zip("xyz", np.eye(3)):
         corner = np.array([-1, FLOOR, -1])
-        start, stop = place(np.stack([corner, corner + AXIS_LENGTH * direction]))
+        start, stop = place(np.stack([corner, corner + AXIS_LENGTH * direction]))[0]
         strokes.line(canvas, start, stop, _AXIS, 2)
         outwards = (stop - start) / np.linalg.norm(stop - start)
         strokes.text(canvas, label, stop + outwards * 9 + (-4, 4), _AXIS, 0.45)
@@ -187,13 +198,50 @@ def two_views(
     return np.concatenate([legend, page])
 
 
+# ------------------------------------------------------------------------------------ the skeleton
+
+
+def draw(
+    canvas: Image,
+    pixels: Array,
+    depths: Array,
+    skeleton: Skeleton,
+    thick: int,
+    colour: Colour | None = None,
+    guesses: Collection[str] = (),
+) -> None:
+    """Draw bones and joints at pixels (K, 2), x and y, the farthest first, each with a dark rim.
+
+    depths   (K,) of which only the order counts, the farthest largest
+    thick    px, of bones
+    colour   of all, then without rims; by default of each joint
+    guesses  names of fingers that are drawn hollow: white, with a rim in their colour
+    """
+    inks = [colour or own for own in colours(skeleton)]
+    rims = [BLACK] * len(inks)
+    for joint, name in enumerate(skeleton.joint_names):
+        if _finger_of(name) in guesses:
+            rims[joint], inks[joint] = inks[joint], WHITE
+    has_rims = colour is None
+    behind_first = sorted(bones(skeleton), key=lambda bone: -(depths[bone[0]] + depths[bone[1]]))
+    if has_rims:
+        for parent, joint in behind_first:
+            strokes.line(canvas, pixels[parent], pixels[joint], rims[joint], thick + 2)
+    for parent, joint in behind_first:
+        strokes.line(canvas, pixels[parent], pixels[joint], inks[joint], thick)
+    for joint in np.argsort(-depths, kind="stable"):
+        if has_rims:
+            strokes.dot(canvas, pixels[joint], thick + 2, rims[joint])
+        strokes.dot(canvas, pixels[joint], thick + has_rims, inks[joint])
+
+
 def colours(skeleton: Skeleton) -> list[Colour]:
-    """The colour of each joint; a finger's by the part of the joint's name before the first "_".
+    """The colour of each joint, which is that of its finger; grey outside the fingers.
 
     In a body without fingers the limbs have different colours; a limb is a chain of joints
     without a fork.
     """
-    fingers = [FINGER_COLOURS.get(name.partition("_")[0]) for name in skeleton.joint_names]
+    fingers = [FINGER_COLOURS.get(_finger_of(name)) for name in skeleton.joint_names]
     if any(fingers):
         return [own or GREY for own in fingers]
     palette = list(FINGER_COLOURS.values())
@@ -218,6 +266,18 @@ def limbs(skeleton: Skeleton) -> list[list[int]]:
     return found
 
 
+def bones(skeleton: Skeleton) -> list[tuple[int, int]]:
+    """The pairs of connected joints: parent, joint."""
+    return [(int(parent), joint) for joint, parent in enumerate(skeleton.parents) if parent >= 0]
+
+
+def _finger_of(joint: str) -> str:
+    """The finger of a joint, the part of its name before the first "_"; of a joint of another part
+    no name of a finger.
+    """
+    return joint.partition("_")[0]
+
+
 def guessed(finger_error_mm: Array) -> list[str]:
     """The fingers whose expected errors (5,) in mm, from the thumb on, are above GUESS_MM."""
     return [
@@ -225,48 +285,10 @@ def guessed(finger_error_mm: Array) -> list[str]:
     ]
 
 
-def bones(skeleton: Skeleton) -> list[tuple[int, int]]:
-    """The pairs of connected joints: parent, joint."""
-    return [(int(parent), joint) for joint, parent in enumerate(skeleton.parents) if parent >= 0]
-
-
 def _checked(joints: ArrayLike, skeleton: Skeleton) -> Array:
+    """Joints as (K, 3). Raises DataError for another number of them, and if one is not finite."""
     points = np.asarray(joints, dtype=np.float64)
     expected = len(skeleton.joint_names)
     if points.size != expected * 3 or not np.isfinite(points).all():
         raise DataError(f"joints of shape {points.shape}, expected ({expected}, 3) finite numbers")
     return points.reshape(expected, 3)
-
-
-def draw(
-    canvas: Image,
-    at: Array,
-    away: Array,
-    skeleton: Skeleton,
-    thick: int,
-    colour: Colour | None = None,
-    guesses: Collection[str] = (),
-) -> None:
-    """Bones and joints at pixels ``at`` (K, 2), the farthest (``away``, (K,)) first, each
-    with a dark rim.
-
-    colour   of all, then without rims; by default of each joint
-    guesses  names of fingers that are drawn hollow: white, with a rim in their colour
-    """
-    behind_first = sorted(bones(skeleton), key=lambda bone: -(away[bone[0]] + away[bone[1]]))
-    own = [colour or its_own for its_own in colours(skeleton)]
-    rim = colour is None
-    rims = [BLACK] * len(own)
-    for joint, name in enumerate(skeleton.joint_names):
-        if name.partition("_")[0] in guesses:
-            rims[joint] = own[joint]
-            own[joint] = WHITE
-    if rim:
-        for parent, joint in behind_first:
-            strokes.line(canvas, at[parent], at[joint], rims[joint], thick + 2)
-    for parent, joint in behind_first:
-        strokes.line(canvas, at[parent], at[joint], own[joint], thick)
-    for joint in np.argsort(-away, kind="stable"):
-        if rim:
-            strokes.dot(canvas, at[joint], thick + 2, rims[joint])
-        strokes.dot(canvas, at[joint], thick + 1 if rim else thick, own[joint])

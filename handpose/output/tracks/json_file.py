@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 from handpose.frames.camera_text import parse_json
 from handpose.output.tracks.fields import Fields
-from handpose.output.tracks.json_values import FrameValues, header_of
+from handpose.output.tracks.json_reading import FrameReader, header_of
 from handpose.tracking.track import TrackedFrame, TrackHeader
 from netlib import files
 from netlib.errors import DataError
@@ -49,15 +49,15 @@ def read_track(path: str | Path) -> Track:
         return _read_lines(path, Fields(first, f"{path}:1"), rest)
     document = Fields(parse_json(text, str(path)), str(path))
     header = header_of(document)
-    decoder = FrameValues(header)
-    frames = [decoder.frame(values) for values in document.parts("frames")]
+    reader = FrameReader(header)
+    frames = [reader.frame(values) for values in document.parts("frames")]
     return Track(header, frames, "" if document.truth("complete") else "the tracker was stopped")
 
 
 def _read_lines(path: str | Path, header_fields: Fields, text: str) -> Track:
     """The track of a header and the lines after it, of which the last may be cut."""
     header = header_of(header_fields)
-    decoder = FrameValues(header)
+    reader = FrameReader(header)
     lines = text.split("\n")
     cut = ""
     if _value_or_none(lines[-1]) is None:
@@ -67,7 +67,7 @@ def _read_lines(path: str | Path, header_fields: Fields, text: str) -> Track:
     frames = []
     for number, line in enumerate(lines, 2):
         where = f"{path}:{number}"
-        frames.append(decoder.frame(Fields(parse_json(line, where), where)))
+        frames.append(reader.frame(Fields(parse_json(line, where), where)))
     return Track(header, frames, cut)
 
 

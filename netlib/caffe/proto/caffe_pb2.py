@@ -139,33 +139,28 @@ def _describe(described: dict[str, Any], name: str, cls: type) -> None:
         field.label = field.LABEL_REPEATED if known.repeated else field.LABEL_OPTIONAL
         if known.packed:
             field.options.packed = True
-        values = schema.enum_of(known.kind)
         if schema.is_message(known.kind):
             field.type = field.TYPE_MESSAGE
             field.type_name = f".{_PACKAGE}.{_name_of(known.kind)}"
-        elif values:
+            continue
+        if values := schema.enum_of(known.kind):
             owner = described[_OWNERS.get((name, known.name), name)]
-            field.type, field.type_name = (
-                field.TYPE_ENUM,
-                _enum_type(owner, known.name, known.kind, values),
-            )
+            field.type = field.TYPE_ENUM
+            field.type_name = _enum_type(owner, known.name, known.kind, values)
         else:
             field.type = getattr(field, f"TYPE_{_TYPES[known.kind]}")
-        default = _DEFAULTS.get((message.name, known.name), known.default)
-        is_scalar = not known.repeated and not schema.is_message(known.kind)
-        if is_scalar and default not in (None, dataclasses.MISSING, "", b""):
-            field.default_value = (
-                str(default).lower() if isinstance(default, bool) else str(default)
-            )
+        default = _DEFAULTS.get((name, known.name), known.default)
+        if not known.repeated and default not in (None, dataclasses.MISSING, "", b""):
+            text = str(default)
+            field.default_value = text.lower() if isinstance(default, bool) else text
 
 
 def _enum_type(message: Any, field: str, kind: Any, values: dict[str, int]) -> str:
     """Full name of the enum of a field, which is added to the message at its first use."""
     if kind == schema.Phase:
         return f".{_PACKAGE}.Phase"
-    name = _ENUMS.get(message.name, {}).get(
-        field, "Engine" if field == "engine" else field.title().replace("_", "")
-    )
+    usual = "Engine" if field == "engine" else field.title().replace("_", "")
+    name = _ENUMS.get(message.name, {}).get(field, usual)
     if name not in (enum.name for enum in message.enum_type):
         _add_enum(message, name, values)
     return f".{_PACKAGE}.{message.name}.{name}"
@@ -193,11 +188,10 @@ def _classes() -> dict[str, Any]:
     for name, message in file.message_types_by_name.items():
         cls = names[name] = message_factory.GetMessageClass(message)
         cls.__module__ = __name__  # for pickle
-        names[f"_{name.upper()}"] = message
-        names |= {
-            f"_{name.upper()}_{inner.upper()}": enum
-            for inner, enum in message.enum_types_by_name.items()
-        }
+        descriptor = f"_{name.upper()}"
+        names[descriptor] = message
+        for inner, enum in message.enum_types_by_name.items():
+            names[f"{descriptor}_{inner.upper()}"] = enum
     return names
 
 

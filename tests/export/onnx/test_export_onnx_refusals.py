@@ -85,9 +85,9 @@ def test_an_opset_that_is_too_old_for_an_operator(files):
     """The error names the layer, its operator and the opset that it needs; a net without such
     operators is written.
     """
-    net, weights = files('layer { name: "s" type: "Softmax" bottom: "x0" top: "y" }', (1, 3))
+    net, weights = files('layer { name: "s" type: "Upsample" bottom: "x0" top: "y" }', (1, 1, 2, 3))
     assert refused(net, weights, "--opset", "11") == (
-        "layer 's' needs the operator Softmax of opset 13, found opset 11; expected --opset 13 or more"
+        "layer 's' needs the operator Resize of opset 13, found opset 11; expected --opset 13 or more"
     )
     assert (
         "expected an integer of at most 17"

@@ -10,6 +10,7 @@ import pytest
 
 from handpose.datasets.frames import Frames, examples_of, spread
 from handpose.frames.cameras import NYU
+from handpose.frames.crops import BACKGROUND
 from handpose.synthetic.generator import Generator
 from netlib.files.paths import ROOT
 from tests.support.hdf5_files import write_hdf5
@@ -88,3 +89,10 @@ def test_frames_of_a_list_come_from_all_its_files(here: Path) -> None:
     assert crop.shape == (8, 8) and none is None
     assert (crop[0, 0], other[0, 0]) == (0.25, 0.5)
     assert joints is not None and joints.tolist() == [6, 7, 8, 9, 10, 11]
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e300])
+def test_pixels_that_are_not_finite_show_the_background(here: Path, value: float) -> None:
+    write_hdf5(Path("a.h5"), depth=np.full((1, 1, 8, 8), value))
+    ((crop, _, _),) = examples_of(Path("a.h5"), 1)
+    assert (crop == BACKGROUND).all()

@@ -42,10 +42,15 @@ def test_the_example_of_the_docstring() -> None:
     [
         ("{}", CameraInfo(origin="x")),
         ('{"unit_mm": 0.125}', CameraInfo(unit_mm=0.125, origin="x")),
+        ('{"unit_mm": 0.125, "rate": null, "fx": null}', CameraInfo(unit_mm=0.125, origin="x")),
         (f"{{{FOUR}}}", CameraInfo(Camera("own", 60, 61, 31.5, 23.5, 0, 0), origin="x")),
         (
             f'{{{FOUR}, "min_range_mm": 80}}',
             CameraInfo(Camera("own", 60, 61, 31.5, 23.5, 0, 0, 80.0), origin="x"),
+        ),
+        (
+            f'{{{FOUR}, "min_range_mm": 0}}',
+            CameraInfo(Camera("own", 60, 61, 31.5, 23.5, 0, 0, 0.0), origin="x"),
         ),
         (
             f'{{{FOUR}, "distortion": [0.1, 0, 0, 0]}}',
@@ -72,7 +77,17 @@ def test_the_example_of_the_docstring() -> None:
             ),
         ),
     ],
-    ids=["nothing", "a unit", "a camera", "a range", "a list", "RealSense", "by name"],
+    ids=[
+        "nothing",
+        "a unit",
+        "null",
+        "a camera",
+        "a range",
+        "no range",
+        "a list",
+        "RealSense",
+        "by name",
+    ],
 )
 def test_this_projects_and_realsenses_keys_are_accepted(text: str, expected: CameraInfo) -> None:
     assert replace(parse(text, "x"), origin="x") == expected
@@ -100,7 +115,7 @@ def test_invalid_camera_files_are_rejected(given: str, rejected: Any) -> None:
 positive = st.floats(1e-3, 1e4)
 
 
-@example(60.0, 61.0, 31.5, 23.5, 64, None, [0.0] * 5, "ms")
+@example(60.0, 61.0, 0.0, 23.5, 64, None, [0.0] * 5, "ms")
 @given(
     positive,
     positive,
@@ -122,7 +137,7 @@ def test_every_number_returns(
     time_unit: str | None,
 ) -> None:
     """Every number is restored bit for bit; a lens without distortion is omitted."""
-    camera = Camera("any", fx, fy, u0, v0, width, 7 if width else 0)
+    camera = Camera("any", fx, fy, u0, v0, width, 7 if width else 0, min_range_mm=abs(u0) % 300)
     lens = lens if lens and any(lens) else None
     said = CameraInfo(camera, lens and Lens(tuple(lens)), unit, unit, "x", time_unit)
     assert parse(to_text(said), "x") == said
@@ -279,6 +294,8 @@ TRAJECTORY = {
             CAMERA,
             "fx, fy, cx, cy; not used: scale, fl_unit",
         ),
+        (f'{{"K": {BY_COLUMNS}, "fx": null, "resolution": "64x48"}}', SIZED, "K, resolution"),
+        (f'{{"K": {BY_COLUMNS}, "resolution": "64 by 48"}}', CAMERA, "K; not used: resolution"),
         (
             f'{{"K": {BY_COLUMNS}, "w": 64, "h": 48, "poses": [[0, 0, 0]]}}',
             SIZED,

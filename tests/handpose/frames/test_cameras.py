@@ -28,6 +28,15 @@ def test_round_trip(camera: Camera, x: float, y: float, z: float) -> None:
     assert_allclose(camera.unproject(camera.project(points)), points, atol=1e-9)
 
 
+def test_pixels_of_the_image() -> None:
+    """Of whole numbers and others, also of a row of columns and a column of rows."""
+    columns, rows = np.array([-1, 0, 639, 640]), np.array([-0.5, 0, 479.5, 480])
+    in_image = [False, True, True, False]
+    assert NYU.has_pixel(columns, np.zeros(4)).tolist() == in_image
+    assert NYU.has_pixel(np.zeros(4), rows).tolist() == in_image
+    assert_array_equal(NYU.has_pixel(columns, rows[:, None]), np.outer(in_image, in_image))
+
+
 def test_minimum_range() -> None:
     """Readings nearer than the minimum range become 0; an image without such readings is
     returned unchanged.

@@ -5,6 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import netlib
+from netlib.proto import prototxt, schema
+from netlib.proto.messages import NetParameter, ParamSpec
 from tests.netlib.conftest import MakeNet
 from tests.support.nets import X, ip, loss, shared
 
@@ -16,19 +19,20 @@ def test_shared_parameters_are_one(net_of: MakeNet, rng: np.random.Generator) ->
     layers' gradients.
     """
     net = net_of(shared() + loss("b"), dtype=np.float64)
-    assert np.shares_memory(net.params["a"][0].data, net.params["b"][0].data)
-    assert np.shares_memory(net.params["a"][0].diff, net.params["b"][0].diff)
+    [of_a, _], [of_b, _] = net.params["a"], net.params["b"]
+    assert np.shares_memory(of_a.data, of_b.data)
+    assert np.shares_memory(of_a.diff, of_b.diff)
     assert [p.label for p in net.learnable] == ["a/0", "a/1", "b/1"]
     x = rng.normal(size=(2, 3))
     net.forward(x=x)
     net.backward()
     da, db = net.blobs["a"].diff, net.blobs["b"].diff
     both = da.T @ x + db.T @ net.blobs["a"].data
-    assert np.allclose(net.params["a"][0].diff, both)
-    net.params["b"][0].diff[...] = np.nan
+    assert np.allclose(of_a.diff, both)
+    of_b.diff[...] = np.nan
     net.clear_param_diffs()
     net.backward()
-    assert np.allclose(net.params["a"][0].diff, both)
+    assert np.allclose(of_a.diff, both)
 
 
 def test_permissive_sharing_requires_only_equal_counts(net_of: MakeNet) -> None:
@@ -39,12 +43,13 @@ def test_permissive_sharing_requires_only_equal_counts(net_of: MakeNet) -> None:
         "b", "y", "b", 'param { name: "w" share_mode: PERMISSIVE }', 3
     )
     net = net_of("force_backward: true " + text)
-    assert [p.data.shape for p in (net.params["a"][0], net.params["b"][0])] == [(2, 6), (3, 4)]
-    net.params["a"][0].data[0, 5] = 9
-    assert net.params["b"][0].data[1, 1] == 9
+    [of_a, *_], [of_b, *_] = net.params["a"], net.params["b"]
+    assert (of_a.data.shape, of_b.data.shape) == ((2, 6), (3, 4))
+    of_a.data[0, 5] = 9
+    assert of_b.data[1, 1] == 9
     net.forward(x=np.ones((2, 6)), y=np.ones((2, 4)))
     net.backward(a=np.ones((2, 2)), b=np.zeros((2, 3)))
-    assert (net.params["b"][0].diff == 2).all()
+    assert (of_b.diff == 2).all()
 
 
 def test_multipliers_of_a_shared_parameter_may_stand_in_either_layer(net_of: MakeNet) -> None:
@@ -55,6 +60,14 @@ def test_multipliers_of_a_shared_parameter_may_stand_in_either_layer(net_of: Mak
     )
     owner = net_of(text).learnable[0].spec
     assert (owner.lr_mult, owner.decay_mult) == (2, 0)
+
+
+def test_a_program_may_set_a_multiplier_of_a_shared_parameter() -> None:
+    param = schema.read(prototxt.parse(shared()), NetParameter)
+    *others, last = param.layer
+    last = schema.changed(last, param=(ParamSpec("w", lr_mult=0.0),))
+    with pytest.raises(netlib.LayerError, match="has lr_mult 0, but 2 in layer 'a'"):
+        netlib.Net(schema.changed(param, layer=(*others, last)), netlib.TRAIN)
 
 
 def test_param_blocks_count_from_the_first(net_of: MakeNet) -> None:

@@ -108,6 +108,10 @@ def transformer(name: str, *values: object, shape: tuple[int, ...] = (4, 3, 2, 3
             lambda: io.blobproto_to_array(caffe_pb2.BlobProto(data=[7, 8])),
             "a BlobProto has shape (), but 2 values",
         ),
+        "BlobProto of a negative size": (
+            lambda: io.blobproto_to_array(caffe_pb2.BlobProto(data=[7, 8], shape={"dim": [-1]})),
+            "a BlobProto has shape (-1,), but 2 values",
+        ),
         "Datum of two axes": (
             lambda: io.array_to_datum(np.zeros((2, 2))),
             "Incorrect array shape: a Datum takes (channels, height, width), found (2, 2)",
@@ -125,6 +129,10 @@ def transformer(name: str, *values: object, shape: tuple[int, ...] = (4, 3, 2, 3
             NetlibError,
             "'dat' is not one of the net inputs: 'data' (did you mean 'data'?)",
         ),
+        "Transformer: an image without channels": (
+            transformer("preprocess", "data", np.zeros((2, 3))),
+            "preprocess takes an image (H, W, 3) for 'data', found (2, 3)",
+        ),
         "Transformer: transpose": (
             transformer("set_transpose", "data", (0, 1)),
             "Transpose order needs to have the same "
@@ -139,8 +147,8 @@ def transformer(name: str, *values: object, shape: tuple[int, ...] = (4, 3, 2, 3
             transformer("set_mean", "data", np.zeros((2, 4, 4))),
             "Mean channels incompatible with input: 'data' has 3, found a mean of shape (2, 4, 4)",
         ),
-        "Transformer: a number as mean": (
-            transformer("set_mean", "data", np.float64(3)),
+        "Transformer: the name of a file as mean": (
+            transformer("set_mean", "data", "mean.npy"),
             "Mean shape invalid: expected (K,), (H, W) or (K, H, W), found ()",
         ),
         "Transformer: a batch": (

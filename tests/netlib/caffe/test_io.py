@@ -192,6 +192,12 @@ def test_other_orders(order, first_row):
     assert found.max() <= 60
 
 
+def test_resized_integers():
+    """The range of an image may be larger than that of its type."""
+    image = np.array([[[-100], [100]]], np.int8)
+    assert io.resize_image(image, (1, 2)).tolist() == image.tolist()
+
+
 def test_resized_with_other_channels():
     found = io.resize_image(np.stack([SMALL, SMALL + 1], axis=-1), (3, 4))
     expected = [[0, 6.666667, 13.333333, 20], [20, 20, 26.666666, 40], [40, 33.333332, 40, 60]]

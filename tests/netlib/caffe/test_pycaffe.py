@@ -448,6 +448,10 @@ FIXED = "is read once, when the solver is made; change it in the file"
             ("max_iter", 2.5),
             "solver.prototxt:1:75: error: 'max_iter' expects an integer ..., found 2.5",
         ),
+        "more than 64 bits": (
+            ("max_iter", 1 << 64),
+            "solver.prototxt:1:75: error: 'max_iter' expects an integer ..., found 18446744073709551616",
+        ),
         "stepvalue": (
             ("stepvalue", 3),
             "solver.prototxt:1:1: error: 'stepvalue' expects a list, each ..., found 3",

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from tests.netlib.conftest import ONE_WEIGHT, MakeModule, MakeSolver
+from tests.netlib.conftest import ONE_WEIGHT, WEIGHT_WITH, MakeModule, MakeSolver
 
 
 def test_the_order_of_an_iteration(solver_of: MakeSolver) -> None:
@@ -14,7 +14,7 @@ def test_the_order_of_an_iteration(solver_of: MakeSolver) -> None:
     first. The gradient is cleared at the start, complete when it is ready, and then the
     update: 0.
     """
-    solver = solver_of(ONE_WEIGHT % "", "base_lr: 0 test_iter: 2 test_interval: 1")
+    solver = solver_of(ONE_WEIGHT, "base_lr: 0 test_iter: 2 test_interval: 1")
     seen: list[tuple[str, int, float]] = []
     gradient = solver.net.params["ip"][0].diff
 
@@ -41,7 +41,7 @@ def test_the_order_of_an_iteration(solver_of: MakeSolver) -> None:
 
 
 def test_a_function_that_removes_itself(solver_of: MakeSolver) -> None:
-    solver, seen = solver_of(ONE_WEIGHT % ""), list[str]()
+    solver, seen = solver_of(ONE_WEIGHT), list[str]()
 
     def once() -> None:
         seen.append("once")
@@ -93,7 +93,7 @@ def test_a_net_without_a_loss_is_reported_once(
     advice: str,
 ) -> None:
     module("half_square", HALF_SQUARE)
-    solver = solver_of(NO_LOSS % "" + end)
+    solver = solver_of(NO_LOSS + end)
     for _ in range(5):
         solver.step(1)
     warnings = [message for message in caplog.messages if "loss_weight" in message]
@@ -126,12 +126,12 @@ def test_a_python_loss_beside_another_needs_a_weight(
     second = (
         (PYTHON_LOSS % given).replace('"half"', '"penalty_loss"').replace('"distance"', '"penalty"')
     )
-    solver_of(ONE_WEIGHT % "" + second).step(5)
+    solver_of(ONE_WEIGHT + second).step(5)
     assert caplog.messages == messages
 
 
 DEAD = (
-    NO_LOSS % ""
+    NO_LOSS
     + """layer { name: "dead" type: "ReLU" bottom: "y" top: "y" }
 layer { name: "loss" type: "EuclideanLoss" bottom: "y" bottom: "t" top: "loss" }"""
 )
@@ -151,7 +151,7 @@ def test_gradients_that_are_all_zero_are_reported_once(
 
 
 @pytest.mark.parametrize(
-    "net", [DEAD, ONE_WEIGHT % "param { lr_mult: 0 }"], ids=["a living ReLU", "frozen on purpose"]
+    "net", [DEAD, WEIGHT_WITH % "param { lr_mult: 0 }"], ids=["a living ReLU", "frozen on purpose"]
 )
 def test_no_warning_of_gradients(
     solver_of: MakeSolver, caplog: pytest.LogCaptureFixture, net: str

@@ -113,5 +113,5 @@ def test_flips_that_would_change_the_pose_are_ruled_out():
     assert not angles.flips(skeleton('rotate { axis: X dof: "b" } bone { axis: Y length: 1 }'))
     assert (
         angles.flips(skeleton('rotate { axis: Y dof: "c" } bone { axis: Y length: 1 }'))[0].negated
-        == ()
+        == []
     )

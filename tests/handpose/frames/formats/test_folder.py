@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -405,6 +406,23 @@ def test_two_arrays_in_an_archive(here: Path) -> None:
         match=r"1\.npz: holds a \(48, 64\), b \(48, 64\); expected an array depth \(height",
     ):
         FolderRecording(here, GIVEN)
+
+
+def test_raw_values_of_two_sizes_of_the_camera(here: Path) -> None:
+    """640 x 360 and 480 x 480, which D400 cameras have, are equally many bytes."""
+    modes = [
+        {"fx": 60, "fy": 60, "cx": 31.5, "cy": 23.5, "width": width, "height": height}
+        for width, height in ((64, 48), (48, 64), (64, 64))
+    ]
+    Path("camera.json").write_text(json.dumps({"depth": modes}))
+    put_array("1.raw", hand_sized())
+    with pytest.raises(
+        DataError,
+        match=r"6144 bytes; expected 6144, 64 x 48, 6144, 48 x 64 .*; give a camera of one",
+    ):
+        FolderRecording(here)
+    Path("1.raw").write_bytes(bytes(2 * 64 * 64))
+    assert FolderRecording(here).camera.height == 64
 
 
 def test_raw_values_of_unknown_size(here: Path) -> None:

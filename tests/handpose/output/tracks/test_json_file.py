@@ -280,3 +280,20 @@ def test_an_undecided_side(here: Path, layout: str, rng: np.random.Generator) ->
     if layout == "json":
         assert not json_schema.faults(json.loads(Path("a.json").read_text()))
     assert '"hand": null' in Path(f"a.{layout}").read_text().replace('"hand":null', '"hand": null')
+
+
+@both
+def test_another_body_has_no_side(here: Path, layout: str, rng: np.random.Generator) -> None:
+    """As predictions of people in frames; the side of a hand is missed."""
+    header = replace(header_of(load("prototxt/body/person.prototxt")), smoothed=False)
+    body = replace(any_hand(header, rng), hand=None)
+    ((one,),) = (frame.hands for frame in written(f"a.{layout}", header, [frame_of(body)]).frames)
+    assert (one.hand, one.pose.side, one.side_confidence) == (None, "right", 1.0)
+    assert np.abs(one.pose.xyz - body.pose.xyz).max() <= 0.00501
+    hand = replace(any_hand(HAND, rng), hand=None)
+    with pytest.raises(DataError, match="'hands' 0: there is no 'assumed_hand'"):
+        written(f"a.{layout}", HAND, [frame_of(hand)])
+
+
+def frame_of(hand: TrackedHand) -> TrackedFrame:
+    return TrackedFrame(0, 0.0, (hand,))
