@@ -37,26 +37,26 @@ class Size(NamedTuple):
 ROOMS = {
     "docs": Size(12_932, 1_085, 16, 8_324),
     "exercises": Size(8_998, 817, 6, 32_728),
-    "experiments": Size(15_632, 1_373, 22, 9_227),
-    "export": Size(8_324, 730, 6, 3_871),
-    "fast": Size(29_198, 2_576, 12, 2_370),
-    "handpose": Size(97_699, 8_838, 115, 34_855),
-    "handpose/synthetic": Size(16_246, 1_477, 23, 2_081),
-    "layers": Size(36_988, 3_200, 30, 18_250),
-    "netlib": Size(44_122, 4_508, 54, 66_513),
+    "experiments": Size(15_656, 1_380, 22, 9_290),
+    "export": Size(8_349, 729, 6, 3_877),
+    "fast": Size(29_279, 2_592, 12, 2_370),
+    "handpose": Size(98_165, 8_881, 114, 34_898),
+    "handpose/synthetic": Size(16_551, 1_499, 23, 2_081),
+    "layers": Size(36_981, 3_207, 30, 18_250),
+    "netlib": Size(44_291, 4_539, 53, 66_542),
     "setup.py": Size(180, 10, 1, 284),
-    "tests": Size(255_013, 19_040, 366, 317_856),
-    "tools": Size(30_569, 2_899, 45, 31_868),
+    "tests": Size(256_524, 19_143, 367, 319_136),
+    "tools": Size(30_708, 2_910, 44, 31_859),
 }
 LINES = {  # of files that are not Python, by their patterns
-    "prototxt/*.prototxt models/*.prototxt": 4_082,
+    "prototxt/*.prototxt models/*.prototxt": 4_039,
     "*.json": 400,
     "*.js *.css *.html": 2_832,
 }
 WORDS = {  # of documents, by their pattern
-    ":(glob)docs/*.md": 25_922,
+    ":(glob)docs/*.md": 25_920,
     "README.md": 896,
-    "*.md": 64_991,
+    "*.md": 64_998,
 }
 OTHERS = LINES | WORDS
 LIMITS = {  # that no recorded total may exceed: syntax nodes of rooms, lines, words
