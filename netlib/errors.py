@@ -8,13 +8,12 @@ and, if it helps, what to do. Tools print it to stderr and exit with status 1.
 
 from __future__ import annotations
 
-import contextlib
 import difflib
 import errno
 import functools
 import logging
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 
 MAX_NAMES = 8  # in a message
 
@@ -140,15 +139,6 @@ def reason_of(error: BaseException | None) -> str:
     if wrapped := re.search(r"error message = '([^']*)'", text):  # HDF5 embeds it in a longer text
         text = wrapped[1]
     return " ".join((text or type(error).__name__).split())
-
-
-@contextlib.contextmanager
-def located(where: object) -> Iterator[None]:
-    """Context manager: the text of a DataError in the block begins with the place ``where``."""
-    try:
-        yield
-    except DataError as error:
-        raise DataError(f"{where}: {error}") from None
 
 
 @functools.cache

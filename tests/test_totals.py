@@ -40,12 +40,12 @@ ROOMS = {
     "experiments": Size(15_656, 1_380, 22, 9_290),
     "export": Size(8_349, 729, 6, 3_877),
     "fast": Size(29_279, 2_592, 12, 2_370),
-    "handpose": Size(98_165, 8_881, 114, 34_898),
+    "handpose": Size(98_168, 8_881, 114, 34_898),
     "handpose/synthetic": Size(16_551, 1_499, 23, 2_081),
     "layers": Size(36_981, 3_207, 30, 18_250),
-    "netlib": Size(44_291, 4_539, 53, 66_542),
+    "netlib": Size(44_288, 4_539, 53, 66_542),
     "setup.py": Size(180, 10, 1, 284),
-    "tests": Size(256_524, 19_143, 367, 319_136),
+    "tests": Size(256_536, 19_145, 366, 319_147),
     "tools": Size(30_708, 2_910, 44, 31_859),
 }
 LINES = {  # of files that are not Python, by their patterns

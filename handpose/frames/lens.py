@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 
 from handpose.frames.cameras import Camera
 from netlib.blob import Array
-from netlib.errors import DataError, did_you_mean, located
+from netlib.errors import DataError, did_you_mean
+from netlib.files.reading import located
 
 COUNTS = (4, 5, 8)  # allowed numbers of coefficients
 INVERSE_ITERATIONS = 30  # of a fixed point, whose steps at least halve for any real lens

@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 
 from handpose.frames.cameras import CAMERAS, UNIT_MM, VIEWS, Camera, View
 from handpose.frames.lens import Lens, Undistorter
-from netlib.errors import DataError, located
+from netlib.errors import DataError
+from netlib.files.reading import located
 
 RATE = 30.0  # frames per second, if unknown
 # the remark about it

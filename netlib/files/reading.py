@@ -220,3 +220,12 @@ def _check(status: os.stat_result, path: str | Path, what: str, kind: type[Netli
         raise kind(
             f"{path}: cannot read {what}: {KINDS.get(found, 'it is not a regular file')}; expected a file"
         )
+
+
+@contextlib.contextmanager
+def located(where: object) -> Iterator[None]:
+    """Context manager: the text of a DataError in the block begins with the place ``where``."""
+    try:
+        yield
+    except DataError as error:
+        raise DataError(f"{where}: {error}") from None

@@ -49,7 +49,7 @@ def test_the_list() -> None:
     assert [line.split()[0] for line in lines if line.startswith("  ")] == list(NAMES)
     assert all(len(line.split()) > 5 for line in lines if line.startswith("  "))
     folder = Path(importlib.import_module("experiments").__file__ or "").parent
-    nets = {"example_nets", "peers", "torch_nets"}
+    nets = {"example_nets", "peers", "table1_nets", "torch_nets"}
     others = nets | {"__init__", "__main__", "choices", "hidden_parts", "labelled_frames", "tables"}
     assert {path.stem for path in folder.glob("*.py")} - others == set(NAMES)
 

@@ -52,10 +52,11 @@ def test_the_figures_of_hands() -> None:
 def test_hands_of_a_scene_are_found_once_and_fitted() -> None:
     """Their errors are those of a fit; none is also counted as false."""
     generator = SceneGenerator(8000, "test", finer=FINER)
-    scenes = list(hands_in(generator, 16, predictors("fast")))
+    scenes = list(hands_in(generator, 32, predictors("fast")))
     hands = [hand for scene in scenes for hand in scene.hands]
     found = [hand for hand in hands if hand.estimate]
-    assert len(hands) == generator.block(0).present.sum() and len(found) > len(hands) / 2
+    in_sight = sum(generator.block(number).present.sum() for number in (0, 1))
+    assert len(hands) == in_sight and len(found) > len(hands) / 2
     right = [hand.error_mm for hand in found if np.isfinite(hand.error_mm)]
     assert np.median(right) < 40
     for scene in scenes:

@@ -9,15 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from netlib.errors import (
-    DataError,
-    NetlibError,
-    PrototxtError,
-    did_you_mean,
-    located,
-    printable,
-    reason_of,
-)
+from netlib.errors import NetlibError, PrototxtError, did_you_mean, printable, reason_of
 
 # including surrogates, for bytes that are not UTF-8
 ANY_TEXT = st.text(st.characters(exclude_categories=()))
@@ -95,12 +87,3 @@ def test_an_error_can_be_shown_whatever_it_names(name: str) -> None:
 )
 def test_unprintable_characters_are_escaped(text: str, shown: str) -> None:
     assert printable(text) == shown
-
-
-def test_a_place_is_added_to_an_error_of_data() -> None:
-    """To no other error, and without the error that had no place."""
-    with pytest.raises(DataError, match=r"^a\.h5: too short$") as raised, located("a.h5"):
-        raise DataError("too short")
-    assert raised.value.__suppress_context__
-    with pytest.raises(NetlibError, match=r"^too short$"), located("a.h5"):
-        raise NetlibError("too short")

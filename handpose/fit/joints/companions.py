@@ -28,9 +28,10 @@ from handpose.datasets import labels, parts
 from handpose.fit.joints.fit_joints import JointFit, fit_joints
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
-from netlib.errors import DataError, located, reason_of
+from netlib.errors import DataError, reason_of
 from netlib.files import atomic, hdf5, make_folder, opened
 from netlib.files.paths import exists, real
+from netlib.files.reading import located
 
 DESCRIPTION = (
     "dof: inputs of the hand model, radians, and half-cubes from center (mm, camera axes, y up)"

@@ -194,3 +194,12 @@ def test_a_source_in_two_processes(here: Path) -> None:
     source = files.Source("a", "the data")
     source.read(20, 30)
     assert source._stream.tell() == 0
+
+
+def test_a_place_is_added_to_an_error_of_data() -> None:
+    """To no other error, and without the error that had no place."""
+    with pytest.raises(DataError, match=r"^a\.h5: too short$") as raised, reading.located("a.h5"):
+        raise DataError("too short")
+    assert raised.value.__suppress_context__
+    with pytest.raises(NetlibError, match=r"^too short$"), reading.located("a.h5"):
+        raise NetlibError("too short")
