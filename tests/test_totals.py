@@ -38,7 +38,7 @@ ROOMS = {
     "docs": Size(12_932, 1_085, 16, 8_324),
     "exercises": Size(8_998, 817, 6, 32_728),
     "experiments": Size(15_656, 1_380, 22, 9_290),
-    "export": Size(8_349, 729, 6, 3_877),
+    "export": Size(8_350, 730, 6, 3_877),
     "fast": Size(29_279, 2_592, 12, 2_370),
     "handpose": Size(98_168, 8_881, 114, 34_898),
     "handpose/synthetic": Size(16_551, 1_499, 23, 2_081),

@@ -131,7 +131,8 @@ def onnx_image(
         _add_layer(graph, LayerCall(at.layer, values, bottom, top), shapes)
     outputs = _outputs(net, also)
     metadata = {"producer": PRODUCER, "net": net.name}
-    for hand_model, pose in hands[:1]:
+    if hands:
+        hand_model, pose = hands[0]
         metadata |= _metadata(hand_model, cube_mm)
         if pose in [graph.values[name] for name in outputs]:
             metadata["dof_names"] = json.dumps(hand_model.skeleton.dof_names)

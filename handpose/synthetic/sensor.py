@@ -100,8 +100,6 @@ NOISY_KINECT = Sensor(
     dropout=(0.05, 0.3),
     holes=(0.0, 0.015),
 )
-
-
 # A stereo camera, of whole frames: block matching, and surfaces that extend beyond their edges.
 STEREO = Sensor(
     pixel_shift=(0.0, 0.4),

@@ -94,6 +94,7 @@ class SceneGenerator:
         sight = sight_of(draw, self.prior, people, rays)
         focal = self.finer * cameras.focal
         clean = zip(sight.depth, sight.which > 0, focal, sight.reflects)
+        # frames of the usual resolution stay those of the finder's trainings
         measure = measure_frame if self.finer == 1 else measure_fine
         depth = np.stack([measure(draw.rng, *frame) for frame in clean])
         what_of_number = np.array([*range(THINGS - 1), THINGS - 2, *(THINGS - 1 + sight.of)])
