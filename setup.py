@@ -48,6 +48,7 @@ setup(
         "": [
             "*.schema.json",
             "*.prototxt",
+            "*.proto",
             "*.md",
             "*.h5",
             "*.npz",

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from google.protobuf import json_format, message, text_format
+from google.protobuf import descriptor_pb2, json_format, message, text_format
 
 from netlib.caffe.proto import caffe_pb2, forks
 from netlib.caffe.proto.caffe_pb2 import _name_of
@@ -133,13 +133,14 @@ def test_fields_of_forks_do_not_collide_with_declared_ones() -> None:
     """They are declared once, and no layer of this project reads them."""
     classes = [*option_blocks().values(), messages.LayerParameter, messages.SolverParameter]
     known = {_name_of(cls): cls for cls in classes}
-    for name, fields in forks._entries(forks.MESSAGES):
-        declared = wire.fields_of(known[name]).keys() if name in known else set()
-        assert not declared & {field for field, _, _ in fields}
-        numbers = [
-            field.number for field in getattr(caffe_pb2, name.split(".")[0]).DESCRIPTOR.fields
-        ]
+    added = descriptor_pb2.FileDescriptorProto()
+    forks.add_to(added)
+    for fork in added.message_type:
+        declared = wire.fields_of(known[fork.name]).keys() if fork.name in known else set()
+        assert not declared & {field.name for field in fork.field}
+        numbers = [field.number for field in getattr(caffe_pb2, fork.name).DESCRIPTOR.fields]
         assert len(numbers) == len(set(numbers))
+    assert {"LayerParameter", "SolverParameter"} <= {fork.name for fork in added.message_type}
 
 
 def test_options_of_refinedet() -> None:
