@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from handpose.frames import camera_file
 from handpose.frames.camera_keys import SIZE, has_camera, is_known
+from handpose.frames.camera_search import find
 from handpose.frames.recording import CameraInfo
 from handpose.frames.time_units import since_1970
 from netlib.errors import DataError, some_of
@@ -79,7 +80,7 @@ def parameters_in(
 
     Raises DataError.
     """
-    found = camera_file.find(_nested(arrays, where), where, given.camera is not None)
+    found = find(_nested(arrays, where), where, given.camera is not None)
     info, fields = found.info, found.fields
     if CAMERA_TEXT in arrays:
         text = str(_plain(arrays[CAMERA_TEXT], f"{where}: camera"))

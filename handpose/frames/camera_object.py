@@ -1,0 +1,276 @@
+"""Read the camera in one object of a document, with what the objects around it say for it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from typing import Any, NoReturn
+
+import numpy as np
+
+from handpose.frames.camera_keys import (
+    ALIASES,
+    BROWN,
+    CAMERA,
+    DEFAULTS,
+    FIELDS,
+    IN_METRES,
+    INTRINSICS,
+    KNOWN,
+    LENS,
+    PER_METRE,
+    RANGES,
+    ROWS,
+    SIZE,
+    is_known,
+    is_number,
+    key_of,
+    numbers_in,
+    unknown_key,
+)
+from handpose.frames.camera_text import value_of
+from handpose.frames.cameras import Camera
+from handpose.frames.lens import Lens, lens_of
+from handpose.frames.recording import CameraInfo
+from handpose.frames.time_units import TIME_UNITS
+from netlib.errors import DataError, some_of
+
+Chain = list[tuple[str, dict[str, Any]]]  # names and objects, from the document to one within it
+
+# what the objects around a camera say for it, unless it says one of the same group
+AROUND = (("size", *SIZE), LENS, ("depthscale", "unit_mm"), ("rate",), ("time_unit",))
+IN_LENS = ("model", "coefficients", *BROWN)  # the keys of an object of a distortion
+MATRIX = "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]], or fx, fy, cx, cy"
+MATRIX_SHAPES = {9: (3, 3), 12: (3, 4), 16: (4, 4)}  # of matrices, by the number of their elements
+PLACES = ([0, 1, 0, 1], [0, 1, 2, 2])  # of fx, fy, u0, v0 in a matrix
+MAX_SHOWN_CHARACTERS = 40  # characters of a value in a message
+
+
+@dataclass(frozen=True)
+class FoundCamera:
+    """A camera in an object of a document.
+
+    info    the parameters
+    name    of the object
+    fields  for each used key the field of CameraInfo that it gives
+    unused  the other keys of the same object, but for known ones whose value is null: unknown
+    is_own  whether all used keys are those of a camera.json
+    """
+
+    info: CameraInfo
+    name: str
+    fields: dict[str, str]
+    unused: list[str]
+    is_own: bool
+
+    @property
+    def words(self) -> str:
+        """The used and the unused keys, for people."""
+        used = ", ".join(self.fields)
+        if not self.unused:
+            return used
+        return f"{used}; not used: {some_of(self.unused)}"
+
+
+def read_camera(chain: Chain, where: str, is_replaced: bool) -> FoundCamera:
+    """The camera in the last object of a chain; ``where`` and ``is_replaced`` as for ``find``.
+
+    Raises DataError.
+    """
+    own = chain[-1][1]
+    wanted = {*ALIASES.values()}
+    has_focal_lengths = any(
+        key_of(name) == "fx" for name, value in own.items() if value is not None
+    )
+    if has_focal_lengths:  # of two forms the matrix is not used
+        wanted -= {"matrix"}
+    said = _Said(where, is_replaced)
+    for _, values in reversed(chain):
+        said.take(values, wanted)
+        wanted = {key for group in AROUND if said.values.keys().isdisjoint(group) for key in group}
+    given = [name for name, value in own.items() if value is not None or not is_known(name)]
+    return FoundCamera(
+        info=said.info(),
+        name=".".join(name.strip() for name, _ in chain if name),
+        fields=said.fields,
+        unused=[name for name in given if name not in said.fields],
+        is_own=len(chain) == 1 and said.fields.keys() <= {*KNOWN},
+    )
+
+
+class _Said:
+    """What objects say of one camera.
+
+    values  by the keys of a camera.json
+    fields  for each name that was used the field of CameraInfo that it gives
+    """
+
+    def __init__(self, where: str, is_replaced: bool) -> None:
+        self.values: dict[str, Any] = {}
+        self.fields: dict[str, str] = {}
+        self._where = where
+        self._is_replaced = is_replaced
+
+    # ------------------------------------------------------------------------------------- reading
+
+    def take(self, values: Mapping[str, Any], wanted: Collection[str]) -> None:
+        """Take what an object says under the wanted keys. Raises DataError."""
+        for name, value in values.items():
+            if value is not None and key_of(name, value) in wanted:
+                self._take(name, value)
+
+    def _take(self, name: str, value: Any) -> None:
+        for key, plain in self._plain(name, value).items():
+            if key in self.values:
+                self._refuse(f"says {key} twice, once as {name}")
+            self.values[key] = self._checked(key, plain)
+            self.fields[name] = _field_of(key)
+
+    def _plain(self, name: str, value: Any) -> dict[str, Any]:
+        """What a name and its value mean, by the keys of a camera.json. Raises DataError."""
+        key = key_of(name, value)
+        if key == "matrix":
+            return self._in_matrix(name, value)
+        if key == "distortion":
+            return self._in_distortion(name, value)
+        if key == "depthscale":
+            return {"unit_mm": _unit_of(value)}
+        if key in ROWS:
+            return _in_row(key, value)
+        return {key: value}
+
+    def _in_matrix(self, name: str, value: Any) -> dict[str, Any]:
+        self.fields[name] = "camera"
+        four = _of_matrix(numbers_in(value) or [])
+        if not four and not self._is_replaced:
+            self._refuse(f"{name} is {shown(value)}; expected {MATRIX}")
+        return dict(zip(INTRINSICS, four))
+
+    def _in_distortion(self, name: str, value: Any) -> dict[str, Any]:
+        if isinstance(value, str):
+            return {"model": value}
+        if not isinstance(value, dict) or numbers_in(value):
+            return {"distortion": value}
+        inner = _by_keys(value)
+        for key in inner:
+            if key not in LENS:
+                self._refuse(f"{name}: {unknown_key(key, IN_LENS)}")
+        return inner
+
+    def _checked(self, key: str, value: Any) -> Any:
+        """The value of a key, numbers as such.
+
+        Raises DataError for one of another kind, or out of range.
+        """
+        plain, expected = _typed(key, value)
+        if plain is None:
+            self._refuse(f"{key} is {shown(value)}; expected {expected}")
+        return plain
+
+    def _refuse(self, what: str) -> NoReturn:
+        raise DataError(f"{self._where}: {what}")
+
+    # ---------------------------------------------------------------------------------- the camera
+
+    def info(self) -> CameraInfo:
+        """The parameters. Raises DataError if some are missing."""
+        fields: dict[str, Any] = {key: self.values.get(key) for key in FIELDS}
+        return CameraInfo(self._camera(), self._lens(), origin=self._where, **fields)
+
+    def _camera(self) -> Camera | None:
+        """The camera; None without one of its keys. Raises DataError if others are missing."""
+        said = {key: self.values[key] for key in CAMERA if key in self.values}
+        if not said:
+            return None
+        first = next(iter(said))
+        needed = (*SIZE, *INTRINSICS) if first in SIZE else INTRINSICS
+        missing = [key for key in needed if key not in said]
+        if missing:
+            names = (" and " if len(missing) < len(INTRINSICS) else ", ").join(missing)
+            self._refuse(f"has {first}, but not {names}")
+        return Camera(**DEFAULTS | said)
+
+    def _lens(self) -> Lens | None:
+        """The lens; None without one of its keys. Raises DataError."""
+        said = self.values
+        coefficients = said.get("distortion")
+        if said.keys() & BROWN:
+            if coefficients is not None:
+                self._refuse("says the distortion twice, once as k1 ... or p1 ...")
+            coefficients = [said.get(key, 0.0) for key in BROWN]
+        if coefficients is None and "model" not in said:
+            return None
+        return lens_of(said.get("model", "brown_conrady"), coefficients or [], self._where)
+
+
+def _field_of(key: str) -> str:
+    """The field of CameraInfo that a key gives."""
+    if key in LENS:
+        return "lens"
+    return key if key in FIELDS else "camera"
+
+
+def _by_keys(values: Mapping[str, Any]) -> dict[str, Any]:
+    """An object by the keys of a camera.json."""
+    return {key_of(name): value for name, value in values.items()}
+
+
+def _in_row(key: str, value: Any) -> dict[str, Any]:
+    """Two values in a row, in an object, or in a text such as 640x480; empty for others."""
+    keys = ROWS[key]
+    if isinstance(value, dict):
+        row: Any = [*map(_by_keys(value).get, keys)]
+    elif key == "size" and isinstance(value, str):
+        row = value_of(value)
+    else:
+        row = value
+    is_row = isinstance(row, list) and len(row) == len(keys)
+    return dict(zip(keys, row)) if is_row else {}
+
+
+def _typed(key: str, value: Any) -> tuple[Any, str]:
+    """The value of a key in its type, or None if it is of another kind or out of range; and what
+    is expected.
+    """
+    if key == "distortion":
+        return numbers_in(value), "a list of numbers: k1, k2, p1, p2, k3 ..."
+    if key not in RANGES:
+        text = value if isinstance(value, str) else None
+        if key == "time_unit":
+            return text if text in TIME_UNITS else None, ", ".join(TIME_UNITS)
+        return text, "a text"
+    low, high = RANGES[key]
+    if not is_number(value) or not low < value <= high:
+        return None, f"a number more than {low:g} and at most {high:g}"
+    number = float(value)
+    if key not in SIZE:
+        return number, "a number"
+    return int(number) if number.is_integer() else None, "a whole number"
+
+
+def _unit_of(scale: Any) -> Any:
+    """The unit in mm of a depth scale."""
+    if not is_number(scale) or IN_METRES <= scale < PER_METRE:
+        return scale
+    return 1000 * scale if scale < IN_METRES else 1000 / scale
+
+
+def _of_matrix(numbers: list[float]) -> list[float]:
+    """fx, fy, u0, v0 of a matrix by rows or by columns, or of these four; none of others."""
+    if len(numbers) == len(INTRINSICS):
+        return numbers
+    for order in ("C", "F") if len(numbers) in MATRIX_SHAPES else ():
+        matrix = np.reshape(numbers, MATRIX_SHAPES[len(numbers)], order)
+        expected = np.eye(*matrix.shape)
+        expected[PLACES] = matrix[PLACES]
+        is_pose = np.array_equal(matrix, np.eye(*matrix.shape))  # of a camera at the origin
+        if np.array_equal(matrix, expected) and not is_pose:
+            return [float(number) for number in matrix[PLACES]]
+    return []
+
+
+def shown(value: object) -> str:
+    """The JSON of a value, or its beginning, for a message."""
+    text = json.dumps(value)
+    return text if len(text) <= MAX_SHOWN_CHARACTERS else f"{text[:MAX_SHOWN_CHARACTERS]} ..."
