@@ -4,6 +4,7 @@ net to deploy.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 from netlib.errors import NetlibError, did_you_mean
@@ -17,6 +18,11 @@ HEADS = {"InnerProduct": "inner_product_param", "Convolution": "convolution_para
 # those that may follow it
 AFTER = {"Softmax", "Pooling", "ReLU", "Dropout", "Flatten", "Reshape", "Power", "Split"}
 NEW_RATE = 10  # of the new layer, relative to that of the others
+LOSSES = """layer {{ name: "loss" type: "SoftmaxWithLoss" bottom: "{logits}" bottom: "label" top: "loss" }}
+layer {{
+  name: "accuracy" type: "Accuracy" bottom: "{logits}" bottom: "label" top: "accuracy" include {{ phase: TEST }}
+}}
+"""
 
 
 class NewClasses:
@@ -31,43 +37,27 @@ class NewClasses:
     """
 
     def __init__(self, net: Net, count: int) -> None:
+        _check_one_output(net)
         self._net = net
         self._count = count
-        if len(net.outputs) != 1:
+        self._at = _last_with_weights(net)
+        self.head = net.layers[self._at].name
+        self.name = _free_name(net, f"{self.head}_new")
+        *body, last = (layer.spec for layer in net.layers)
+        if last.type == "Softmax":
+            self.logits, self._body = last.bottom[0], body
+        else:
+            self.logits, self._body = net.outputs[0], [*body, last]
+        self._check_classes()
+
+    def _check_classes(self) -> None:
+        """Raise NetlibError if the new layer's outputs are not those of the net."""
+        output = self._net.outputs[0]
+        shape = Net(self.deploy()).blobs[output].shape
+        if shape[1:2] != (self._count,) or any(size > 1 for size in shape[2:]):
             raise NetlibError(
-                f"{net.source}: the net has the outputs {', '.join(net.outputs) or 'none'}; expected "
-                "one, the probabilities of the classes; delete the layers of the others from a copy"
-            )
-        specs = [layer.spec for layer in net.layers]
-        at = max((i for i, layer in enumerate(net.layers) if layer.blobs), default=-1)
-        if at < 0 or specs[at].type not in HEADS:
-            found = (
-                f"{specs[at].name!r} has the type {specs[at].type}" if at >= 0 else "there is none"
-            )
-            raise NetlibError(
-                f"{net.source}: the last layer with weights: {found}; expected {' or '.join(HEADS)}"
-            )
-        for spec in specs[at + 1 :]:
-            if spec.type not in AFTER:
-                raise NetlibError(
-                    f"{net.source}: layer {spec.name!r} of type {spec.type} follows the last layer with "
-                    "weights; expected a classifier, which ends in a Softmax"
-                )
-        self.head = specs[at].name
-        self._at = at
-        self.name = next(
-            name
-            for i in range(len(specs) + 1)
-            if (name := f"{self.head}_new{i or ''}") not in net.layer_dict
-        )
-        ends_in_softmax = specs[-1].type == "Softmax"
-        self.logits = specs[-1].bottom[0] if ends_in_softmax else net.outputs[0]
-        self._body = specs[:-1] if ends_in_softmax else specs
-        shape = Net(self.deploy()).blobs[net.outputs[0]].shape
-        if shape[1:2] != (count,) or any(size > 1 for size in shape[2:]):
-            raise NetlibError(
-                f"{net.source}: with {count} classes in layer {self.head!r} the output "
-                f"{net.outputs[0]!r} has shape {shape}; expected (N, {count})"
+                f"{self._net.source}: with {self._count} classes in layer {self.head!r} the output "
+                f"{output!r} has shape {shape}; expected (N, {self._count})"
             )
 
     def deploy(self) -> NetParameter:
@@ -83,20 +73,12 @@ class NewClasses:
         frozen  names of the layers whose parameters stay as they are
         """
         (image,) = self._net.inputs
-        reader = schema.read(prototxt.parse(data), NetParameter).layer
-        loss = prototxt.parse(
-            f'layer {{ name: "loss" type: "SoftmaxWithLoss" bottom: "{self.logits}" bottom: "label" top: "loss" }}'
-            f'layer {{ name: "accuracy" type: "Accuracy" bottom: "{self.logits}" bottom: "label" top: "accuracy" '
-            "include { phase: TEST } }"
-        )
-        body = [
-            self._renewed(_with_statistics(self._fixed(spec) if spec.name in frozen else spec))
-            for spec in self._body
-            if image not in spec.top or spec.bottom
-        ]
-        return schema.changed(
-            self._net.param, layer=(*reader, *body, *schema.read(loss, NetParameter).layer)
-        )
+        reader = _layers(data)
+        body = [spec for spec in self._body if spec.bottom or image not in spec.top]
+        body = [self._fixed(spec) if spec.name in frozen else spec for spec in body]
+        body = [self._renewed(_with_statistics(spec)) for spec in body]
+        losses = _layers(LOSSES.format(logits=self.logits))
+        return schema.changed(self._net.param, layer=(*reader, *body, *losses))
 
     def frozen(self, last: str) -> list[str]:
         """The layers with parameters before the new one: ``all``, ``none``, or those up to a layer.
@@ -118,17 +100,15 @@ class NewClasses:
         if spec.name != self.head:
             return spec
         block = HEADS[spec.type]
-        filler = prototxt.parse('weight_filler { type: "xavier" }')
-        options = _with(
-            spec.blocks[block], "num_output", prototxt.parse(f"num_output: {self._count}")
-        )
+        options = _with(spec.blocks[block], "num_output", f"num_output: {self._count}")
+        options = _with(options, "weight_filler", 'weight_filler { type: "xavier" }')
         weights = ParamSpec(lr_mult=NEW_RATE, decay_mult=1)
         bias = ParamSpec(lr_mult=2 * NEW_RATE, decay_mult=0)
         return schema.changed(
             spec,
             name=self.name,
             param=(weights, bias)[: len(self._net.params[self.head])],
-            blocks={**spec.blocks, block: _with(options, "weight_filler", filler)},
+            blocks={**spec.blocks, block: options},
         )
 
     def _fixed(self, spec: LayerParameter) -> LayerParameter:
@@ -140,6 +120,49 @@ class NewClasses:
         )
 
 
+def _check_one_output(net: Net) -> None:
+    """Raise NetlibError for a net with several outputs, or none."""
+    if len(net.outputs) != 1:
+        raise NetlibError(
+            f"{net.source}: the net has the outputs {', '.join(net.outputs) or 'none'}; expected "
+            "one, the probabilities of the classes; delete the layers of the others from a copy"
+        )
+
+
+def _last_with_weights(net: Net) -> int:
+    """The index of the last layer with weights.
+
+    Raises NetlibError for one that cannot be replaced, or that is not at the end of a classifier.
+    """
+    specs = [layer.spec for layer in net.layers]
+    at = max((i for i, layer in enumerate(net.layers) if layer.blobs), default=None)
+    if at is None or specs[at].type not in HEADS:
+        found = "there is none"
+        if at is not None:
+            found = f"{specs[at].name!r} has the type {specs[at].type}"
+        raise NetlibError(
+            f"{net.source}: the last layer with weights: {found}; expected {' or '.join(HEADS)}"
+        )
+    for spec in specs[at + 1 :]:
+        if spec.type not in AFTER:
+            raise NetlibError(
+                f"{net.source}: layer {spec.name!r} of type {spec.type} follows the last layer with "
+                "weights; expected a classifier, which ends in a Softmax"
+            )
+    return at
+
+
+def _free_name(net: Net, name: str) -> str:
+    """A name that no layer of the net has: this one, if need be with a number."""
+    names = (f"{name}{number or ''}" for number in itertools.count())
+    return next(name for name in names if name not in net.layer_dict)
+
+
+def _layers(text: str) -> tuple[LayerParameter, ...]:
+    """The layers of a net's text."""
+    return schema.read(prototxt.parse(text), NetParameter).layer
+
+
 def _with_statistics(spec: LayerParameter) -> LayerParameter:
     """A BatchNorm that keeps its mean and variance; they would follow the new pictures too slowly
     for phase TEST.
@@ -147,10 +170,11 @@ def _with_statistics(spec: LayerParameter) -> LayerParameter:
     if spec.type != "BatchNorm":
         return spec
     options = spec.blocks.get("batch_norm_param", prototxt.parse(""))
-    options = _with(options, "use_global_stats", prototxt.parse("use_global_stats: true"))
+    options = _with(options, "use_global_stats", "use_global_stats: true")
     return schema.changed(spec, blocks={**spec.blocks, "batch_norm_param": options})
 
 
-def _with(options: Message, name: str, new: Message) -> Message:
-    """Options with another value of a field."""
-    return Message([*new.fields, *options.without(name).fields], options.position)
+def _with(options: Message, name: str, text: str) -> Message:
+    """Options with another value of a field, as ``text`` has it."""
+    fields = [*prototxt.parse(text).fields, *options.without(name).fields]
+    return Message(fields, options.position)

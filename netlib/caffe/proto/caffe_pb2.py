@@ -3,8 +3,8 @@
 There is no caffe.proto and no generated code: the file descriptor is built on import from the
 dataclasses that read and write the files of this project (netlib/proto/messages.py,
 netlib/proto/upgrade.py, and the options of the layer types), so names, numbers, types and defaults
-are declared once. This module adds the names of the enums, and what scripts of forks write
-(forks.py).
+are declared once. This module adds the names of the enums, the classes of SSD's detectors (ssd.py),
+and what scripts of other forks write (forks.py).
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from __future__ import annotations
 import dataclasses
 from typing import TYPE_CHECKING, Any
 
-from netlib.caffe.proto import forks
+from netlib.caffe.proto import forks, ssd
 from netlib.errors import NetlibError
 from netlib.fillers import Filler
 from netlib.proto import messages, schema, upgrade, wire
@@ -100,6 +100,7 @@ _MESSAGES = [
     messages.ParamSpec,
     messages.LayerParameter,
     upgrade.V1LayerParameter,
+    ssd.LabelMap,
 ]
 
 
