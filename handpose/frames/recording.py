@@ -117,8 +117,8 @@ class CameraInfo:
     unit_mm     depth of a stored value of 1
     rate        frames per second
     origin      of these values, for messages: "--camera", "camera.json"
-    time_unit   of the times in file names and arrays: "s", "ms", "us" or "ns"; "frames" if
-                they count frames
+    time_unit   of the times in file names and arrays: "s", "ms", "us", "100ns" or "ns";
+                "frames" if they count frames
     doubt       why files near the frames that may have a camera were not used, for messages
     """
 

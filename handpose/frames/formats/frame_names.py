@@ -3,6 +3,7 @@
     000000033333us.png                      us, ms or ns as named, as ``tools/record.py`` writes
     1616799936125.png 1616799936.125.png    s, ms, us or ns since 1970, by their size, also
                                             with a fraction
+    132612735361250000.png                  100 ns since 1601 or the year 1, as Windows has them
     00012_1616799936125.png                 a count and such a time, in any order: the time
     0.033333.png                            s, if the frames are less than a second apart
     0001.png frame_7.png 34512.png          other numbers count frames, one frame period each,
@@ -25,7 +26,7 @@ from pathlib import PurePath
 from statistics import median
 from typing import NamedTuple
 
-from handpose.frames.time_units import FRAME_UNIT, TICKS, since_1970
+from handpose.frames.time_units import FRAME_UNIT, TICKS, TIME_UNITS, clock_of
 from netlib.errors import DataError, some_of
 
 NANO = TICKS["ns"]
@@ -75,6 +76,12 @@ def in_order(
         raise DataError(
             f"{where}: the times in the names, as in {names[0]}, do not ascend with the frames' numbers; --time-unit "
             "frames takes these alone"
+        )
+    by_time = _reading(names, "s") if len(groups) == 1 and unit is None else None
+    if by_time is not None:
+        raise DataError(
+            f"{where}: the numbers in the names, as in {names[0]}, may be times of an unknown unit; give --time-unit "
+            f"{', '.join(TIME_UNITS)}"
         )
     sequences = sorted(
         (_pattern(part), len(part)) for group in groups.values() for part in _sequences(group, unit)
@@ -142,7 +149,7 @@ def _is_one_sequence(found: Reading, are_frames: bool) -> bool:
     changing = [
         column
         for column in columns
-        if len(set(column)) > 1 and not (are_frames and since_1970(column))
+        if len(set(column)) > 1 and not (are_frames and clock_of(column))
     ]
     return all(a < b for column in changing for a, b in itertools.pairwise(column))
 
@@ -194,16 +201,17 @@ def _with_units(stems: list[str]) -> Iterator[Reading]:
 
 
 def _since_1970(stems: list[str]) -> Iterator[Reading]:
-    """Times since 1970, also with a fraction. Those with the smallest range come first, because
-    ticks of a clock may look like such times.
+    """Times since 1970, also with a fraction, and those of Windows. Those with the smallest range
+    come first, because ticks of a clock may look like such times.
     """
     found: list[Reading] = []
     for matches in _in_columns(stems, SINCE_1970):
-        unit = since_1970([int(match[1]) for match in matches])
-        if unit is not None:
-            digits = len(str(NANO // TICKS[unit])) - 1  # of the fraction, down to a nanosecond
+        clock = clock_of([int(match[1]) for match in matches])
+        if clock is not None:
+            # of the fraction, down to a nanosecond
+            digits = len(str(NANO // TICKS[clock.unit])) - 1
             times = _with_fractions(matches, digits)
-            how = f"times from the file names, in {unit} since 1970"
+            how = f"times from the file names, {clock}"
             found.append(_read(stems, matches, times, NANO, how))
     yield from sorted(found, key=_range)
 

@@ -20,7 +20,7 @@ from handpose.frames import camera_file
 from handpose.frames.camera_keys import SIZE, has_camera, is_known
 from handpose.frames.camera_search import find
 from handpose.frames.recording import CameraInfo
-from handpose.frames.time_units import since_1970
+from handpose.frames.time_units import TIME_UNITS, clock_of
 from netlib.errors import DataError, some_of
 
 UNIT_WORDS = {
@@ -185,12 +185,12 @@ def unit_of_times(
     for unit, how in sources:
         if unit is not None:
             return unit, f"in {unit} {how}"
-    if unit := since_1970(times.tolist()):
-        return unit, f"in {unit} since 1970"
+    if clock := clock_of(times.tolist()):
+        return clock.unit, str(clock)
     if name == IN_SECONDS:
         return "s", "taken for s; --time-unit if wrong"
     step = np.median(np.diff(times)) if len(times) > 1 else 0
     raise DataError(
-        f"{where}: {name} has times of an unknown unit, with a usual step of {step:g}; give --time-unit s, "
-        f"ms, us, ns or frames, or call the array {name}_ms"
+        f"{where}: {name} has times of an unknown unit, with a usual step of {step:g}; give --time-unit "
+        f"{', '.join(TIME_UNITS)}, or call the array {name}_ms"
     )

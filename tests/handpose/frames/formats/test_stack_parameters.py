@@ -33,6 +33,7 @@ TIMES = "time times t ts timestamp Timestamps time_stamps stamps frame_times dep
             ("timestamps", TICKS[unit] * (1_700_000_000 + SECONDS), f"in {unit} since 1970")
             for unit in ("ms", "us", "ns")
         ),
+        ("timestamps", 10**7 * (13_000_000_000 + SECONDS), "in 100ns since 1601"),  # HoloLens
         *(
             (f"{name}_{unit}", 5 + TICKS[unit] * SECONDS, f"in {UNITS.get(unit, unit)} by its name")
             for name in ("time", "t", "timestamps")
