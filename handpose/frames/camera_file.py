@@ -13,8 +13,8 @@ min_range_mm    nearer readings are errors and count as missing; default 200, 0 
 distortion      of the lens: as above, or the coefficients alone; model, coeffs, k1 ... p2 may also
                 be keys next to fx
 name            of the camera
-time_unit       of the times in the names of the frames or in their file: s, ms, us, ns, or
-                frames for numbers
+time_unit       of the times in the names of the frames or in their file: s, ms, us,
+                100ns, ns, or frames for numbers
 
 Files of other programs are read by the same keys under the names in ``camera_keys``, whatever their
 form: JSON, the YAML in which programs write parameters, lines of keys and values, sections, or
@@ -34,10 +34,11 @@ that of the frames' size.
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
-from handpose.frames.camera_keys import CAMERA, DEFAULTS, FIELDS, unknown_key
+from handpose.frames.camera_keys import CAMERA, DEFAULTS, FIELDS, NOT_READ, unknown_key
 from handpose.frames.camera_search import find
 from handpose.frames.camera_text import parse_document
 from handpose.frames.cameras import Camera
@@ -93,6 +94,9 @@ def parse(text: str, where: str) -> CameraInfo:
     except RecursionError:  # thousands of brackets
         raise DataError(f"{where}: not the parameters of a camera") from None
     if found.unused and (found.is_own or found.info.camera is None):
+        for pattern, what in NOT_READ.items():
+            if re.search(pattern, text):
+                raise DataError(f"{where}: {what}")
         raise DataError(
             f"{where}: {unknown_key(found.unused[0])}; or give the numbers: --camera FX,FY,U0,V0"
         )

@@ -67,6 +67,18 @@ ALIASES = {
     for key, *aliases in map(str.split, KEY_NAMES.splitlines())
     for alias in (key, *aliases)
 }
+# What is in the texts that are not read, and what to do.
+NOT_READ = {
+    r"(?m)^\d+ [A-Z_]+(?: [\d.e+-]+){5,}$": (
+        "COLMAP's cameras; give --camera FX,FY,U0,V0 with the numbers after its width and height, of "
+        "models such as SIMPLE_PINHOLE with FX twice"
+    ),
+    '"CalibrationInformation"': (
+        "the raw calibration of an Azure Kinect, in parts of the sensor's size; give --camera azure, or "
+        "the intrinsics of the depth mode from its SDK"
+    ),
+    '"camera_angle_x"': "a field of view; give --fov with camera_angle_x in degrees",
+}
 # Ranks of cameras: of depth, of infrared, whose names say no kind, of colours.
 UNNAMED, COLOUR = 2, 3
 KINDS = {0: "depth", 1: "infra|(?<![a-z])ir(?![a-z])", COLOUR: "colou?r|rgb"}

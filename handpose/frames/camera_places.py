@@ -28,7 +28,7 @@ CERTAIN = (
 )
 POSSIBLE = (
     rf"{CERTAIN}|((scene|depth|ir)?cam(era)?s?(depth|ir|data|\d)?|k(depth|ir)?|sensor|info|meta(data)?"
-    r"|transforms|param(eter)?s|config)(\.[^.]*)?|.*(realsense|kinect|orbbec).*"
+    r"|transforms|param(eter)?s|config)(\.[^.]*)?|.*depthmetadata(\.[^.]*)?|.*(realsense|kinect|orbbec).*"
 )
 TEXTS = rf"{POSSIBLE}|.*\.(json|ya?ml|txt|ini|csv|cfg|cal)"
 PICTURE_NAMES = r".*\.(png|jpe?g|tiff?|bmp)"
@@ -117,7 +117,7 @@ def _best(places: list[Path], doubts: list[str]) -> list[CameraInfo]:
         try:
             info = read(path)
         except DataError as error:
-            doubts.append(str(error))
+            doubts.append(str(error).partition("; known: ")[0])
             continue
         if info.camera is None:
             doubts.append(f"{path}: no camera")

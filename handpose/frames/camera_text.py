@@ -26,7 +26,7 @@ TEXT = r"""("[^"]*"|'[^']*'|(?![^,;]*[:=])[^\s\[{"'!,;][^,;{}\[\]<>()]*)"""
 TABLE = re.compile(NUMBERS)
 JSON = re.compile(r'\s*(\{\s*["}]|\[\s*[\[{"]|$)')
 PYTHON = re.compile(r"\s*\{'")  # a dictionary as Python prints it
-XML = re.compile(r"\s*<(\?xml|opencv)")
+XML = re.compile(r"\s*<([?!]|\w+>)")
 
 # What lines contain. KEY: VALUE or KEY = VALUE; a line may have several
 PAIR = re.compile(rf"{KEY}[:=]\s*(?:(?:array)?({NUMBERS})(?![\w.])|{TEXT})")

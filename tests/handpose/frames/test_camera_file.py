@@ -100,6 +100,7 @@ def test_this_projects_and_realsenses_keys_are_accepted(text: str, expected: Cam
             '{"fx": ' + "9" * 5000 + "}",
             "x: not whole JSON: Exceeds the limit ...",
         ),
+        "# Camera list\n1 PINHOLE 64 48 60.5 61 31.5 23.5\n": "x: COLMAP's cameras; give --camera FX,FY,U0,V0 with ...",
         "# a comment\n1 2\nx\n3": "x: unknown key 'x'...; known: fx, ...; or give the numbers: --camera FX,FY,U0,V0",
     },
 )

@@ -23,6 +23,16 @@ from tests.support.bad_input import bad_inputs
 OPEN3D = '{"width": 64, "height": 48, "intrinsic_matrix": [60, 0, 0, 0, 61, 0, 31.5, 23.5, 1]}'
 TABLE = "60 0 31.5 0\n0 61 23.5 0\n0 0 1 0\n0 0 0 1\n"
 OTHER = OPEN3D.replace("60", "70")
+VIEWER = """Stream,Depth
+Resolution x,64
+Resolution y,48
+,
+Intrinsic:,
+Fx,60
+Fy,61
+PPx,31.5
+PPy,23.5
+"""
 XML = '<?xml version="1.0"?>\n<opencv_storage></opencv_storage>\n'
 
 
@@ -81,6 +91,7 @@ def test_the_camera_json_of_a_recording() -> None:
         ("depth/camera.yaml", OPEN3D),
         ("depth/calibration.json", OPEN3D),
         ("info.txt", "m_calibrationDepthIntrinsic = " + " ".join(TABLE.split())),
+        ("depth/take_Depth_metadata.csv", VIEWER),
     ],
 )
 def test_camera_files_of_other_programs_are_found(depth: Path, name: str, text: str) -> None:
@@ -193,7 +204,7 @@ def test_files_of_other_recordings_are_not_used(depth: Path, name: str) -> None:
         ),
         "a preset": (
             {"realsense.json": '{"parameters": {"controls-laserpower": "150"}}'},
-            "...(not used: take/realsense.json: unknown key 'parameters'...); give ...",
+            "...(not used: take/realsense.json: unknown key 'parameters'); give ...",
         ),
         "colours": (
             {"intrinsic/intrinsic_color.txt": TABLE},
