@@ -54,7 +54,15 @@ from handpose.estimate.hand import HandEstimate
 from handpose.estimate.packaged import predictor_of
 from handpose.estimate.predictor import MAX_REFINE, Predictor
 from handpose.fit.settings import PLANS
-from handpose.frames.images import ALIGNED, UnitError, is_aligned, read_crop, read_frame
+from handpose.frames.images import (
+    ALIGNED,
+    OTHER_KIND,
+    UnitError,
+    is_aligned,
+    is_other_kind,
+    read_crop,
+    read_frame,
+)
 from handpose.frames.inspection import checked
 from handpose.frames.recording import sized
 from netlib.errors import DataError, WeightsError
@@ -209,6 +217,8 @@ def run(args: argparse.Namespace) -> int:
             continue
         if is_frame and is_aligned(Path(image), chosen, info.origin):
             notify(f"warning: {image}: {ALIGNED}")
+        if is_frame and is_other_kind(Path(image).parent.name, Path(image).name):
+            notify(f"warning: {image}: {OTHER_KIND}")
         hands.append((image, hand))
         drawn.append(picture)
         prediction_outputs.draw(picture, hand, predictor)

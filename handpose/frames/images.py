@@ -44,7 +44,13 @@ ALIGNED = (
     "the name says that depth is aligned to another camera, usually that of the colours, whose "
     "fx, fy, u0 and v0 it then has: give --camera FX,FY,U0,V0"
 )
+OTHER_KIND = (
+    "the name says disparities or infrared, and values are read as depth; expected depth, which is "
+    "fx * baseline / disparity"
+)
+OTHER_KIND_NAME = re.compile("dispar|infra|(?<![a-z])(disp|ir)(?![a-z])", re.IGNORECASE)
 ALIGNED_NAME = re.compile("(?<!un)(?<!not.)align(?!m)", re.IGNORECASE)
+MAX_RED = 0.5  # maximum share of the pixels with red, which NYU's packing has not
 MIN_IMAGE_MM, MAX_IMAGE_MM = 20.0, 20_000.0  # range of whole images of depth cameras
 
 
@@ -115,6 +121,16 @@ def is_aligned(path: Path, camera: Camera | View | None, origin: str) -> bool:
     return ALIGNED_NAME.search(f"{path.parent.name}/{path.name}") is not None
 
 
+def is_other_kind(*names: str) -> bool:
+    """Whether the innermost name that says a kind of images says another one than depth."""
+    for name in reversed(names):
+        if "depth" in name.lower():
+            return False
+        if OTHER_KIND_NAME.search(name):
+            return True
+    return False
+
+
 def stored_depth(
     image: NDArray[Any], camera: Camera | View | None, path: str | Path
 ) -> NDArray[Any]:
@@ -123,14 +139,17 @@ def stored_depth(
 
     Raises NotDepthError for other images.
     """
-    if camera == NYU and image.ndim == 3 and image.dtype == np.uint8 and image.shape[2] == 3:
-        blue, _, red = cv2.split(image)
-        if red.any() and not blue.any():
+    if image.ndim == 3 and image.dtype == np.uint8 and image.shape[2] == 3:
+        blue, green, red = cv2.split(image)
+        if red.any() and green.any() and not blue.any():
             raise NotDepthError(
                 f"{path}: colours with a byte of the depth in red and none in blue, as NYU's have not; expected a "
-                "16-bit grey picture"
+                "16-bit grey picture of 256 * green + red (--unit 1 for STB, 0.125 for HO-3D)"
             )
-        return unpack_depth(image).astype(np.uint16)
+        if camera == NYU:
+            if np.count_nonzero(red) > MAX_RED * red.size:
+                raise NotDepthError(f"{path}: a picture of colours; NYU's packed depth has no red")
+            return unpack_depth(image).astype(np.uint16)
     if image.ndim != 2 or image.dtype == np.uint8:
         kind, nyu = (
             ("colours", " (of the NYU data set, with --camera nyu)")

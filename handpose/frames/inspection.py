@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.frames.cameras import MIN_RANGE_MM, UNIT_MM, Camera
-from handpose.frames.recording import DepthFrame, Recording
+from handpose.frames.recording import MAX_UINT16, DepthFrame, Recording
 from netlib.errors import DataError
 
 MAX_INSPECTED_FRAMES = 10  # number of inspected frames
@@ -36,6 +36,10 @@ FASTEST_S, SLOWEST_S = 0.002, 1.0  # plausible times from one frame to the next
 OFF_RATE = 3.0  # maximum ratio of the rate that is given to that of the times
 # of a Kinect 1: the stored value without a reading of its disparities, and the minimum share of it
 DISPARITY_UNREAD, MIN_UNREAD_SHARE = 2047, 0.01
+MAX_BYTE = 255
+# of exchanged bytes: minimum share of neighbours that differ much, and its minimum ratio to that
+# after another exchange
+MIN_JUMPS, SWAPPED = 0.1, 4
 TURNED = 0.1  # a principal point is farther from the middle of turned frames
 OFF_MIDDLE = 0.2  # maximum distance of a principal point from the middle, as a share of the size
 
@@ -140,6 +144,11 @@ def checked(
             f"no value is more than {DISPARITY_UNREAD}, which many pixels have: these are likely "
             "disparities of a Kinect 1, no depths; record depth in mm (libfreenect: FREENECT_DEPTH_MM)"
         )
+    if _are_swapped(frames, unit_mm):
+        warning = (
+            "neighbouring pixels are much more alike with the two bytes of each value exchanged: these "
+            "are likely depths of the other byte order; write image.byteswap()"
+        )
     share = float(np.mean(readings < camera.min_range_mm))
     if not warning and share > MAX_NEAR_SHARE:
         warning = (
@@ -155,6 +164,28 @@ def _are_disparities(values: NDArray[Any]) -> bool:
     """Whether stored values (N,) are likely the 11-bit disparities of a Kinect 1."""
     unread = np.rint(values) == DISPARITY_UNREAD
     return values.max() < DISPARITY_UNREAD + 0.5 and float(np.mean(unread)) > MIN_UNREAD_SHARE
+
+
+def _are_swapped(frames: Sequence[NDArray[np.float32]], unit_mm: float) -> bool:
+    """Whether frames likely have the two bytes of their stored values exchanged: then many
+    neighbours differ in the high byte, and few if the bytes are exchanged again.
+    """
+    values = np.rint(np.stack(frames) / unit_mm)
+    if values.max() > MAX_UINT16:
+        return False
+    whole = values.astype(np.uint16)
+    whole[whole == MAX_UINT16] = 0  # of some cameras, no reading
+    jumps = _jumps(whole)
+    return jumps > MIN_JUMPS and jumps > SWAPPED * _jumps(whole.byteswap())
+
+
+def _jumps(values: NDArray[np.uint16]) -> float:
+    """The share of the neighbouring readings that differ by a high byte or more."""
+    seen = values > 0
+    both = seen[..., 1:] & seen[..., :-1]
+    steps = np.abs(np.diff(values.astype(np.int32)))
+    large = steps[both] > MAX_BYTE
+    return float(np.mean(large)) if large.size else 0.0
 
 
 def nearest_thing(depth: NDArray[np.float32], camera: Camera) -> tuple[float, float] | None:

@@ -44,6 +44,20 @@ _FROM_HDF5 = (
     "d.update({k: v[()]} if hasattr(v, 'shape') else {}, **{f'{k}/{a}': x for a, x in v.attrs.items()})); "
     "numpy.savez(open('frames.npz', 'xb'), **{k.replace('/', '.'): v for k, v in d.items()})",
 )
+# Arrays (height, width, frames), as usual in MATLAB, remain so; the error for them has the remedy.
+_FROM_MATLAB = (
+    "MATLAB; expected 16-bit PNG or an .npz",
+    "import h5py, numpy, sys; from scipy.io import loadmat; p = sys.argv[1]; "
+    "d = {k: v[()].T for k, v in h5py.File(p).items() if hasattr(v, 'shape')} if h5py.is_hdf5(p) else loadmat(p); "
+    "numpy.savez(open('frames.npz', 'xb'), **{k: numpy.array(v, order='C') for k, v in d.items() "
+    "if k[0] not in '_#'})",
+)
+_FROM_PFM = (
+    "PFM; expected 16-bit PNG or an .npy",
+    "import cv2, numpy, os, pathlib, sys; os.mkdir('frames'); "
+    "[numpy.save(f'frames/{p.stem}.npy', cv2.imread(str(p), -1)) "
+    "for p in pathlib.Path(sys.argv[1]).parent.glob('*.pfm')]",
+)
 _FROM_PGM = (
     "PGM; expected 16-bit PNG (those of libfreenect's fakenect have exchanged bytes: add .byteswap() after -1))",
     "import cv2, os, pathlib, sys; os.mkdir('frames'); [cv2.imwrite(f'frames/{p.stem}.png', cv2.imread(str(p), -1)) "
@@ -56,8 +70,14 @@ CONVERTED = {
     ".avi": _FROM_VIDEO,
     ".h5": _FROM_HDF5,
     ".hdf5": _FROM_HDF5,
+    ".mat": _FROM_MATLAB,
     ".pgm": _FROM_PGM,
+    ".pfm": _FROM_PFM,
 }
+FROM_OTHERS = (
+    "of other formats write the depth with Python: numpy.savez('take.npz', depth=array), "
+    "(frames, height, width)"
+)
 
 
 def conversion(path: Path) -> str:
@@ -115,7 +135,7 @@ def open_recording(source: str | Path, given: CameraInfo = UNKNOWN) -> Recording
         return FolderRecording(path, given)
     if suffix in CONVERTED:
         raise DataError(f"{source}: {conversion(path)}")
-    raise DataError(f"{source}: not a recording; expected {EXPECTED}")
+    raise DataError(f"{source}: not a recording; expected {EXPECTED}; {FROM_OTHERS}")
 
 
 def _refuse_time_unit(source: str, given: CameraInfo) -> None:

@@ -28,7 +28,15 @@ from numpy.typing import NDArray
 
 from handpose.frames.camera_places import next_to
 from handpose.frames.cameras import Camera, View
-from handpose.frames.formats import CONVERTED, OF_ONE_FRAME, RAW, STACKS, conversion, is_pattern
+from handpose.frames.formats import (
+    CONVERTED,
+    FROM_OTHERS,
+    OF_ONE_FRAME,
+    RAW,
+    STACKS,
+    conversion,
+    is_pattern,
+)
 from handpose.frames.formats.frame_names import NANO, Reading, groups_of, in_order
 from handpose.frames.formats.stack import arrays_in
 from handpose.frames.formats.stack_parameters import (
@@ -38,7 +46,14 @@ from handpose.frames.formats.stack_parameters import (
     parameters_in,
     unit_of_times,
 )
-from handpose.frames.images import ALIGNED, is_aligned, read_picture, stored_depth
+from handpose.frames.images import (
+    ALIGNED,
+    OTHER_KIND,
+    is_aligned,
+    is_other_kind,
+    read_picture,
+    stored_depth,
+)
 from handpose.frames.recording import (
     UNKNOWN,
     CameraInfo,
@@ -88,6 +103,8 @@ class FolderRecording(Recording):
         origin = given.origin if given.camera else camera_json.origin
         if own.camera is None and is_aligned(path, known.camera, origin):
             self.warnings = (*self.warnings, ALIGNED)
+        if is_other_kind(path.parent.name, path.name):
+            self.warnings = (*self.warnings, OTHER_KIND)
         self.name = str(source)
         self.count = len(names)
         self.remarks = (self._reading.how, *taken, *self.remarks)
@@ -239,6 +256,9 @@ def _frames_in(source: Path) -> tuple[Path, list[str]]:
         return source.parent, [source.name]
     there = list_folder(source.parent) if exists(source.parent) else set()
     names = [name for name in fnmatch.filter(there, source.name) if _is_frame(name)]
+    # of a pattern as errors name it, whose stars stand for numbers
+    (of_numbers,) = groups_of([source.name.replace("*", "0")])
+    names = groups_of(names).get(of_numbers, names)
     if not names:
         said = "no frame has such a name" if is_pattern(source) else "no such file or folder"
         raise DataError(f"{source}: {said}{did_you_mean(source.name, there)}")
@@ -286,4 +306,6 @@ def _no_frames(folder: Path) -> str:
     advice = f"; name the folder of the frames, as '{inner}'" if inner else ""
     if other is not None:
         advice = f"; {other}: {conversion(other)}"
+    if names and not advice:
+        advice = f"; {FROM_OTHERS}"
     return f"{folder}: holds no depth frames (16-bit grey PNG or TIFF, .npy, .npz, .raw); found {shown}{advice}"

@@ -32,7 +32,7 @@ from handpose.frames.formats.stack_parameters import (
     parameters_in,
     unit_of_times,
 )
-from handpose.frames.images import errors_of
+from handpose.frames.images import OTHER_KIND, errors_of, is_other_kind
 from handpose.frames.recording import (
     RATE,
     UNKNOWN,
@@ -53,6 +53,20 @@ EXPECTED_AXES = {
     False: "(frames, height, width)",
     True: "(height, width); a file with several frames is opened by its name",
 }
+# px, of the depth frames of usual cameras
+FRAME_SIZES = (
+    *({120 * i, 160 * i} for i in (1, 2, 4)),
+    *({90 * i, 160 * i} for i in (2, 4, 8)),
+    *({200 * i, 320 * i} for i in (1, 2, 4)),
+    {424, 512},
+    {288, 320},
+    {576, 640},
+    {480, 848},
+    {270, 480},
+    {240, 424},
+    {192, 256},
+    {172, 224},
+)
 HEADER_READERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 
 
@@ -86,6 +100,8 @@ class StackRecording(Recording):
         if timed is None and count > 1:
             self._assume_rate()
         self.warnings = not_used(frames.names, fields, timed)
+        if is_other_kind(path.name, frames.name):
+            self.warnings = (*self.warnings, OTHER_KIND)
 
     def _timed_by(
         self, name: str, given: CameraInfo, own: CameraInfo, camera_json: CameraInfo
@@ -118,6 +134,7 @@ class _NpyFrames:
 
     others: Mapping[str, NDArray[Any]] = {}
     names: Sequence[str] = ()
+    name = ""
 
     def __init__(self, path: Path, is_single: bool) -> None:
         with (
@@ -148,6 +165,7 @@ class _NpzFrames:
     dtype   of a stored value
     others  the other arrays of the file whose names are known, by name
     names   of all other arrays
+    name    of the array of frames
     """
 
     def __init__(self, path: Path, is_single: bool) -> None:
@@ -158,8 +176,8 @@ class _NpzFrames:
                 if entry.endswith(".npy"):
                     with archive.open(entry) as stream:
                         headers[entry[:-4]] = _header(stream)
-            self._name = _name_of_depth(headers, str(path), is_single)
-            shape, by_columns, self.dtype = headers.pop(self._name)
+            self.name = _name_of_depth(headers, str(path), is_single)
+            shape, by_columns, self.dtype = headers.pop(self.name)
             self.shape = _checked_shape(shape, self.dtype, str(path), is_single)
             self._order: Literal["F", "C"] = "F" if by_columns else "C"
             if by_columns and self.shape[0] > 1:
@@ -175,7 +193,7 @@ class _NpzFrames:
 
     def __iter__(self) -> Iterator[NDArray[Any]]:
         frame_bytes = math.prod(self.shape[1:]) * self.dtype.itemsize
-        with self._opened() as archive, archive.open(f"{self._name}.npy") as stream:
+        with self._opened() as archive, archive.open(f"{self.name}.npy") as stream:
             _header(stream)
             for _ in range(self.shape[0]):
                 content = stream.read(frame_bytes)
@@ -226,6 +244,14 @@ def _name_of_depth(headers: Mapping[str, _Header], where: str, is_single: bool) 
     )
 
 
+def _are_last(shape: tuple[int, ...]) -> bool:
+    """Whether the last of three axes is that of the frames, as in MATLAB: the others are the size
+    of a camera, or there are few frames.
+    """
+    by_size = {*shape[:2]} in FRAME_SIZES and {*shape[1:]} not in FRAME_SIZES
+    return by_size or 4 * shape[2] < min(shape[:2])
+
+
 def _checked_shape(
     shape: tuple[int, ...], dtype: np.dtype[Any], where: str, is_single: bool
 ) -> tuple[int, ...]:
@@ -239,7 +265,7 @@ def _checked_shape(
         frames = (1, *shape[:2])
     elif is_single and shape[:1] != (1,):
         frames = ()
-    elif len(shape) == 3 and 4 * shape[2] < min(shape[:2]):  # the frames are the last axis
+    elif len(shape) == 3 and _are_last(shape):
         advice = ": np.moveaxis(array, 2, 0)"
     has_pixels = len(frames) == 3 and min(frames) > 0
     if advice or not has_pixels or math.prod(frames[1:]) > MAX_PIXELS:

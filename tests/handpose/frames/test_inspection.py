@@ -43,6 +43,11 @@ def moving(factor: float = 1.0) -> list[np.ndarray]:
     return [hand_sized(distance=500 + i) * float(factor) for i in range(3)]
 
 
+def moving_stored() -> list[np.ndarray]:
+    """The same in values of 16 bits."""
+    return [image.astype(np.uint16) for image in moving()]
+
+
 def test_a_valid_recording_is_described_without_warnings() -> None:
     """Size, depth, zeros and field of view are reported."""
     images = moving()
@@ -128,6 +133,18 @@ def test_disparities_of_a_kinect(unit_mm: float) -> None:
     assert warning.startswith("no value is more than 2047, which many pixels have")
     images[0][:, 8] = 2048
     assert not any("2047" in one for one in inspect(Taken(images)).warnings)
+
+
+@pytest.mark.parametrize("unit_mm", [1.0, 0.125])
+def test_values_of_the_other_byte_order(rng: np.random.Generator, unit_mm: float) -> None:
+    """Their distances are plausible, but neighbours differ by 100s of mm."""
+    images = [image + rng.integers(0, 4, image.shape, np.uint16) for image in moving_stored()]
+    right, swapped = (
+        inspect(Taken([one * np.float32(unit_mm) for one in stored], unit_mm=unit_mm)).warnings
+        for stored in (images, [image.byteswap() for image in images])
+    )
+    assert not any("byte order" in one for one in right)
+    assert [one for one in swapped if "these are likely depths of the other byte order" in one]
 
 
 @pytest.mark.parametrize("true_mm", [0.25, 0.2])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Sequence
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+import scipy.io
 
 from handpose.frames import camera_file
 from handpose.frames.formats import open_recording, realsense, ros_bag
@@ -115,7 +117,8 @@ def test_a_camera_without_its_info_is_rejected() -> None:
         "5000 letters": ("x" * 5000, "xxx...xxx: no such file or folder"),
         "loop": "loop: no such file or folder (did you mean 'loop'?)",
         "a.raw": "a.raw: 0 bytes without a header, of unknown height and width; give them in a camera.json ...",
-        "a.txt": "a.txt: not a recording; expected a folder with a 16-bit PNG, ...: realsense or realsense:SERIAL",
+        "a.txt": "a.txt: not a recording; expected a folder with a 16-bit PNG, ...: realsense or realsense:SERIAL; "
+        "of other formats write the depth with Python: numpy.savez('take.npz', depth=array), (frames, height, width)",
     },
 )
 def test_missing_and_unknown_files_are_rejected(
@@ -264,6 +267,38 @@ def test_pgm_is_converted() -> None:
         open_recording("frames", GIVEN)
     frames = open_recording("frames/d-*.png", GIVEN)
     assert middles(frames) == [500 + number / 2 for number in range(12)]
+
+
+def test_pfm_is_converted() -> None:
+    """In metres, as data sets of stereo cameras have it: the rows are from the bottom up."""
+    Path("take").mkdir()
+    depth = (hand_sized() / 1000).astype("<f4")
+    Path("take/1.pfm").write_bytes(b"Pf\n64 48\n-1.0\n" + depth[::-1].tobytes())
+    converted("take/1.pfm", "PFM; ")
+    (frame,) = open_recording("frames", replace(GIVEN, unit_mm=1000.0))
+    np.testing.assert_allclose(frame.depth, hand_sized(), atol=0.01)
+
+
+@pytest.mark.parametrize("is_hdf5", [False, True])
+@pytest.mark.parametrize("axes", [(0, 1, 2), (1, 2, 0)])
+def test_matlab_is_converted(is_hdf5: bool, axes: tuple[int, int, int]) -> None:
+    """Of both forms of files. Axes are those in MATLAB, usually with the frames as the last one."""
+    depth = np.array([hand_sized(distance=1000 + i) for i in range(3)])
+    values = {"d_depth": depth.transpose(axes), "timestamps_ms": np.array([[5.0, 15.0, 25.0]])}
+    if is_hdf5:
+        with h5py.File("take.mat", "w") as file:
+            file.update({name: array.T for name, array in values.items()})
+            file.create_group("#refs#")
+    else:
+        scipy.io.savemat("take.mat", values)
+    converted("take.mat", "MATLAB; ")
+    if axes != (0, 1, 2):
+        with pytest.raises(DataError, match=r"\(48, 64, 3\).*: np.moveaxis\(array, 2, 0\)"):
+            open_recording("frames.npz", GIVEN)
+        return
+    frames = list(open_recording("frames.npz", GIVEN))
+    assert times_of(frames) == pytest.approx([0, 0.01, 0.02])
+    assert middles(frames) == [500, 500.5, 501]
 
 
 def test_a_folder_with_a_file_to_convert() -> None:

@@ -14,7 +14,7 @@ import pytest
 from handpose.frames import camera_file
 from handpose.frames.cameras import NYU
 from handpose.frames.formats.folder import FolderRecording
-from handpose.frames.images import ALIGNED
+from handpose.frames.images import ALIGNED, OTHER_KIND
 from handpose.frames.recording import CameraInfo
 from netlib.errors import DataError
 from tests.handpose.frames.conftest import CAMERA, GIVEN, hand_sized, middles, put, times_of
@@ -156,8 +156,45 @@ def test_the_packing_of_nyu(here: Path) -> None:
     assert (recording.camera, recording.unit_mm, recording.count) == (NYU, 1, 1)
     assert [float(frame.depth.mean()) for frame in recording] == [700]
     put("red.png", image[..., [2, 1, 0]])  # as in STB and HO-3D
-    with pytest.raises(DataError, match="a byte of the depth in red and none in blue"):
-        FolderRecording(Path("red.png"), CameraInfo(NYU))
+    for given in CameraInfo(NYU), GIVEN:
+        with pytest.raises(DataError, match=r"in red and none in blue.*256 \* green \+ red"):
+            FolderRecording(Path("red.png"), given)
+
+
+def test_a_photograph_is_no_packed_depth(here: Path, rng: np.random.Generator) -> None:
+    put("rgb_1_0000001.png", rng.integers(1, 255, (480, 640, 3), np.uint8))
+    with pytest.raises(DataError, match="a picture of colours; NYU's packed depth has no red"):
+        FolderRecording(here, CameraInfo(NYU))
+
+
+@pytest.mark.parametrize(
+    ("place", "is_warned"),
+    [
+        ("disparity/000000.png", True),
+        ("take/left_disp_000000.png", True),
+        ("depth/IR_1.png", True),
+        ("disparity_and_depth/000000.png", False),
+        ("ir/depth_000000.png", False),
+        ("display/air1.png", False),
+    ],
+)
+def test_frames_of_another_kind_by_their_names(here: Path, place: str, is_warned: bool) -> None:
+    put(place, hand_sized())
+    assert (OTHER_KIND in FolderRecording(Path(place), GIVEN).warnings) == is_warned
+
+
+def test_the_pattern_in_an_error_names_one_sequence(here: Path) -> None:
+    """Its stars stand for numbers where there are such names, as of HoloLens 2's TIME.pgm
+    and TIME_ab.pgm.
+    """
+    for number in range(3):
+        put(f"{number}.png", hand_sized(distance=1000 + number))
+        put(f"{number}_ab.png", hand_sized(distance=3000))
+    with pytest.raises(DataError, match=r"; name one, as '.*\*\.png'") as raised:
+        FolderRecording(here, GIVEN)
+    pattern = str(raised.value).partition("; name one, as '")[2].removesuffix("'")
+    assert middles(FolderRecording(Path(pattern), GIVEN)) == TWELVE[:3]
+    assert middles(FolderRecording(here / "*_ab.png", GIVEN)) == [1500] * 3
 
 
 @pytest.mark.parametrize(
@@ -448,7 +485,7 @@ def tiff(path: Path, count: int) -> None:
         "an empty folder": (((), ""), "...: holds no depth frames (...); found nothing"),
         "other pictures": (
             (("a.jpg", "b.JPG", ".1.png"), ""),
-            "...: holds no depth frames (...); found a.jpg, b.JPG",
+            "...: holds no depth frames (...); found a.jpg, b.JPG; of other formats write the depth with Python: ...",
         ),
         "folders": (
             (("depth/1.png", "rgb/1.png"), ""),

@@ -126,6 +126,11 @@ def cut(path: Path, size: int | None = None, flip: int = 0) -> Path:
                     "an array of shape (24, 32, 5); expected (frames, height, width): np.moveaxis(array, 2, 0)",
                 ),
                 (
+                    "many frames last",
+                    np.zeros((240, 320, 100), np.uint16),
+                    "an array of shape (240, 320, 100); expected (frames, height, width): np.moveaxis(array, 2, 0)",
+                ),
+                (
                     "8 bits",
                     np.zeros((3, 4, 5), np.uint8),
                     "values of type uint8; expected depths, of 16 bits or more",
