@@ -28,6 +28,7 @@ LENS = ("distortion", "model", *BROWN)
 FIELDS = ("unit_mm", "rate", "time_unit")  # those that are fields of CameraInfo
 KNOWN = (*RANGES, "name", "distortion", "model", "coefficients", "time_unit")
 ROWS = {"focal": ("fx", "fy"), "middle": ("u0", "v0"), "size": SIZE}  # keys of two values
+AXES = ("x", "y")  # keys of the two in an object
 # Each line: a key and its other names, in lower case, letters and digits only.
 KEY_NAMES = """\
 unit_mm unitmm
@@ -35,10 +36,10 @@ min_range_mm minrangemm
 time_unit timeunit
 fx flx focalx focallengthx fxdepth depthfx
 fy fly focaly focallengthy fydepth depthfy
-u0 cx ppx principalpointx mxdepth cxdepth depthcx
-v0 cy ppy principalpointy mydepth cydepth depthcy
+u0 cx ppx principalpointx mxdepth cxdepth depthcx centerx
+v0 cy ppy principalpointy mydepth cydepth depthcy centery
 focal focallength focallengths
-middle principalpoint opticalcenter
+middle principalpoint opticalcenter princpt
 width imagewidth imgwidth w depthwidth mdepthwidth resolutionwidth resolutionx framewidth
 height imageheight imgheight h depthheight mdepthheight resolutionheight resolutiony frameheight
 size resolution imagesize imgsize framesize imageresolution
@@ -49,6 +50,7 @@ matrix camintrinsic mcalibrationdepthintrinsic intrinsicdepth intrinsicsdepth ca
 matrix cameraintrinsicmatrix cameraintrinsicsmatrix
 rate fps framerate
 depthscale scale depthunits pngdepthscale depthmapfactor depthfactor factor mdepthshift
+depthscale depthunit depthmapscale depthscalefactor depthscalingfactor depthtometers
 distortion coefficients coeffs d dist distcoeff distcoeffs distcoefs distcoef distortioncoefficients
 distortion distortioncoeffs distortioncoeff distortionparameters distortionparams depthdistortion
 model distortionmodel distortiontype distorsion
@@ -84,6 +86,8 @@ UNNAMED, COLOUR = 2, 3
 KINDS = {0: "depth", 1: "infra|(?<![a-z])ir(?![a-z])", COLOUR: "colou?r|rgb"}
 MAX_NUMBER = 1e300
 IN_METRES, PER_METRE = 0.01, 100.0  # a depth scale below, and from here on
+UNIT_WORDS = {1.0: "mm millimeters millimetres", 10.0: "cm", 1000.0: "m meters metres"}
+UNITS_MM = {word: mm for mm, words in UNIT_WORDS.items() for word in words.split()}
 OF_ANYTHING = ("scale", "factor")  # names of a depth scale only with such numbers
 
 
@@ -117,6 +121,8 @@ def has_camera(values: Mapping[str, Any]) -> bool:
     for name, value in values.items():
         key = key_of(name)
         if key == "fx" or (key in ("matrix", "focal") and numbers_in(value)):
+            return True
+        if key == "focal" and isinstance(value, dict) and {*AXES} <= value.keys():
             return True
     return False
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from handpose.frames.camera_keys import (
     ALIASES,
+    AXES,
     BROWN,
     CAMERA,
     DEFAULTS,
@@ -23,6 +24,7 @@ from handpose.frames.camera_keys import (
     RANGES,
     ROWS,
     SIZE,
+    UNITS_MM,
     is_known,
     is_number,
     key_of,
@@ -220,7 +222,8 @@ def _in_row(key: str, value: Any) -> dict[str, Any]:
     """Two values in a row, in an object, or in a text such as 640x480; empty for others."""
     keys = ROWS[key]
     if isinstance(value, dict):
-        row: Any = [*map(_by_keys(value).get, keys)]
+        inner = _by_keys(value)
+        row: Any = [inner.get(key, inner.get(axis)) for key, axis in zip(keys, AXES)]
     elif key == "size" and isinstance(value, str):
         row = value_of(value)
     else:
@@ -250,7 +253,9 @@ def _typed(key: str, value: Any) -> tuple[Any, str]:
 
 
 def _unit_of(scale: Any) -> Any:
-    """The unit in mm of a depth scale."""
+    """The unit in mm of a depth scale, or of the name of a unit."""
+    if isinstance(scale, str):
+        return UNITS_MM.get(scale.lower(), scale)
     if not is_number(scale) or IN_METRES <= scale < PER_METRE:
         return scale
     return 1000 * scale if scale < IN_METRES else 1000 / scale

@@ -16,6 +16,7 @@ from pathlib import Path
 
 from handpose.frames.camera_file import NAME, read
 from handpose.frames.camera_keys import COLOUR, rank_of
+from handpose.frames.camera_search import OF_COLOURS
 from handpose.frames.recording import CameraInfo
 from netlib.errors import DataError
 from netlib.files.paths import exists, names_in, real
@@ -121,8 +122,8 @@ def _best(places: list[Path], doubts: list[str]) -> list[CameraInfo]:
             continue
         if info.camera is None:
             doubts.append(f"{path}: no camera")
-        elif rank == COLOUR:
-            doubts.append(f"{path}: the camera of colours")
+        elif info.doubt or rank == COLOUR:
+            doubts.append(f"{path}: {OF_COLOURS}")
         else:
             ranked.setdefault(rank, []).append(info)
     best = ranked.get(min(ranked, default=COLOUR), [])

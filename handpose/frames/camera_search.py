@@ -8,12 +8,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
-from handpose.frames.camera_keys import INTRINSICS, SIZE, has_camera, numbers_in, rank_of
+from handpose.frames.camera_keys import COLOUR, INTRINSICS, SIZE, has_camera, numbers_in, rank_of
 from handpose.frames.camera_object import Chain, FoundCamera, read_camera, shown
 from handpose.frames.cameras import Camera, View
 from handpose.frames.lens import Lens
 from handpose.frames.recording import CameraInfo
 from netlib.errors import DataError
+
+OF_COLOURS = "the camera of colours"
 
 
 def find(document: Any, where: str, is_replaced: bool = False) -> FoundCamera:
@@ -31,6 +33,8 @@ def find(document: Any, where: str, is_replaced: bool = False) -> FoundCamera:
     best = min(ranks)
     chosen = [chain for chain, rank in zip(chains, ranks) if rank == best]
     found = [read_camera(chain, where, is_replaced) for chain in chosen]
+    if all(rank_of(*(name for name, _ in chain)) == COLOUR for chain in chosen):
+        found = [replace(one, info=replace(one.info, doubt=OF_COLOURS)) for one in found]
     if len({one.info for one in found}) > 1:
         return replace(found[0], info=_of_modes(found, where))
     return found[0]

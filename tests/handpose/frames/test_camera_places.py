@@ -210,6 +210,10 @@ def test_files_of_other_recordings_are_not_used(depth: Path, name: str) -> None:
             {"intrinsic/intrinsic_color.txt": TABLE},
             "...(not used: take/intrinsic/intrinsic_color.txt: the camera of colours); give --camera FILE ...",
         ),
+        "colours in it": (
+            {"intrinsics.json": f'{{"rgb": {OPEN3D}}}'},
+            "...(not used: take/intrinsics.json: the camera of colours); give --camera FILE ...",
+        ),
         "no camera": (
             {"meta/info.json": '{"fps": 30}'},
             "...(not used: take/meta/info.json: no camera); give --camera ...",

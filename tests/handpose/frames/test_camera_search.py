@@ -169,6 +169,13 @@ TRAJECTORY = {
             CAMERA,
             "fx, fy, cx, cy; not used: scale, fl_unit",
         ),
+        (
+            '{"intrinsics": {"focalLength": {"x": 60, "y": 61}, "principalPoint": {"x": 31.5, "y": 23.5}, '
+            '"resolution": {"x": 64, "y": 48}}}',  # AR Foundation
+            SIZED,
+            "focalLength, principalPoint, resolution",
+        ),
+        ('{"focal": [60, 61], "princpt": [31.5, 23.5]}', CAMERA, "focal, princpt"),  # InterHand
         (f'{{"K": {BY_COLUMNS}, "fx": null, "resolution": "64x48"}}', SIZED, "K, resolution"),
         (f'{{"K": {BY_COLUMNS}, "resolution": "64 by 48"}}', CAMERA, "K; not used: resolution"),
         (
@@ -256,6 +263,10 @@ def test_the_depth_camera_in_a_list() -> None:
         ("DepthMapFactor", 5000.0, 0.2),
         ("factor", 5000, 0.2),
         ("depth_units", 0.000125, 0.125),
+        ("depth_unit", "mm", 1.0),
+        ("depth_units", "Meters", 1000.0),
+        ("depth_to_meters", 0.0001, 0.1),
+        ("depth_scaling_factor", 5000, 0.2),
     ],
 )
 def test_units(name: str, value: Any, unit: float) -> None:
