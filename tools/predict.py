@@ -54,6 +54,7 @@ from handpose.estimate.hand import HandEstimate
 from handpose.estimate.packaged import predictor_of
 from handpose.estimate.predictor import MAX_REFINE, Predictor
 from handpose.fit.settings import PLANS
+from handpose.frames.formats import BAGS, RAW, STACKS
 from handpose.frames.images import (
     ALIGNED,
     OTHER_KIND,
@@ -201,11 +202,13 @@ def run(args: argparse.Namespace) -> int:
     drawn: list[Path] = []
     for image, center, picture in zip(args.images, centers, pictures):
         try:
+            advice = f"for a recording: {command('track')} {image}"
             if Path(image).is_dir():
-                advice = f"for a recording: {command('track')} {image}"
                 raise DataError(
                     f"{image}: a folder; expected images, such as *.png in it; {advice}"
                 )
+            if Path(image).suffix.lower() in (*STACKS, *BAGS, RAW):
+                raise DataError(f"{image}: no image; expected a PNG or TIFF; {advice}")
             depth = read_frame(image, info) if is_frame else read_crop(image)
             hand = (
                 _in_frame(predictor, depth, center, image, info)
@@ -269,7 +272,8 @@ def _in_frame(
         if isinstance(error, UnitError) or has_position:
             raise DataError(f"{image}: {error}") from None
         shown = checked([depth], sized(predictor.camera, depth.shape, image), info.unit_mm)
-        doubts = [*shown.of_camera, *filter(None, [shown.doubt if center is None else ""])]
+        of_depths = [shown.doubt] if shown.doubt else shown.of_depths
+        doubts = [*shown.of_camera, *(of_depths if center is None else ())]
         body = "hand" if predictor.is_hand else "body"
         advice = f"give the position of the {body} with --center U,V,D"
         raise DataError("; ".join([f"{image}: {error}", *doubts, advice])) from None

@@ -39,7 +39,7 @@ DISPARITY_UNREAD, MIN_UNREAD_SHARE = 2047, 0.01
 MAX_BYTE = 255
 # of exchanged bytes: minimum share of neighbours that differ much, and its minimum ratio to that
 # after another exchange
-MIN_JUMPS, SWAPPED = 0.1, 4
+MIN_JUMPS, SWAPPED = 0.01, 4
 TURNED = 0.1  # a principal point is farther from the middle of turned frames
 OFF_MIDDLE = 0.2  # maximum distance of a principal point from the middle, as a share of the size
 
@@ -145,6 +145,7 @@ def checked(
             "disparities of a Kinect 1, no depths; record depth in mm (libfreenect: FREENECT_DEPTH_MM)"
         )
     if _are_swapped(frames, unit_mm):
+        doubt = ""
         warning = (
             "neighbouring pixels are much more alike with the two bytes of each value exchanged: these "
             "are likely depths of the other byte order; write image.byteswap()"

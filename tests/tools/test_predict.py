@@ -327,6 +327,8 @@ def test_a_likely_wrong_unit_or_camera_is_reported(frame):
     """
     cv2.imwrite("fifths.png", frame * 5)
     assert re.search("the unit, 1 mm, may be wrong: .*--unit 0.2 ", mistake(f"fifths.png {KINECT}"))
+    cv2.imwrite("swapped.png", frame.astype(np.uint16).byteswap())
+    assert "likely depths of the other byte order" in mistake(f"swapped.png {KINECT}")
     for camera, count in (("kinect2", 0), ("5,5,255.4,206.3", 1)):
         done = predict(f"frame.png --camera {camera} --center 260,210,700")
         lines = done.err.splitlines()
@@ -362,6 +364,13 @@ def test_a_frame_aligned_to_colours(frame):
     for camera, is_warned in given:
         done = predict(f"aligned_depth_to_color.png --camera {camera} {CENTER}")
         assert ("is aligned to another camera" in done.err) == is_warned
+
+
+def test_a_name_that_says_disparities(frame):
+    shutil.copy("frame.png", "disparity.png")
+    done = predict(f"disparity.png frame.png {KINECT} {CENTER}")
+    assert done.err.startswith("warning: disparity.png: the name says disparities or infrared")
+    assert done.err.count("the name says") == 1
 
 
 # --------------------------------------------------------------------------- a page for the browser
