@@ -15,6 +15,7 @@ from handpose.frames.lens import Lens
 from handpose.frames.recording import CameraInfo
 from netlib.errors import DataError
 
+MIDDLE = (0.3, 0.7)  # range of a principal point, as a share of the size
 OF_COLOURS = "the camera of colours"
 
 
@@ -41,14 +42,22 @@ def find(document: Any, where: str, is_replaced: bool = False) -> FoundCamera:
 
 
 def _of_numbers(document: Any, where: str) -> dict[str, Any]:
-    """The object of a matrix, or of fx, fy, cx, cy, which width and height may follow."""
+    """The object of a matrix, or of fx, fy, cx, cy, which width and height may follow or precede."""
     numbers = numbers_in(document)
     if not numbers:
         form = '{"fx": ..., "fy": ..., "u0": ..., "v0": ...}'
         raise DataError(f"{where}: found {shown(document)}; expected {form}")
     if len(numbers) == len(INTRINSICS) + len(SIZE):
+        is_usual = _is_middle(numbers[2:4], numbers[4:])
+        if not is_usual and _is_middle(numbers[4:], numbers[:2]):  # as in ARKitScenes
+            return {"matrix": numbers[2:], "size": numbers[:2]}
         return {"matrix": numbers[:4], "size": numbers[4:]}
     return {"matrix": document}
+
+
+def _is_middle(point: Sequence[float], size: Sequence[float]) -> bool:
+    """Whether a point may be the principal point of images of a size."""
+    return all(MIDDLE[0] * one < middle < MIDDLE[1] * one for middle, one in zip(point, size))
 
 
 def _objects(value: Any, outer: Chain, name: str = "") -> Iterator[Chain]:

@@ -41,6 +41,7 @@ MAX_BYTE = 255
 # after another exchange
 MIN_JUMPS, SWAPPED = 0.01, 4
 TURNED = 0.1  # a principal point is farther from the middle of turned frames
+SAME_TIMES = 1.1  # maximum ratio of two factors that count as the same
 OFF_MIDDLE = 0.2  # maximum distance of a principal point from the middle, as a share of the size
 
 
@@ -241,9 +242,12 @@ def _of_camera(camera: Camera) -> Iterator[str]:
         where = (
             "far from the centre" if all(0 <= middle < size for middle, size in ways) else "outside"
         )
+        times = [2 * middle / size for middle, size in ways]
+        is_scaled = 0 < max(times) < SAME_TIMES * min(times)
+        scale = f", about {sum(times) / 2:.2g} times as wide: divide all four" if is_scaled else ""
         yield (
             f"the principal point {camera.u0:g}, {camera.v0:g} is {where} of {size} pixels; check u0 and v0, "
-            "which may be for another image size"
+            f"which may be for another image size{scale}"
         )
 
 

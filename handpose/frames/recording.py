@@ -297,9 +297,20 @@ def sized(camera: Camera | View, shape: tuple[int, ...], where: str) -> Camera:
         return replace(camera, width=width, height=height)
     if (camera.width, camera.height) != (width, height):
         raise DataError(
-            f"{where}: {size_of(shape)}; camera {camera.name} has {camera.width} x {camera.height}"
+            f"{where}: {size_of(shape)}{_scaled(camera, width, height)}; camera {camera.name} has "
+            f"{camera.width} x {camera.height}"
         )
     return camera
+
+
+def _scaled(camera: Camera, width: int, height: int) -> str:
+    """The option for images of a camera in another size, if it has the same shape; else empty."""
+    if camera.width * height != camera.height * width:
+        return ""
+    scale = width / camera.width
+    middle = ((one + 0.5) * scale - 0.5 for one in (camera.u0, camera.v0))
+    four = ",".join(f"{one:.6g}" for one in (camera.fx * scale, camera.fy * scale, *middle))
+    return f" (if they are the whole image in this size: --camera {four})"
 
 
 def check_values(dtype: np.dtype[Any], where: str) -> None:

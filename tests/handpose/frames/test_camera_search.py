@@ -139,6 +139,7 @@ TRAJECTORY = {
         ("# K of the depth camera 1\n60 0 31.5\n0 61 23.5\n0 0 1\n", CAMERA, "matrix"),
         ("60 61 31.5 23.5", CAMERA, "matrix"),
         ("60 61 31.5 23.5 64 48", SIZED, "matrix, size"),
+        ("64 48 60 61 31.5 23.5", SIZED, "matrix, size"),  # ARKitScenes
         (
             f'{{"0": {{"cam_K": {BY_COLUMNS}, "cam_t": [1]}}, "1": {{"cam_K": {BY_COLUMNS}, "cam_t": [2]}}}}',
             CAMERA,

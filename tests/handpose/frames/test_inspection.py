@@ -189,7 +189,8 @@ def test_a_wide_object_beyond_1_m_gives_a_warning() -> None:
         (replace(CAMERA, fx=9.0, fy=9.0), "degrees in 64 x 48 pixels; check fx and fy"),
         (
             replace(CAMERA, u0=319.5, v0=239.5),
-            "the principal point 319.5, 239.5 is outside of 64 x 48 pixels",
+            "the principal point 319.5, 239.5 is outside of 64 x 48 pixels; check u0 and v0, which may be for "
+            "another image size, about 10 times as wide: divide all four",
         ),
         (
             replace(CAMERA, u0=12.0),

@@ -138,7 +138,8 @@ def cut(path: Path, size: int | None = None, flip: int = 0) -> Path:
                 (
                     "another size",
                     np.zeros((3, 24, 32), np.uint16),
-                    "32 x 24 pixels; camera own has 64 x 48",
+                    "32 x 24 pixels (if they are the whole image in this size: --camera 30,30.5,15.5,11.5); "
+                    "camera own has 64 x 48",
                 ),
             )
         },
