@@ -42,7 +42,7 @@ def find(document: Any, where: str, is_replaced: bool = False) -> FoundCamera:
 
 
 def _of_numbers(document: Any, where: str) -> dict[str, Any]:
-    """The object of a matrix, or of fx, fy, cx, cy, which width and height may follow or precede."""
+    """The object of a matrix, or of fx, fy, cx, cy, after or before which are width and height."""
     numbers = numbers_in(document)
     if not numbers:
         form = '{"fx": ..., "fy": ..., "u0": ..., "v0": ...}'

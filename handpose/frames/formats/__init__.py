@@ -63,6 +63,10 @@ _FROM_PGM = (
     "import cv2, os, pathlib, sys; os.mkdir('frames'); [cv2.imwrite(f'frames/{p.stem}.png', cv2.imread(str(p), -1)) "
     "for p in pathlib.Path(sys.argv[1]).parent.glob('*.pgm')]",
 )
+_FROM_ZIP = (
+    "an archive; expected the folder in it",
+    "import shutil, sys; shutil.unpack_archive(sys.argv[1], 'frames')",
+)
 # Kinds of files that are not read: what they are, and the Python statement that converts the file
 # in sys.argv[1].
 CONVERTED = {
@@ -73,6 +77,7 @@ CONVERTED = {
     ".mat": _FROM_MATLAB,
     ".pgm": _FROM_PGM,
     ".pfm": _FROM_PFM,
+    ".zip": _FROM_ZIP,
 }
 FROM_OTHERS = (
     "of other formats write the depth with Python: numpy.savez('take.npz', depth=array), "

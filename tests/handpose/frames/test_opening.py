@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+import shutil
 from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction
@@ -277,6 +278,12 @@ def test_pfm_is_converted() -> None:
     converted("take/1.pfm", "PFM; ")
     (frame,) = open_recording("frames", replace(GIVEN, unit_mm=1000.0))
     np.testing.assert_allclose(frame.depth, hand_sized(), atol=0.01)
+
+
+def test_an_archive_is_converted(folder: Path) -> None:
+    shutil.make_archive("take", "zip", folder)
+    converted("take.zip", "an archive; ")
+    assert middles(open_recording("frames", GIVEN)) == [500.5, 501, 502]
 
 
 @pytest.mark.parametrize("is_hdf5", [False, True])
