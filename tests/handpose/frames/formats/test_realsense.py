@@ -140,7 +140,7 @@ def test_a_camera_is_read_until_it_is_unplugged(fake: FakeModule) -> None:
         ),
         "another size": (
             (None, 60.5, CameraInfo(Camera("own", 60, 60, 32, 24, 640, 480))),
-            "Fake D400 0123: 64 x 48 pixels; camera own has 640 x 480",
+            "Fake D400 0123: 64 x 48 pixels (if ...: --camera ...); camera own has 640 x 480",
         ),
     },
 )
