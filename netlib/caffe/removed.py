@@ -9,29 +9,24 @@ _TRANSFORMER = (
 )
 _PHASE = "give the phase when the net is made: caffe.Net(file, caffe.%s, weights=weights)"
 
+_OF_MODULE = "set_mode_cpu", "set_mode_gpu", "set_device"
+_OF_TRANSFORMER = (
+    "set_mean",
+    "set_channel_swap",
+    "set_raw_scale",
+    "set_input_scale",
+    "preprocess",
+    "deprocess",
+    "mean",
+    "channel_swap",
+    "raw_scale",
+    "input_scale",
+)
+
 MODULE = {"set_phase_test": _PHASE % "TEST", "set_phase_train": _PHASE % "TRAIN"}
-NET = {
-    **MODULE,
-    **{
-        name: f"it is a function of the module: caffe.{name}"
-        for name in ("set_mode_cpu", "set_mode_gpu", "set_device")
-    },
-    **{
-        name: _TRANSFORMER % name
-        for name in (
-            "set_mean",
-            "set_channel_swap",
-            "set_raw_scale",
-            "set_input_scale",
-            "preprocess",
-            "deprocess",
-            "mean",
-            "channel_swap",
-            "raw_scale",
-            "input_scale",
-        )
-    },
-}
+NET = dict(MODULE)
+NET |= {name: f"it is a function of the module: caffe.{name}" for name in _OF_MODULE}
+NET |= {name: _TRANSFORMER % name for name in _OF_TRANSFORMER}
 CLASSIFIER = {
     "gpu": "remove it, this runs on the CPU",
     "mean_file": "give the array: mean=numpy.load(file); what input_scale was then is raw_scale",
