@@ -18,10 +18,11 @@ from numpy.typing import DTypeLike
 from fast import parallel
 from fast.fast_layer import FastLayer
 from fast.fusing import fuse, release
+from fast.parallel import equal_blocks
 from fast.plan import plan
 from fast.slices import SlicedStep
 from fast.whole_steps import FastStep, WholeStep, whole_steps
-from netlib.blob import Array, Blob, equal_blocks
+from netlib.blob import Array, Blob
 from netlib.building.splits import share_splits
 from netlib.engine import Connection, Engine, Step
 from netlib.proto.options import class_at, place_of

@@ -23,7 +23,8 @@ import numpy as np
 
 from fast import parallel
 from fast.fusing import After
-from netlib.blob import Array, blocks, divide_up, equal_blocks
+from fast.parallel import equal_blocks
+from netlib.blob import Array, blocks, divide_up
 
 Sum = Literal["correlate", "transpose", "gradient"]
 

@@ -17,9 +17,9 @@ import numpy as np
 
 from fast import parallel
 from fast.fast_layer import FastLayer
-from fast.parallel import scratch
+from fast.parallel import equal_blocks, scratch
 from layers.common.inner_product import InnerProduct
-from netlib.blob import Array, Blobs, blocks, divide_up, equal_blocks
+from netlib.blob import Array, Blobs, blocks, divide_up
 
 MAX_BLOCK = 640  # features; 1,024 features are two blocks, one per thread on two cores
 # up to this number, items are faster one at a time (measured by experiments/parts.py)

@@ -20,8 +20,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from netlib.blob import blocks, divide_up
 from netlib.engine import available_cpus
 from netlib.system import memory
+
+
+def equal_blocks(count: int, number: int) -> list[slice]:
+    """Split ``range(count)`` into at most ``number`` slices of equal size, the last one shorter."""
+    return blocks(count, divide_up(count, max(number, 1)) or 1)
 
 
 class Workers:

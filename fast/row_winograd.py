@@ -38,8 +38,8 @@ from fast import parallel
 from fast.fusing import After
 from fast.geometry import Algorithm, Geometry, Sizes, Sum, check_finite, check_spread
 from fast.last_axis import map_first, map_last
-from fast.parallel import scratch
-from netlib.blob import Array, divide_up, equal_blocks
+from fast.parallel import equal_blocks, scratch
+from netlib.blob import Array, divide_up
 
 TILE = 4  # outputs
 # with a small largest error, below 5e-6 of the largest output

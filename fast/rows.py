@@ -32,8 +32,8 @@ from fast.geometry import (
     run_blocks,
     run_parts,
 )
-from fast.parallel import scratch
-from netlib.blob import Array, divide_up, equal_blocks
+from fast.parallel import equal_blocks, scratch
+from netlib.blob import Array, divide_up
 
 LENGTH = 128  # columns of a product, of several images if their rows are shorter
 BLOCK_BYTES = 1 << 20  # of X

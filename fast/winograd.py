@@ -37,9 +37,9 @@ from fast.geometry import (
     check_spread,
     image_blocks,
 )
-from fast.parallel import scratch
+from fast.parallel import equal_blocks, scratch
 from fast.row_winograd import TILE, as_units, input_matrix, kernel_matrix, output_matrix, transform
-from netlib.blob import Array, blocks, divide_up, equal_blocks
+from netlib.blob import Array, blocks, divide_up
 
 BLOCK_BYTES = 4 << 20  # of both factors of the products of a block; smaller ones take more calls
 MIN_TILES = 192  # of a block, because BLAS copies the weights for every product

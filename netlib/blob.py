@@ -47,6 +47,8 @@ class Blob:
     on_access      while a net does not store the blob, or computes such a blob from it: called with
                    the blob and "data" or "diff" before each access, and "memory" before the memory
                    of the data is replaced, or shared
+    keeps_first    whether a reshape to a smaller count keeps the first values, as it does in Caffe:
+                   that of an input, which a caller may write before the reshape
     is_held        whether a caller may have an array of the data, by which it can be written
 
     Engines have no subclass for the blobs of a net: scripts of pycaffe compare ``type(blob)`` with
@@ -55,12 +57,13 @@ class Blob:
     """
 
     on_access: Callable[[Blob, str], None] | None = None
+    keeps_first = False
 
     def __init__(
         self, shape: Iterable[int] = (), dtype: DTypeLike = np.float32, zeros: Zeros = memory.zeros
     ) -> None:
         self.dtype, self._zeros, self.version = np.dtype(dtype), zeros, 0
-        self._memory = Memory(self._checked(tuple(int(n) for n in shape)))
+        self._memory = Memory(self._checked(tuple(map(int, shape))))
         # "data", "diff" -> the blob whose memory holds it, if not this one
         self._owners: dict[str, Blob] = {}
 
@@ -164,19 +167,21 @@ class Blob:
     def reshape(self, *shape: Any) -> None:
         """Change the shape: ``reshape(2, 3)`` or ``reshape((2, 3))``.
 
-        A new count discards the values.
+        A new count discards the values, unless ``keeps_first`` and it is smaller.
         """
         if len(shape) == 1 and not np.isscalar(shape[0]):
             shape = tuple(shape[0])
-        shape = tuple(int(n) for n in shape)
+        shape = tuple(map(int, shape))
         if shape != self.shape:
             self._checked(shape)
             if self.on_access is not None:
                 self.on_access(self, "memory")
             self.version += 1
-            kept = self._memory.arrays if math.prod(shape) == self.count else {}
+            count = math.prod(shape)
+            is_kept = count == self.count or (self.keeps_first and count < self.count)
+            kept = self._memory.arrays if is_kept else {}
             self._memory = Memory(
-                shape, {half: array.reshape(shape) for half, array in kept.items()}
+                shape, {half: array.ravel()[:count].reshape(shape) for half, array in kept.items()}
             )
 
     def _checked(self, shape: tuple[int, ...]) -> tuple[int, ...]:
@@ -314,11 +319,6 @@ def blocks(count: int, size: int) -> list[slice]:
     in parts.
     """
     return [slice(start, min(start + size, count)) for start in range(0, count, size)]
-
-
-def equal_blocks(count: int, number: int) -> list[slice]:
-    """Split ``range(count)`` into at most ``number`` slices of equal size, the last one shorter."""
-    return blocks(count, divide_up(count, max(number, 1)) or 1)
 
 
 def divide_up(count: int, size: int) -> int:

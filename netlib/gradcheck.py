@@ -252,7 +252,7 @@ def _compare(what: str, gradient: Gradient, tolerance: float) -> float:
     worst = np.unravel_index(int(error.argmax()), error.shape)
     scale = max(1.0, float(np.abs(numeric).max()))
     if not error[worst] <= tolerance * scale:
-        place = tuple(int(i) for i in worst)
+        place = tuple(map(int, worst))
         doubt = gradient.doubt(place) if np.isfinite(analytic[worst]) else ""
         raise GradientError(
             f"{what} at {place}: backward computed {analytic[worst]:.9g}, central differences give "

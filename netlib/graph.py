@@ -67,7 +67,7 @@ class Graph:
         self.connections: list[Connection] = []
         self.losses: list[tuple[Blob, float, str]] = []
         self.inputs: list[str] = []
-        self._parameters = Parameters()
+        self.parameters = Parameters()
         self._writers: dict[str, str] = {}  # blob name -> layer that created it
         self._unread: dict[str, None] = {}  # names of blobs that no layer has read yet
         self._needs: dict[Blob, bool] = {}  # whether a layer towards the data needs its gradient
@@ -78,7 +78,7 @@ class Graph:
             for spec, name, own_seed in zip(specs, distinct([spec.name for spec in specs]), seeds):
                 self._add(spec, name, own_seed)
         self.layers = list(self.layer_dict.values())
-        self.learnable = self._parameters.learnable
+        self.learnable = self.parameters.learnable
         self.outputs = sorted(self._unread)  # Caffe's order
         self._decide_backward(param.force_backward)
         if phase == "TRAIN":
@@ -99,7 +99,7 @@ class Graph:
         _check_counts(layer)
         bottom = self._bottoms(layer)
         top = self._tops(layer)
-        layer.blobs.bytes_before = self._parameters.bytes
+        layer.blobs.bytes_before = self.parameters.bytes
         self.layer_hook.before_setup(layer)
         with LayerErrors(layer, bottom):
             layer.setup(bottom, top)
@@ -128,7 +128,7 @@ class Graph:
 
         It runs backwards if it, or a layer before it, is trained.
         """
-        trains = any(p.spec.lr_mult != 0 for p in self._parameters.enter(layer))
+        trains = any(p.spec.lr_mult != 0 for p in self.parameters.enter(layer))
         down = _propagate_down(layer, [self._needs.get(blob, False) for blob in bottom])
         at = Connection(layer, bottom, top, down, any(down) or trains)
         for blob in top:

@@ -63,6 +63,7 @@ class Net(Graph):
     connections     the layers in order, each with the blobs that it reads and writes
     losses          (blob, loss weight, name) of every loss
     learnable       list of Param, each shared parameter once
+    parameters      the parameters of all layers, with the shapes that the layers use
     steps           what a pass runs, in order (netlib/engine.py)
 
     Raises NetlibError (PrototxtError, LayerError, WeightsError) if a file is invalid.

@@ -46,6 +46,7 @@ class PassState:
         self._connections = graph.connections
         self._blobs = graph.blobs
         self._losses = graph.losses
+        self._parameters = graph.parameters
         named = [graph.blobs[name] for name in [*graph.inputs, *graph.outputs]]
         self._outside = named + [blob for blob, _, _ in graph.losses]
         self._in_place = {blob for at in graph.connections for blob in at.top if blob in at.bottom}
@@ -77,7 +78,7 @@ class PassState:
     def running(self) -> Iterator[None]:
         """Context manager of a pass: in one thread; an unstored blob cannot be read meanwhile."""
         # the solver reports values that are not finite
-        with self.one_thread, np.errstate(all="ignore"):
+        with self.one_thread, np.errstate(all="ignore"), self._parameters.own_shapes():
             self._is_running = True
             self._writing = []
             try:

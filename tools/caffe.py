@@ -35,7 +35,7 @@ from netlib.net import Net
 from netlib.proto import schema
 from netlib.training import report, solver_parameter
 from tools.common import training, training_log
-from tools.common.arguments import MAX_COUNT, caffes_flags, count, parser_of, whole
+from tools.common.arguments import MAX_COUNT, SWITCHES, caffes_flags, count, parser_of, whole
 from tools.common.console import DONE, guarded
 from tools.common.costs import mean_scores, report_time
 from tools.common.ranks import only_first_prints, world
@@ -44,6 +44,7 @@ log = logging.getLogger("netlib")
 
 NEEDED = {"train": ["solver"], "test": ["model", "weights"], "time": ["model"], "device_query": []}
 EFFECTS = ("stop", "snapshot", "none")
+GLOG = ("log_dir", "minloglevel", "stderrthreshold", "v", *SWITCHES)
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -88,6 +89,13 @@ def main(argv: list[str] | None = None) -> int:
         "--sighup_effect", choices=EFFECTS, default="snapshot", help="train (default: %(default)s)"
     )
     parser.add_argument("--gpu", metavar="ID", help="accepted; this runs on the CPU")
+    parser.add_argument(
+        "-v",
+        *(f"--{flag}" for flag in GLOG),
+        dest="glog",
+        metavar="VALUE",
+        help="flags of glog, ignored: the log goes to standard error",
+    )
     with only_first_prints():
         args = parser.parse_args(caffes_flags(argv))
         if args.command is None:  # as in Caffe
@@ -105,6 +113,8 @@ def run(args: argparse.Namespace) -> int:
         ranks = world() if args.command == "train" else ALONE
     status = DONE
     with training_log.logged(ranks) as console:
+        if args.glog:
+            log.info("glog's flags are ignored; the log goes to standard error: 2> FILE keeps it")
         if args.command == "device_query":
             log.info("This runs on the CPU; there is no GPU to query")
             return DONE

@@ -36,6 +36,7 @@ class Input(Layer):
             if min(shape.dim, default=0) < 0:
                 raise self.fail(f"shape {shape.dim} has a negative size", "shape")
         for i, blob in enumerate(top):
+            blob.keeps_first = True
             if shapes:
                 blob.reshape(shapes[i if len(shapes) > 1 else 0].dim)
 

@@ -6,6 +6,9 @@ The first layer that names a parameter owns it; the others share its memory. ``l
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 from netlib.blob import Blob
@@ -38,6 +41,8 @@ class Parameters:
     def __init__(self) -> None:
         self.learnable: list[Param] = []
         self.bytes = 0
+        # layer, index, parameter, and the shape with which the layer computes
+        self._made: list[tuple[Layer, int, Blob, tuple[int, ...]]] = []
         self._named: dict[str | None, Param] = {}
 
     def enter(self, layer: Layer) -> list[Param]:
@@ -63,7 +68,34 @@ class Parameters:
                     self._named[spec.name] = owner
             _merge_multipliers(layer, spec, owner)
             entered.append(owner)
+            if layer.type != "Python":  # which may reshape its own
+                self._made.append((layer, i, blob, blob.shape))
         return entered
+
+    @contextmanager
+    def own_shapes(self) -> Iterator[None]:
+        """Context manager of a pass, in which parameters that a caller reshaped have the shapes of
+        their layers: as in Caffe, a layer reads the values in its own order.
+
+        Raises LayerError if their number is another one.
+        """
+        given = []
+        for layer, i, blob, shape in self._made:
+            if blob.shape == shape:
+                continue
+            if blob.count != math.prod(shape):
+                raise layer.fail(
+                    f"parameter {i} was reshaped to {blob.shape}, but the layer computes with {shape}; "
+                    "reshape it back, or change the options of the layer and build the net again"
+                )
+            given.append((blob, blob.shape, shape))
+        for blob, _, shape in given:
+            blob.reshape(shape)
+        try:
+            yield
+        finally:
+            for blob, shape, _ in given:
+                blob.reshape(shape)
 
 
 def _share(layer: Layer, index: int, spec: ParamSpec, owner: Param) -> None:

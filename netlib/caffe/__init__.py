@@ -6,8 +6,10 @@ Classifier and draw are modules of this package; NetSpec, draw and caffe_pb2 nee
 protobuf. Everything runs on the CPU; requests for a GPU only log a warning.
 """
 
+import sys
+
 from netlib import engine
-from netlib.caffe import _caffe, io, proto
+from netlib.caffe import _caffe, io, proto, removed
 from netlib.caffe._caffe import *  # noqa: F403
 from netlib.caffe.classifier import Classifier, Detector
 from netlib.caffe.net_spec import NetSpec, layers, params, to_proto
@@ -30,6 +32,11 @@ __all__ = [
     "to_proto",
 ]
 __all__ += _caffe.__all__
+
+
+def __getattr__(name: str) -> object:
+    """Raise AttributeError, with advice for what pycaffe had in 2014."""
+    raise removed.error(sys.modules[__name__], f"module {__name__!r}", name, removed.MODULE)
 
 
 def install_as_caffe() -> None:

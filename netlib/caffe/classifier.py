@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from netlib.blob import Array
-from netlib.caffe import io
+from netlib.caffe import io, removed
 from netlib.caffe.pycaffe import Net
 from netlib.errors import NetlibError
 from netlib.layer import TEST
@@ -33,7 +33,11 @@ class Classifier(Net):
         input_scale: float | None = None,
         raw_scale: float | None = None,
         channel_swap: Sequence[int] | None = None,
+        **others: object,
     ) -> None:
+        for option in others:
+            advice = removed.CLASSIFIER.get(option, "it has no such option")
+            raise TypeError(f"Classifier(..., {option}=...): {advice}")
         super().__init__(model_file, TEST, weights=pretrained_file)
         if not self.inputs:
             raise NetlibError(

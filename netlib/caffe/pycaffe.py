@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from netlib import net as core
 from netlib.blob import Array, Blob, BlobVec
+from netlib.caffe import removed
 from netlib.engine import Connection, Step
 from netlib.errors import LayerError
 from netlib.graph import AUTOMATIC
@@ -50,6 +51,9 @@ class Net(core.Net):
         self.blobs = OrderedDict(self._numbered)
         self.params = OrderedDict(self.params)
         self.layer_dict = OrderedDict(self.layer_dict)
+
+    def __getattr__(self, name: str) -> Any:
+        raise removed.error(self, f"{type(self).__name__!r} object", name, removed.NET)
 
     # ---------------------------------------------------------------------------- names and weights
 
@@ -353,6 +357,14 @@ class Solver(CoreSolver):
         )
         param = solver_parameter.read(solver_file)
         super().__init__(schema.changed(param, **changes), str(solver_file), **options)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name in ("net", "test_nets") and hasattr(self, name):
+            raise AttributeError(
+                f"solver.{name} cannot be replaced, as in pycaffe; copy weights with solver.net.copy_from(FILE), "
+                "or make another solver"
+            )
+        super().__setattr__(name, value)
 
     @property
     def param(self) -> Any:

@@ -72,6 +72,19 @@ def test_reshape_takes_numbers_or_a_shape_and_forgets_values_only_with_another_c
         blob.reshape(2, -1)
 
 
+@pytest.mark.parametrize(("keeps_first", "kept"), [(True, [0, 1, 2]), (False, [0, 0, 0])])
+def test_a_smaller_input_keeps_its_first_values(keeps_first: bool, kept: list[int]) -> None:
+    blob = Blob((2, 3))
+    blob.keeps_first = keeps_first
+    held = blob.data
+    held[...] = np.arange(6).reshape(2, 3)
+    blob.reshape(1, 3)
+    assert blob.data.tolist() == [kept]
+    assert np.shares_memory(blob.data, held) == keeps_first
+    blob.reshape(2, 3)
+    assert not blob.data.any()
+
+
 @pytest.mark.parametrize("shape", [(2**62,), (0, 2**64), (10**10, 10**10), (1,) * 33])
 def test_shapes_that_no_array_can_have(shape: tuple[int, ...]) -> None:
     with pytest.raises((ValueError, MemoryError), match="a blob cannot have the shape"):

@@ -207,6 +207,12 @@ def test_device_query_and_gpu():
     assert mine[:2] == ["Use CPU.", "-gpu 0,1 is accepted, but this runs on the CPU"]
 
 
+@pytest.mark.parametrize("flags", ["-logtostderr device_query", "device_query -log_dir=log -v 1"])
+def test_flags_of_glog_are_ignored_with_a_note(flags):
+    note, _ = texts(log_of(flags))
+    assert note == "glog's flags are ignored; the log goes to standard error: 2> FILE keeps it"
+
+
 def test_without_a_command():
     out = run_tool("caffe").out
     assert "{train,test,time,device_query}" in out

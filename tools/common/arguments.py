@@ -89,11 +89,15 @@ def reject_given(
             parser.error(f"--{name.replace('_', '-')} {why}")
 
 
+SWITCHES = ("alsologtostderr", "logtostderr")
+
+
 def caffes_flags(argv: Sequence[str] | None) -> list[str]:
     """The arguments (None: of the process) with two dashes before flags that have one, as in
-    Caffe's programs.
+    Caffe's programs, and a value for flags of glog that need none.
     """
     words = sys.argv[1:] if argv is None else argv
+    words = [f"{word}=true" if word.lstrip("-") in SWITCHES else word for word in words]
     return [
         f"-{word}" if re.fullmatch(r"-[A-Za-z]\w+(=.*)?", word, re.DOTALL) else word
         for word in words

@@ -74,3 +74,37 @@ def test_param_blocks_count_from_the_first(net_of: MakeNet) -> None:
     """With one param block the bias has lr_mult 1 and decay_mult 1."""
     net = net_of(X + ip("a", "x", "a", "param { lr_mult: 5 decay_mult: 0 }"))
     assert [(p.spec.lr_mult, p.spec.decay_mult) for p in net.learnable] == [(5, 0), (1, 1)]
+
+
+def test_a_layer_reads_a_reshaped_parameter_in_its_own_shape(net_of: MakeNet) -> None:
+    """As in Caffe; the caller's shape stays, also in files."""
+    net, other = net_of(shared() + loss("b")), net_of(shared() + loss("b"))
+    other.copy_from(net)
+    for name in ("a", "b"):
+        for blob in net.params[name]:
+            blob.reshape(1, *reversed(blob.shape))
+    for one in (net, other):
+        one.forward(x=np.arange(6).reshape(2, 3))
+        one.backward()
+    for mine, theirs in zip(net.learnable, other.learnable):
+        assert mine.blob.shape == (1, *reversed(theirs.blob.shape))
+        assert np.array_equal(mine.blob.diff.ravel(), theirs.blob.diff.ravel())
+    assert np.array_equal(net.blobs["b"].data, other.blobs["b"].data)
+
+
+@pytest.mark.parametrize("shape", [(6, 3), (1, 3)])
+def test_a_parameter_with_another_number_of_values_is_an_error(
+    net_of: MakeNet, shape: tuple[int, ...]
+) -> None:
+    net = net_of(X + ip("a", "x", "a"))
+    before = net.forward()["a"].copy()
+    values = net.params["a"][0].data.copy()
+    net.params["a"][0].reshape(shape)
+    with pytest.raises(
+        netlib.LayerError,
+        match=r"'a': parameter 0 was reshaped to \(., 3\), but the layer computes with \(3, 3\)",
+    ):
+        net.forward()
+    net.params["a"][0].reshape(3, 3)
+    net.params["a"][0].data[...] = values
+    assert np.array_equal(net.forward()["a"], before)

@@ -23,6 +23,7 @@ from netlib.caffe.io import ShapeError
 from netlib.caffe.net_spec import NotATopError, SpecError, UnknownNameError
 from netlib.caffe.proto import caffe_pb2
 from netlib.errors import DataError, NetlibError
+from netlib.proto.messages import NetParameter
 from tests.support.bad_input import bad_inputs
 
 DATA = L.Input(shape={"dim": [1, 1, 64, 64]})
@@ -266,6 +267,56 @@ def transformer(name: str, *values: object, shape: tuple[int, ...] = (4, 3, 2, 3
 def test_invalid_calls_are_rejected(given, rejected):
     with rejected:
         given()
+
+
+PHASE = (
+    "{} was removed from pycaffe in 2014: give the phase when the net is made: "
+    "caffe.Net(file, caffe.{}, weights=weights)"
+)
+
+
+@bad_inputs(
+    AttributeError,
+    {
+        "set_phase_test": PHASE.format("set_phase_test", "TEST"),
+        "set_phase_train": PHASE.format("set_phase_train", "TRAIN"),
+        "set_mode_cpu": "...: it is a function of the module: caffe.set_mode_cpu",
+        "set_mean": "set_mean was removed ... caffe.io.Transformer...then t.set_mean; ...",
+        "preprocess": "...then t.preprocess; a caffe.Classifier has one, net.transformer",
+        "blob": "'Net' object has no attribute 'blob'",
+    },
+)
+def test_what_pycaffe_had_in_2014_is_an_error_with_advice(given, rejected):
+    net = caffe.Net(NetParameter(), caffe.TEST)
+    assert not hasattr(net, given)
+    with rejected:
+        getattr(net, given)
+
+
+@bad_inputs(
+    AttributeError,
+    {
+        "set_phase_test": PHASE.format("set_phase_test", "TEST"),
+        "set_phase": "module 'netlib.caffe' has no attribute 'set_phase'",
+    },
+)
+def test_what_the_module_had_in_2014_is_an_error_with_advice(given, rejected):
+    with rejected:
+        getattr(caffe, given)
+
+
+@bad_inputs(
+    TypeError,
+    {
+        "gpu": "Classifier(..., gpu=...): remove it, this runs on the CPU",
+        "mean_file": "Classifier(..., mean_file=...): give the array: mean=numpy.load(file); "
+        "what input_scale was then is raw_scale",
+        "means": "Classifier(..., means=...): it has no such option",
+    },
+)
+def test_unknown_options_of_a_classifier_are_rejected(given, rejected):
+    with rejected:
+        caffe.Classifier("net.prototxt", "net.caffemodel", **{given: None})
 
 
 def test_classes_of_errors():

@@ -474,6 +474,23 @@ def test_invalid_changes_of_options_are_rejected(given: tuple[str, object], reje
     assert repr(solver.param) == before
 
 
+@pytest.mark.parametrize("name", ["net", "test_nets"])
+def test_the_nets_of_a_solver_cannot_be_replaced(name: str) -> None:
+    solver = pycaffe.SGDSolver("solver.prototxt")
+    nets = getattr(solver, name)
+    with pytest.raises(AttributeError, match=rf"solver\.{name} cannot be replaced, as in pycaffe"):
+        setattr(solver, name, nets)
+    solver.notes = "a script's own"
+    assert getattr(solver, name) is nets
+
+
+def test_an_input_may_be_written_before_its_batch_is_made_smaller(net: pycaffe.Net) -> None:
+    whole = net.forward(x=X)["y"].copy()
+    net.blobs["x"].data[...] = X
+    net.blobs["x"].reshape(1, 3)
+    assert np.allclose(net.forward()["y"], whole[:1])
+
+
 def test_a_solver_lends_its_weights() -> None:
     solver = pycaffe.SGDSolver("solver.prototxt")
     net = pycaffe.Net("net.prototxt", netlib.TEST)

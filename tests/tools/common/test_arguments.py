@@ -67,6 +67,7 @@ def test_mistakes(kind: str, text: str, expected: str) -> None:
         ("train -solver a.b --model=c", "train --solver a.b --model=c"),
         ("-level -1 -h --help", "--level -1 -h --help"),
         ("-gray --backend lmdb in/ out", "--gray --backend lmdb in/ out"),
+        ("-logtostderr train --alsologtostderr=1", "--logtostderr=true train --alsologtostderr=1"),
     ],
 )
 def test_caffes_flags(written: str, read: str) -> None:
