@@ -55,11 +55,8 @@ def hand_model(graph: Graph, call: LayerCall) -> list[str]:
     of_fixed_size = len(call.values) == 1
     body = sk if of_fixed_size else sk.with_free_slides()  # as the layer does
     steps, last, offsets = steps_of(body, sk.bones if of_fixed_size else 0 * sk.bones)
-    x = call.values[0]
-    if len(call.bottom[0]) != 2:
-        x = graph.reshaped(x, ("N", len(sk.dof_names)))
     dofs = [step.dof for step in steps]
-    moved = graph.op("Gather", x, graph.constant(dofs, "dofs"), axis=1)
+    moved = graph.op("Gather", _inputs(graph, call, sk), graph.constant(dofs, "dofs"), axis=1)
     parts = np.stack([step.parts for step in steps], axis=1)  # (4, steps, 4, 4)
     one, cosine, sine, angle = map(graph.constant, parts, PARTS)
     ends_at = graph.constant(offsets[:, None], "offsets")
@@ -73,16 +70,28 @@ def hand_model(graph: Graph, call: LayerCall) -> list[str]:
         one = graph.op("Add", one, _times(graph, bones, by_step, ("N", len(steps), 4, 4)))
         ends_at = graph.op("Add", ends_at, _times(graph, bones, by_joint, ("N", len(last), 1, 4)))
     theta = graph.reshaped(graph.op("Add", moved, initial), ("N", len(steps), 1, 1))
-    cosines = graph.op("Mul", graph.op("Cos", theta), cosine)
-    sines = graph.op("Mul", graph.op("Sin", theta), sine)
-    turned = graph.op("Add", cosines, sines)
-    slid = graph.op("Add", one, graph.op("Mul", theta, angle))
-    transforms = graph.op("Add", turned, slid)  # (N, steps, 4, 4)
+    transforms = _transforms(graph, theta, one, cosine, sine, angle)
     worlds = _worlds(graph, steps, transforms)
     frames = graph.op("Gather", worlds, graph.constant(last, "steps"), axis=1)
     terms = graph.op("Mul", frames, ends_at)  # not MatMul, which is wrong in OpenCV 5.0
     ends = graph.op("ReduceSum", terms, graph.constant([3], "axes"), keepdims=0)  # (N, K, 4)
     return [graph.reshaped(graph.sliced(ends, [0], [3], [2]), call.top[0])]
+
+
+def _inputs(graph: Graph, call: LayerCall, sk: Skeleton) -> str:
+    """The values (N, D) of the DoFs."""
+    if len(call.bottom[0]) == 2:
+        return call.values[0]
+    return graph.reshaped(call.values[0], ("N", len(sk.dof_names)))
+
+
+def _transforms(graph: Graph, theta: str, one: str, cosine: str, sine: str, angle: str) -> str:
+    """Compute A(theta) of each step, (N, steps, 4, 4), for its four matrices."""
+    cosines = graph.op("Mul", graph.op("Cos", theta), cosine)
+    sines = graph.op("Mul", graph.op("Sin", theta), sine)
+    turned = graph.op("Add", cosines, sines)
+    slid = graph.op("Add", one, graph.op("Mul", theta, angle))
+    return graph.op("Add", turned, slid)
 
 
 def _size(graph: Graph, call: LayerCall, sk: Skeleton, dofs: list[int]) -> tuple[str, str]:
