@@ -26,6 +26,7 @@ from netlib.net import Net
 from netlib.solver import Solver
 
 FILLER = 'weight_filler { type: "msra" }'
+TRAINING = 'base_lr: 0.0001 momentum: 0.9 lr_policy: "fixed" random_seed: 1'
 
 
 class NetBuilder:
@@ -51,9 +52,11 @@ class NetBuilder:
     def add(self, type_: str, bottoms: Sequence[str], options: str = "", top: str = "") -> str:
         """Add a layer; by default with a new top that has its name."""
         name = f"n{len(self.lines)}"
-        blobs = " ".join([*(f'bottom: "{bottom}"' for bottom in bottoms), f'top: "{top or name}"'])
+        top = top or name
+        reads = " ".join(f'bottom: "{bottom}"' for bottom in bottoms)
+        blobs = f'{reads} top: "{top}"'
         self.lines.append(f'layer {{ name: "{name}" type: "{type_}" {blobs} {options} }}')
-        return top or name
+        return top
 
     def relu(self, bottom: str) -> str:
         """ReLU in place."""
@@ -427,11 +430,7 @@ class Workload:
         rng = np.random.default_rng(0)
         if example.trains:
             solver = folder / "solver.prototxt"
-            solver.write_text(
-                f'net: "{self.path.as_posix()}" base_lr: 0.0001 momentum: 0.9 lr_policy: "fixed" '
-                "random_seed: 1",
-                encoding="utf-8",
-            )
+            solver.write_text(f'net: "{self.path.as_posix()}" {TRAINING}', encoding="utf-8")
             self.solver = netlib.get_solver(solver, engine=engine)
             self.net = self.solver.net
         else:
