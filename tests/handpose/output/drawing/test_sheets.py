@@ -23,7 +23,7 @@ def picture(value: int = 0) -> Image:
 
 
 @given(frames=st.integers(1, 2000))
-def test_moments_evenly_apart(frames: int) -> None:
+def test_the_moments_of_a_sheet_are_evenly_apart(frames: int) -> None:
     """Moments span the whole sequence for any number of frames; few pictures are kept, and
     few are drawn.
     """
