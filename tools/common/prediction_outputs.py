@@ -20,7 +20,8 @@ from handpose.frames.inspection import Inspection
 from handpose.output.drawing import hands, sheets, strokes, surface
 from handpose.output.drawing.tracks import Painter
 from handpose.output.drawing.view import percent
-from handpose.output.hand_page.assembly import body, hand, page
+from handpose.output.hand_page.assembly import page
+from handpose.output.hand_page.values import body, hand
 from handpose.output.tracks import joint_values
 from handpose.output.tracks.csv_file import HandColumns, rows_of
 from handpose.output.tracks.json_values import FrameValues, header_values
