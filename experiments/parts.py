@@ -28,7 +28,8 @@ from unittest import mock
 
 import netlib
 from experiments.choices import add_choices
-from experiments.example_nets import NETS, Example, Workload
+from experiments.example_nets import NETS, Example
+from experiments.workload import Workload
 from netlib.engine import Step
 from tools.common.arguments import positive, positive_number
 from tools.common.console import aligned
