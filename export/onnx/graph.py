@@ -182,8 +182,9 @@ class Graph:
             return make.make_node(op, *named, **attributes)
 
         def infos(blobs: Mapping[str, Shape]) -> list[Any]:
-            of_blob = make.make_tensor_value_info
-            return [of_blob(blob, dtype, shape) for blob, shape in blobs.items()]
+            return [
+                make.make_tensor_value_info(blob, dtype, shape) for blob, shape in blobs.items()
+            ]
 
         nodes = [node(*arguments) for arguments in self.nodes]
         constants = [

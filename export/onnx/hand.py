@@ -55,8 +55,11 @@ def hand_model(graph: Graph, call: LayerCall) -> list[str]:
     of_fixed_size = len(call.values) == 1
     body = sk if of_fixed_size else sk.with_free_slides()  # as the layer does
     steps, last, offsets = steps_of(body, sk.bones if of_fixed_size else 0 * sk.bones)
+    x = call.values[0]
+    if len(call.bottom[0]) != 2:
+        x = graph.reshaped(x, ("N", len(sk.dof_names)))
     dofs = [step.dof for step in steps]
-    moved = graph.op("Gather", _inputs(graph, call, sk), graph.constant(dofs, "dofs"), axis=1)
+    moved = graph.op("Gather", x, graph.constant(dofs, "dofs"), axis=1)
     parts = np.stack([step.parts for step in steps], axis=1)  # (4, steps, 4, 4)
     one, cosine, sine, angle = map(graph.constant, parts, PARTS)
     ends_at = graph.constant(offsets[:, None], "offsets")
@@ -76,13 +79,6 @@ def hand_model(graph: Graph, call: LayerCall) -> list[str]:
     terms = graph.op("Mul", frames, ends_at)  # not MatMul, which is wrong in OpenCV 5.0
     ends = graph.op("ReduceSum", terms, graph.constant([3], "axes"), keepdims=0)  # (N, K, 4)
     return [graph.reshaped(graph.sliced(ends, [0], [3], [2]), call.top[0])]
-
-
-def _inputs(graph: Graph, call: LayerCall, sk: Skeleton) -> str:
-    """The values (N, D) of the DoFs."""
-    if len(call.bottom[0]) == 2:
-        return call.values[0]
-    return graph.reshaped(call.values[0], ("N", len(sk.dof_names)))
 
 
 def _transforms(graph: Graph, theta: str, one: str, cosine: str, sine: str, angle: str) -> str:
