@@ -24,8 +24,9 @@ import numpy as np
 
 import netlib
 from experiments.choices import add_choices
-from experiments.example_nets import NETS, Workload
+from experiments.example_nets import NETS
 from experiments.peers import Job, peers_of
+from experiments.workload import Workload
 from tools.common.arguments import positive, workers
 from tools.common.console import notify
 

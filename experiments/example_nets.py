@@ -10,108 +10,18 @@ from __future__ import annotations
 
 import functools
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import h5py
 import numpy as np
 
-import netlib
+from experiments.net_builder import FILLER, NetBuilder
 from handpose.synthetic.files import generate
 from handpose.synthetic.generator import Generator
 from netlib.blob import Array
 from netlib.files.paths import ROOT
-from netlib.net import Net
-from netlib.solver import Solver
-
-FILLER = 'weight_filler { type: "msra" }'
-
-
-class NetBuilder:
-    """The layers of a net.
-
-    Every method adds layers behind the blob ``bottom`` and returns the name of the top.
-
-    batch_norm_in_place  whether BatchNorm behind a convolution is in place
-    """
-
-    def __init__(self, *shape: int) -> None:
-        self.batch_norm_in_place = True
-        self.lines: list[str] = []
-        self.input("data", *shape)
-
-    def input(self, top: str, *shape: int) -> None:
-        """Add an Input layer."""
-        sizes = " ".join(f"dim: {n}" for n in shape)
-        self.lines.append(
-            f'layer {{ name: "{top}" type: "Input" top: "{top}" input_param {{ shape {{ {sizes} }} }} }}'
-        )
-
-    def add(self, type_: str, bottoms: Sequence[str], options: str = "", top: str = "") -> str:
-        """Add a layer; by default with a new top that has its name."""
-        name = f"n{len(self.lines)}"
-        blobs = " ".join([*(f'bottom: "{bottom}"' for bottom in bottoms), f'top: "{top or name}"'])
-        self.lines.append(f'layer {{ name: "{name}" type: "{type_}" {blobs} {options} }}')
-        return top or name
-
-    def relu(self, bottom: str) -> str:
-        """ReLU in place."""
-        return self.add("ReLU", [bottom], top=bottom)
-
-    def conv(
-        self,
-        bottom: str,
-        count: int,
-        kernel: int,
-        stride: int = 1,
-        pad: int = 0,
-        group: int = 1,
-        relu: bool = True,
-        batch_norm: bool = False,
-    ) -> str:
-        """Convolution, with BatchNorm and Scale in place of a bias, and a ReLU."""
-        window = f"kernel_size: {kernel} stride: {stride} pad: {pad} group: {group}"
-        bias = "bias_term: false" if batch_norm else ""
-        options = f"convolution_param {{ num_output: {count} {window} {bias} {FILLER} }}"
-        top = self.add("Convolution", [bottom], options)
-        if batch_norm:
-            top = self.batch_norm(top, top if self.batch_norm_in_place else "")
-        return self.relu(top) if relu else top
-
-    def batch_norm_relu(self, bottom: str) -> str:
-        """BatchNorm, and behind it in place Scale and ReLU."""
-        return self.relu(self.batch_norm(bottom))
-
-    def batch_norm(self, bottom: str, top: str = "") -> str:
-        """BatchNorm, and behind it in place Scale."""
-        top = self.add("BatchNorm", [bottom], top=top)
-        return self.add("Scale", [top], "scale_param { bias_term: true }", top=top)
-
-    def pool(self, bottom: str, kernel: int, stride: int, pad: int = 0, kind: str = "MAX") -> str:
-        """Pooling; over the whole map if ``kernel`` is 0."""
-        options = f"kernel_size: {kernel} stride: {stride} pad: {pad}"
-        if not kernel:
-            options = "global_pooling: true"
-        return self.add("Pooling", [bottom], f"pooling_param {{ pool: {kind} {options} }}")
-
-    def product(self, bottom: str, count: int) -> str:
-        """InnerProduct."""
-        options = f"inner_product_param {{ num_output: {count} {FILLER} }}"
-        return self.add("InnerProduct", [bottom], options)
-
-    def hidden(self, bottom: str, count: int) -> str:
-        """InnerProduct and a ReLU."""
-        return self.relu(self.product(bottom, count))
-
-    def average(self, bottom: str) -> str:
-        """The mean of each channel."""
-        return self.pool(bottom, 0, 1, kind="AVE")
-
-    def lrn(self, bottom: str) -> str:
-        """Local response normalization with AlexNet's options."""
-        return self.add("LRN", [bottom], "lrn_param { local_size: 5 alpha: 0.0001 beta: 0.75 }")
-
 
 # GoogLeNet's modules: outputs of the convolutions, in the order of _googlenet
 INCEPTION = (
@@ -412,71 +322,3 @@ NETS = {
         ),
     )
 }
-
-
-class Workload:
-    """A net that repeats a forward pass or a training step: ``run()``. Its files are in a folder.
-
-    inputs  arrays by the names of the net's inputs
-    """
-
-    def __init__(self, example: Example, folder: Path, engine: str | None = None) -> None:
-        self.path = folder / f"{example.name}.prototxt"
-        self.path.write_text(example.text(folder), encoding="utf-8")
-        self.solver: Solver | None = None
-        rng = np.random.default_rng(0)
-        if example.trains:
-            solver = folder / "solver.prototxt"
-            solver.write_text(
-                f'net: "{self.path.as_posix()}" base_lr: 0.0001 momentum: 0.9 lr_policy: "fixed" '
-                "random_seed: 1",
-                encoding="utf-8",
-            )
-            self.solver = netlib.get_solver(solver, engine=engine)
-            self.net = self.solver.net
-        else:
-            self.net = Net(self.path, netlib.TEST, seed=1, engine=engine)
-            fill(self.net, rng)
-        self.inputs = _random_inputs(self.net, rng)
-        if example.batch:
-            self.inputs = {"depth": hands(example.batch)[0]}
-        if self.solver:
-            for name, values in self.inputs.items():
-                self.net.blobs[name].data[...] = values
-
-    def run(self) -> Array | None:
-        """Run the net once; returns the output of a forward pass."""
-        if self.solver:
-            self.solver.step(1)
-            return None
-        return next(iter(self.net.forward(**self.inputs).values()))  # type: ignore[arg-type]
-
-
-def _random_inputs(net: Net, rng: np.random.Generator) -> dict[str, Array]:
-    """Data, and labels of ten classes; no sequence ends."""
-    inputs: dict[str, Array] = {}
-    for name in net.inputs:
-        shape = net.blobs[name].shape
-        values = rng.normal(size=shape) if name == "data" else rng.integers(0, 10, shape)
-        inputs[name] = values.astype(np.float32)
-    if "cont" in inputs:
-        inputs["cont"].fill(1)
-    return inputs
-
-
-def fill(net: Net, rng: np.random.Generator) -> None:
-    """Fill the statistics of BatchNorm layers, the gains of Scale layers, and the biases with
-    random numbers.
-    """
-    for layer in net.layers:
-        arrays = [param.data for param in layer.blobs]
-        if layer.type == "BatchNorm":
-            mean, variance, factor = arrays
-            mean[...] = rng.normal(0, 0.1, mean.shape)
-            variance[...] = rng.uniform(0.5, 1.5, variance.shape)
-            factor[...] = 1
-            continue
-        if layer.type == "Scale":
-            arrays[0][...] = rng.normal(1, 0.1, arrays[0].shape)
-        for bias in arrays[1:]:
-            bias[...] = rng.normal(0, 0.1, bias.shape)

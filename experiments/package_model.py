@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,9 @@ from tools.common import outputs
 from tools.common.arguments import count, seed, whole
 from tools.common.console import say
 from tools.common.progress import ProgressBar
+
+# options of h5py, which Caffe's HDF5 library can read, too
+COMPRESSED: dict[str, Any] = {"compression": "gzip", "compression_opts": 9, "shuffle": True}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -85,11 +89,10 @@ def run(args: argparse.Namespace) -> None:
     else:
         _measure(net, args)
     content = args.out.read_bytes()
+    megabytes = len(content) / 1e6
     sha256 = hashlib.sha256(content).hexdigest()
     net_sha256 = hashlib.sha256(net_content(Path(args.model))).hexdigest()
-    say(
-        f"wrote {args.out}: {len(content) / 1e6:.2f} MB, sha256: {sha256}, net_sha256: {net_sha256}"
-    )
+    say(f"wrote {args.out}: {megabytes:.2f} MB, sha256: {sha256}, net_sha256: {net_sha256}")
 
 
 def _round(net: Net, bits: int) -> None:
@@ -107,16 +110,15 @@ def _measure(net: Net, args: argparse.Namespace) -> None:
     skeleton = skeleton_to_fit(net)
     refuse_other_bodies(skeleton, "errors are measured on frames of hands")
     generator = Generator(args.seed, "train", recipes.recipe(args.recipe))
+
+    def fitter(unit_mm: float) -> DepthFitter:
+        return DepthFitter(CapsuleModel(skeleton, unit_mm))
+
     with ProgressBar(2 * args.frames) as progress:
 
         def measured() -> Figures:
-            return measure(
-                net,
-                lambda unit: DepthFitter(CapsuleModel(skeleton, unit)),
-                scenes_of(generator, args.frames),
-                (),
-                progress=progress,
-            )
+            scenes = scenes_of(generator, args.frames)
+            return measure(net, fitter, scenes, (), progress=progress)
 
         exact = measured()
         _round(net, args.bits)
@@ -145,12 +147,6 @@ def write_model(net: Net, errors: NetworkErrors | None, path: Path) -> None:
         for layer, blobs in net.params.items():
             for i, blob in enumerate(blobs):
                 values = np.asarray(blob.data, np.float32)
-                file.create_dataset(
-                    f"data/{layer}/{i}",
-                    data=values,
-                    compression="gzip",
-                    compression_opts=9,
-                    shuffle=True,
-                )
+                file.create_dataset(f"data/{layer}/{i}", data=values, **COMPRESSED)
         for name, values in arrays_of(errors).items() if errors else ():
             file.create_dataset(f"{GROUP}/{name}", data=values)

@@ -28,7 +28,8 @@ from unittest import mock
 
 import netlib
 from experiments.choices import add_choices
-from experiments.example_nets import NETS, Example, Workload
+from experiments.example_nets import NETS, Example
+from experiments.workload import Workload
 from netlib.engine import Step
 from tools.common.arguments import positive, positive_number
 from tools.common.console import aligned
@@ -58,11 +59,11 @@ def parts_of_fast() -> dict[str, Part]:
         parts[f"fast {_last(place)}"] = Part(off, place)
     *names, general = [_name_of(algorithm) for algorithm in convolution.ALGORITHMS]
     for name in names:
+        if name == general:  # without it, no algorithm is left for some sizes
+            continue
         kept = tuple(other for other in convolution.ALGORITHMS if _name_of(other) != name)
-        if name != general:  # which is for all sizes
-            parts[name] = Part(
-                functools.partial(mock.patch.object, convolution, "ALGORITHMS", kept)
-            )
+        off_algorithm = functools.partial(mock.patch.object, convolution, "ALGORITHMS", kept)
+        parts[name] = Part(off_algorithm)
     for name, (place, value) in _mechanisms().items():
         parts[name] = Part(functools.partial(mock.patch, place, value))
     return parts

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 import netlib
-from experiments.example_nets import Workload
+from experiments.workload import Workload
 from export.onnx.net import onnx_image
 from netlib.blob import Array
 from netlib.net import Net

@@ -89,12 +89,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Train the network, score it, and print its row. Raises NetlibError."""
-    recipe = RECIPES[args.recipe]
-    data = args.data or Path("data") / args.setting
     if args.setting == "nyu" and args.network == EXACT:
         raise NetlibError(
             f"{args.network}: the exact angles of NYU's frames are unknown; expected a synthetic setting"
         )
+    data = args.data or Path("data") / args.setting
     lists = {split: data / f"{split}.txt" for split in ("train", "test")}
     files = {split: _files(path, args.setting) for split, path in lists.items()}
     skeleton = skeletons.load()
@@ -102,30 +101,45 @@ def run(args: argparse.Namespace) -> int:
     if args.network == FITTED:
         _fitted_angles(files["train"], lists["train"], skeleton)
         lists = {split: _companions(path) / path.name for split, path in lists.items()}
-    net = derived_net(args.network, recipe, lists)
-    limit = _limit_name(args)
-    if limit:
-        set_limit(net, args.limit_weight, args.limit_norm)
+    recipe = RECIPES[args.recipe]
     length = args.iterations or recipe.length
-    name = f"{args.setting}_{args.network}{limit}_{args.recipe}_{length}_seed{args.seed}"
-    prefix = args.work / name
+    prefix = _prefix(args, length)
+    net = _net(args, recipe, lists)
     components = files["train"] if args.network == "bottleneck" else ()
     status = train(prefix, net, recipe, length, args.seed, args.threads, components)
     if status != DONE:
         return status
     predictions = predict_all(trained(f"{prefix}_net.prototxt", f"{prefix}_iter_{length}{WEIGHTS}"))
-    row = {
-        "network": args.network + limit,
+    found = _scores_of(predictions, args.setting, files["test"], fitted, skeleton)
+    say(
+        f"{len(predictions.joints)} test frames of {data} ({predictions.made_from}); errors in mm of 14 joints"
+    )
+    print(tabulated([_names(args, length) | found]))
+    return DONE
+
+
+def _prefix(args: argparse.Namespace, length: int) -> Path:
+    """The beginning of the paths of a run's files."""
+    network = args.network + _limit_name(args)
+    return args.work / f"{args.setting}_{network}_{args.recipe}_{length}_seed{args.seed}"
+
+
+def _net(args: argparse.Namespace, recipe: Recipe, lists: dict[str, Path]) -> Message:
+    """The net with the recipe's changes and the user's PhysLimit. Raises NetlibError."""
+    net = derived_net(args.network, recipe, lists)
+    if _limit_name(args):
+        set_limit(net, args.limit_weight, args.limit_norm)
+    return net
+
+
+def _names(args: argparse.Namespace, length: int) -> dict[str, str]:
+    """The columns of a row that say which run it is."""
+    return {
+        "network": args.network + _limit_name(args),
         "recipe": args.recipe,
         "iterations": str(length),
         "seed": str(args.seed),
     }
-    row |= _scores_of(predictions, args.setting, files["test"], fitted, skeleton)
-    say(
-        f"{len(predictions.joints)} test frames of {data} ({predictions.made_from}); errors in mm of 14 joints"
-    )
-    print(tabulated([row]))
-    return DONE
 
 
 def _limit_name(args: argparse.Namespace) -> str:
@@ -293,20 +307,8 @@ def scores(
     exact   (N, D) inputs that posed the frames; None for real ones
     bones   (N, K) signed lengths of the bones in half-cubes; None if all have the skeleton's
     """
-    scale = predictions.half_cube[:, None, None]
-
-    def errors_of(joints: Array) -> Array:
-        """Mean errors (N,) in mm over the 14 joints."""
-        return metrics.mean_errors_14(joints * scale, predictions.truth * scale)
-
-    errors = errors_of(predictions.joints)
     figures = figures_of(predictions, skeleton)
-    row = {"error": f"{errors.mean():.2f}"}
-    edges = np.round(2 * predictions.half_cube)
-    cubes = np.unique(edges)
-    if len(cubes) == 2:
-        for edge in cubes[::-1]:
-            row[f"cube of {edge:.0f}"] = f"{errors[edges == edge].mean():.2f}"
+    row = _joint_errors(predictions)
     for name, truth in (("fitted angles", fitted), ("exact angles", exact)):
         row[name] = "–"
         if truth is not None:
@@ -317,7 +319,25 @@ def scores(
         size = np.abs(bones).sum(axis=1, keepdims=True) / np.abs(skeleton.bones).sum()
         hand = kinematics_of(skeleton)
         for name, own in (("scaled hand", skeleton.bones * size), ("person's bones", bones)):
-            row[name] = f"{errors_of(hand.joints(inputs, own)).mean():.2f}"
+            row[name] = f"{_errors_of(predictions, hand.joints(inputs, own)).mean():.2f}"
+    return row
+
+
+def _errors_of(predictions: Predictions, joints: Array) -> Array:
+    """The mean errors (N,) in mm of joints (N, K, 3) in half-cubes, over the 14 joints."""
+    scale = predictions.half_cube[:, None, None]
+    return metrics.mean_errors_14(joints * scale, predictions.truth * scale)
+
+
+def _joint_errors(predictions: Predictions) -> dict[str, str]:
+    """The columns of the error: of all frames, and of each cube if there are two."""
+    errors = _errors_of(predictions, predictions.joints)
+    row = {"error": f"{errors.mean():.2f}"}
+    edges = np.round(2 * predictions.half_cube)
+    cubes = np.unique(edges)
+    if len(cubes) == 2:
+        for edge in cubes[::-1]:
+            row[f"cube of {edge:.0f}"] = f"{errors[edges == edge].mean():.2f}"
     return row
 
 

@@ -50,16 +50,11 @@ class FewPoses:
                     self.angle[turned, j] = step.number
                 turned += 1
         self.motions = np.array(motions, dtype=int).reshape(-1, 4).T
-        self.bone_axes = np.zeros((K, 3, 1))
-        has_bone = np.flatnonzero(skeleton.bone_axes >= 0)
-        self.bone_axes[has_bone, skeleton.bone_axes[has_bone], 0] = 1
+        self.bone_axes = _bone_axes(skeleton)
         self.bones = self.bone_axes * skeleton.bones[:, None, None]
-        before = np.append(np.where(skeleton.parents < 0, K, skeleton.parents), K)  # K is the world
-        self.parents = before
-        self.before = []  # the parents, the grandparents, the fourth ancestors, ...
-        while (before < K).any():
-            self.before.append(before)
-            before = before[before]
+        parents = np.where(skeleton.parents < 0, K, skeleton.parents)
+        self.parents = np.append(parents, K)  # K is the world
+        self.before = _ancestors(self.parents)
 
     def joints(self, value: Array, bones: Array | None) -> Array:
         """Positions (N, K, 3) for the values (N, M) of the motions; ``bones`` (N, K) are bone
@@ -93,17 +88,7 @@ class FewPoses:
         start  (N, K, 3) translation of the joint before its rotations
         """
         N, K = len(value), len(self.bone_axes)
-        angle = np.zeros((N, value.shape[1] + 1))
-        angle[:, :-1] = value
-        cos, sin = (f(angle)[:, self.angle][..., None, None] for f in (np.cos, np.sin))
-        R = cos * self.C
-        R += sin * self.S
-        R += self.P
-        turns = np.empty((len(self.angle) + 1, N, K, 3, 3))
-        turns[0] = np.eye(3)
-        turns[1] = R[:, 0]
-        for f in range(1, len(self.angle)):
-            np.matmul(turns[f], R[:, f], out=turns[f + 1])
+        turns = self._turns(value)
         start = np.zeros((N, K, 3))
         for j, axis, sign, row in self.slides:
             start[:, j, axis] += sign * value[:, row]
@@ -117,6 +102,41 @@ class FewPoses:
         for before in self.before:
             world = world[:, before] @ world
         return world, turns, start
+
+    def _turns(self, value: Array) -> Array:
+        """The first of the arrays of ``_world``."""
+        angle = np.zeros((len(value), value.shape[1] + 1))  # 0 at the end, for no rotation
+        angle[:, :-1] = value
+        cos, sin = (f(angle)[:, self.angle][..., None, None] for f in (np.cos, np.sin))
+        R = cos * self.C
+        R += sin * self.S
+        R += self.P
+        turns = np.empty((len(self.angle) + 1, len(value), *R.shape[2:]))
+        turns[0] = np.eye(3)
+        turns[1] = R[:, 0]
+        for f in range(1, len(self.angle)):
+            np.matmul(turns[f], R[:, f], out=turns[f + 1])
+        return turns
+
+
+def _bone_axes(skeleton: Skeleton) -> Array:
+    """The axis (K, 3, 1) of each bone in the frame of its joint; 0 without a bone."""
+    axes = np.zeros((len(skeleton.bone_axes), 3, 1))
+    has_bone = np.flatnonzero(skeleton.bone_axes >= 0)
+    axes[has_bone, skeleton.bone_axes[has_bone], 0] = 1
+    return axes
+
+
+def _ancestors(parents: Array) -> list[Array]:
+    """The parents (K + 1,), the grandparents, the fourth ancestors and so on, until all are the
+    world, K.
+    """
+    world = len(parents) - 1
+    found = []
+    while (parents < world).any():
+        found.append(parents)
+        parents = parents[parents]
+    return found
 
 
 def _rodrigues(step: JointStep) -> tuple[Array, Array, Array]:

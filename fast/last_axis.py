@@ -41,7 +41,7 @@ class Maps:
         bottom = top + len(by_place)
         for v in range(step):
             inside = by_place[:, (v - left) % step :: step]
-            first = -(-(left - v) // step)
+            first = divide_up(left - v, step)
             end = first + inside.shape[1]
             yield inside, self.values[v, top:bottom, first:end]
 

@@ -153,18 +153,20 @@ def gradients(
     bottom, top = run(arrays)
     weights = [rng.uniform(0.5, 1.5, y.shape) * rng.choice([-1.0, 1.0], y.shape) for y in top]
 
-    def value() -> float:
-        return float(sum((w * y.data).sum() for w, y in zip(weights, run(arrays)[1])))
-
     def tops_now() -> list[Array]:
-        return [y.data.copy() for y in run(arrays)[1]]
+        """The tops of the present values, in arrays of their own."""
+        return [y.data for y in run(arrays)[1]]
+
+    def value() -> float:
+        """L of the present values."""
+        return float(sum((w * y).sum() for w, y in zip(weights, tops_now())))
 
     def gradient(kind: str, number: int, analytic: Array, array: Array) -> Gradient:
         differences = partial(_differences, array, value)
-        return Gradient(
-            kind, number, analytic, differences, partial(_doubt, array, value, tops_now)
-        )
+        doubt = partial(_doubt, array, value, tops_now)
+        return Gradient(kind, number, analytic, differences, doubt)
 
+    # backward must overwrite the NaN of bottoms, and add to the ones of parameters
     for blob in bottom:
         blob.diff[...] = np.nan
     for param in layer.blobs:
@@ -201,6 +203,8 @@ def _doubt(
 ) -> str:
     """Why the difference at a place may be wrong: tops rounded to float32, or a kink
     within the step.
+
+    ``tops`` computes the tops of the present values.
 
     At a kink the differences to the left and to the right disagree. With a tenth of the step, their
     disagreement is unchanged if the kink is at the value itself, and vanishes if it is farther

@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 from handpose import NYU, load_predictor
 from handpose.estimate.hand import HandEstimate
 from handpose.estimate.predictor import Predictor
-from handpose.output.drawing import strokes
+from handpose.output.drawing import sheets
 from handpose.output.drawing.view import percent
 from handpose.scoring.metrics import mean_errors_14
 from netlib.blob import Array
@@ -106,7 +106,7 @@ def _sheet(every: Sequence[Predicted], predictor: Predictor) -> NDArray[np.uint8
         sure = f"{hand.hand}, {percent(hand.confidence)} sure"
         titles += [sure, f"expected {hand.error_mm:.0f} mm", result]
     columns = VIEWS if len(every) <= 2 else 2 * VIEWS
-    return strokes.sheet(images, columns, titles)
+    return sheets.sheet(images, columns, titles)
 
 
 def _document(every: Sequence[Predicted], predictor: Predictor) -> str:

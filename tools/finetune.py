@@ -167,22 +167,19 @@ def run(args: argparse.Namespace) -> int:
     nets = NewClasses(old, len(classes))
     frozen = nets.frozen(args.freeze)
     train, test = split(classes, args.held_out, args.seed)
-    if (args.out / "solver.prototxt").exists():
-        raise NetlibError(
-            f"{args.out}: has the files of an earlier run; delete it, or give another --out"
-        )
-    args.out.mkdir(parents=True, exist_ok=True)
+    _new_folder(args.out)
     data = _data(args, old.inputs[0], preprocessing, len(train), len(test))
     training_net = nets.training(data, frozen)
-    for file, text in {
+    files = {
         "labels.txt": "\n".join(classes),
         "train.txt": _listed(train),
         "test.txt": _listed(test),
         "train.prototxt": str(schema.to_tree(training_net)),
         "deploy.prototxt": str(schema.to_tree(nets.deploy())),
         "solver.prototxt": _solver(args, len(train), len(test)),
-    }.items():
-        atomic.replace_text(args.out / file, text.rstrip("\n") + "\n")
+    }
+    for name, text in files.items():
+        atomic.replace_text(args.out / name, text.rstrip("\n") + "\n")
     notify(
         f"{len(classes)} classes, {len(train)} pictures to train on, {len(test)} held out; layer {nets.head!r} becomes "
         f"{nets.name!r}; layers that keep their weights: {len(frozen)}"
@@ -192,6 +189,15 @@ def run(args: argparse.Namespace) -> int:
         return status
     (weights,) = args.out.glob("net_iter_*.caffemodel")
     return _test(args, weights, list(classes), test, preprocessing)
+
+
+def _new_folder(out: Path) -> None:
+    """Create the folder. Raises NetlibError if it has the files of an earlier run."""
+    if (out / "solver.prototxt").exists():
+        raise NetlibError(
+            f"{out}: has the files of an earlier run; delete it, or give another --out"
+        )
+    out.mkdir(parents=True, exist_ok=True)
 
 
 def _train(args: argparse.Namespace, old: Net, how: Preprocessing) -> int:
@@ -244,9 +250,9 @@ def pictures_of(folder: Path, color: bool) -> dict[str, list[str]]:
         if (folder / name).is_dir() and not name.startswith("."):
             classes[name] = sorted(pictures_in(folder / name))
     if len(classes) < 2:
+        found = ", ".join(["one class", *map(repr, classes)]) if classes else "no folder in it"
         raise DataError(
-            f"{folder}: {'one class, ' + repr(next(iter(classes))) if classes else 'no folder in it'}; "
-            "expected a folder of pictures for each of two or more classes"
+            f"{folder}: {found}; expected a folder of pictures for each of two or more classes"
         )
     for name, paths in classes.items():
         if len(paths) < 2:
@@ -288,22 +294,13 @@ def _data(args: argparse.Namespace, name: str, how: Preprocessing, train: int, t
 
     Raises NetlibError.
     """
-    mean = how.mean[::-1] if args.rgb else how.mean
-    transform = " ".join(f"mean_value: {value!r}" for value in mean.ravel().tolist())
-    if how.mean.shape[1:] != (1, 1):
-        if how.size[0] != how.size[1]:
-            raise NetlibError(
-                f"{args.net}: the input has {how.size[0]} x {how.size[1]} px; with --mean-file expected "
-                "a square, which is cut from the picture; --mean takes any"
-            )
-        write_blob(mean[None].astype(np.float32), args.out / MEAN_FILE)
-        transform = f'mean_file: "{args.out / MEAN_FILE}" crop_size: {how.size[0]}'
+    width, height = how.resize
     same = {
         "data": f"{name}_bgr" if args.rgb else name,
-        "height": how.resize[1],
-        "width": how.resize[0],
-        "color": str(len(mean) == 3).lower(),
-        "transform": transform,
+        "height": height,
+        "width": width,
+        "color": str(len(how.mean) == 3).lower(),
+        "transform": _mean_option(args, how),
         "scale": args.scale,
     }
     to_train = DATA.format(
@@ -325,6 +322,25 @@ def _data(args: argparse.Namespace, name: str, how: Preprocessing, train: int, t
     return to_train + to_test + (TO_RGB.format(name) if args.rgb else "")
 
 
+def _mean_option(args: argparse.Namespace, how: Preprocessing) -> str:
+    """The fields of ``transform_param`` for the mean; writes the file of a mean image.
+
+    Raises NetlibError.
+    """
+    mean = how.mean[::-1] if args.rgb else how.mean
+    if mean.shape[1:] == (1, 1):
+        return " ".join(f"mean_value: {value!r}" for value in mean.ravel().tolist())
+    width, height = how.size
+    if width != height:
+        raise NetlibError(
+            f"{args.net}: the input has {width} x {height} px; with --mean-file expected "
+            "a square, which is cut from the picture; --mean takes any"
+        )
+    path = args.out / MEAN_FILE
+    write_blob(mean[None].astype(np.float32), path)
+    return f'mean_file: "{path}" crop_size: {width}'
+
+
 def _divisor(number: int, most: int) -> int:
     """The largest divisor of a number up to ``most``: the batch with which each picture
     is tested once.
@@ -333,7 +349,7 @@ def _divisor(number: int, most: int) -> int:
 
 
 def _solver(args: argparse.Namespace, train: int, test: int) -> str:
-    epoch = math.ceil(train / min(args.batch, train))
+    epoch = math.ceil(train / min(args.batch, train))  # iterations
     max_iter = args.iterations or max(EPOCHS * epoch, MIN_ITERATIONS)
     return SOLVER.format(
         net=args.out / "train.prototxt",
@@ -365,25 +381,19 @@ def _test(
         for path, values in zip(paths, arrays[output]):
             confusion.add(path, truth[path], values)
     say(*confusion.lines(), sep="\n")
-    mean = (
-        ["--mean-file", args.mean_file]
-        if args.mean_file
-        else ["--mean", ",".join(f"{m:g}" for m in args.mean)]
-    )
-    words = [
-        args.out / "deploy.prototxt",
-        weights,
-        args.out / "test.txt",
-        *mean,
-        "--scale",
-        f"{args.scale:g}",
-        *["--rgb"] * args.rgb,
-        "--labels",
-        args.out / "labels.txt",
-        "--confusion",
-    ]
-    say(f"the same again: {command('run_net')} {shlex.join(map(str, words))}")
+    say(f"the same again: {command('run_net')} {shlex.join(_words(args, weights))}")
     return DONE
+
+
+def _words(args: argparse.Namespace, weights: Path) -> list[str]:
+    """The arguments of run_net that repeat the test."""
+    files = [args.out / "deploy.prototxt", weights, args.out / "test.txt"]
+    mean = ["--mean-file", args.mean_file]
+    if not args.mean_file:
+        mean = ["--mean", ",".join(f"{value:g}" for value in args.mean)]
+    scale = ["--scale", f"{args.scale:g}", *["--rgb"] * args.rgb]
+    labels = ["--labels", args.out / "labels.txt", "--confusion"]
+    return [str(word) for word in (*files, *mean, *scale, *labels)]
 
 
 if __name__ == "__main__":

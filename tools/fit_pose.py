@@ -98,13 +98,15 @@ def run(args: argparse.Namespace) -> None:
     """Fit the joints."""
     skeleton = skeletons.load(args.skeleton) if args.skeleton else skeletons.load()
     begun = time.perf_counter()
-    inputs, residuals = (_fit_list if is_list(args.joints) else _fit_text)(args, skeleton)
+    fit = _fit_list if is_list(args.joints) else _fit_text
+    inputs, residuals = fit(args, skeleton)
     frame = np.nanmean(residuals, axis=1)
     broken = metrics.fraction_out_of_limits(
         inputs, skeleton.lower, skeleton.upper, skeleton.fixed, tolerance=1e-6
     )
+    seconds = time.perf_counter() - begun
     say(
-        f"{len(frame)} frames in {duration(time.perf_counter() - begun)}: residual {np.nanmean(residuals):.4f} mm "
+        f"{len(frame)} frames in {duration(seconds)}: residual {np.nanmean(residuals):.4f} mm "
         f"(mean over joints), {np.median(frame):.4f} median frame, {frame.max():.4f} worst frame; "
         f"{broken:.2%} of the frames have an angle outside its limits"
     )
@@ -125,16 +127,8 @@ def _fit_text(args: argparse.Namespace, skeleton: Skeleton) -> tuple[Any, Any]:
     rows = spread(len(xyz), args.frames) if args.frames else np.arange(len(xyz))
     half_cube = nyu.half_cubes(len(xyz))[rows]
     with ProgressBar(len(rows)) as progress:
-        if args.swarm:
-            how: dict[str, Any] = {
-                "fit": fit_joints_by_swarm,
-                "particles": args.particles,
-                "generations": args.generations,
-            }
-        else:
-            how = {"fit": fit_joints, "limits": not args.no_limits, "ridge": args.ridge}
         found, center = fit_absolute(
-            skeleton, xyz[rows], half_cube, chosen, progress=progress, **how
+            skeleton, xyz[rows], half_cube, chosen, progress=progress, **_method(args)
         )
     if args.out:
         try:
@@ -144,6 +138,14 @@ def _fit_text(args: argparse.Namespace, skeleton: Skeleton) -> tuple[Any, Any]:
     if warning := nyu.one_size_for_all(len(xyz)):
         notify(warning)
     return found.inputs, found.residuals
+
+
+def _method(args: argparse.Namespace) -> dict[str, Any]:
+    """The arguments of ``fit_absolute`` for the fit and its options."""
+    if args.swarm:
+        own = {"particles": args.particles, "generations": args.generations}
+        return {"fit": fit_joints_by_swarm, **own}
+    return {"fit": fit_joints, "limits": not args.no_limits, "ridge": args.ridge}
 
 
 def _fit_list(args: argparse.Namespace, skeleton: Skeleton) -> tuple[Any, Any]:

@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import re
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
@@ -96,28 +97,41 @@ def plot(logs: dict[str, dict[str, Curve]], out: str | Path) -> None:
     names = [LOSS, *names[:MAX_PANELS]]
     figure = outputs.new_figure(5.2 * len(names), 4)
     panels = dict(zip(names, figure.subplots(1, len(names), squeeze=False)[0]))
-    stems = [Path(path).stem for path in logs]
-    for path, log in logs.items():
-        stem = Path(path).stem
-        folder = Path(path).parent.name
-        label = outputs.label(f"{folder}/{stem}" if stems.count(stem) > 1 and folder else stem)
+    for label, log in zip(_labels([*logs]), logs.values()):
         for name, curve in log.items():
             if name in panels:
                 # a single point has no line
                 marker = "" if name == LOSS and len(curve) > MAX_MARKED else "o"
                 panels[name].plot(*zip(*curve), label=label, marker=marker, markersize=3)
-    iterations = [
-        iteration for log in logs.values() for curve in log.values() for iteration, _ in curve
-    ]
-    first, last = min(iterations), max(*iterations, min(iterations) + 1)
+    low, high = _range(logs)
     for name, axis in panels.items():
-        axis.set_xlim(first - MARGIN * (last - first), last + MARGIN * (last - first))
+        axis.set_xlim(low, high)
         axis.set_title(outputs.label(name))
         axis.set_xlabel("iteration")
         axis.grid(True, alpha=0.3)
         axis.set_ylim(bottom=0)
         axis.legend(frameon=False)
     outputs.write_figure(out, figure, dpi=110)
+
+
+def _labels(paths: Sequence[str]) -> list[str]:
+    """The labels of logs: their names, with the folders of those that have the same name."""
+    stems = [Path(path).stem for path in paths]
+    folders = [Path(path).parent.name for path in paths]
+    return [
+        outputs.label(f"{folder}/{stem}" if folder and stems.count(stem) > 1 else stem)
+        for folder, stem in zip(folders, stems)
+    ]
+
+
+def _range(logs: dict[str, dict[str, Curve]]) -> tuple[float, float]:
+    """The range of the iterations of all curves, with a margin."""
+    curves = [curve for log in logs.values() for curve in log.values()]
+    iterations = [iteration for curve in curves for iteration, _ in curve]
+    first = min(iterations)
+    last = max(*iterations, first + 1)
+    margin = MARGIN * (last - first)
+    return first - margin, last + margin
 
 
 if __name__ == "__main__":

@@ -27,7 +27,7 @@ from __future__ import annotations
 import argparse
 import sys
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
@@ -51,6 +51,7 @@ from tools.common.console import guarded, say
 from tools.common.deploy_nets import refuse_training_net
 from tools.common.net_images import (
     PICTURES,
+    Pass,
     add_value_options,
     passes,
     pictures_in,
@@ -158,23 +159,16 @@ def run(args: argparse.Namespace) -> None:
     net = Net(args.net, args.weights, netlib.TEST, engine=args.engine)
     preprocessing = preprocessing_of(net, args, args.size, args.resize, args.crop)
     blobs = _blobs(net, args)
-    top = args.top or (TOP if args.threshold is None else None)
-    shown = Shown(top, -np.inf if args.threshold is None else args.threshold)
+    shown = _shown(args)
     results = [Results(net, blob, labels, args.labels, shown, preprocessing) for blob in blobs]
     places = _pictures(args.draw, paths, results) if args.draw else []
     confusion = _confusion(blobs, labels, truth) if args.confusion else None
     printed = results if not args.confusion and (labels or not args.out) else []
-
-    def found() -> Iterator[tuple[str, Array, Sequence[Array]]]:
-        for some, images, arrays in passes(net, paths, preprocessing, blobs, args.batch):
-            values = [result.add(arrays[result.blob], len(some)) for result in results]
-            yield from zip(some, images, zip(*values))
-
+    each_pass = passes(net, paths, preprocessing, blobs, args.batch)
     with ProgressBar(0 if printed else len(paths), "images") as progress:
-        for number, (path, image, values) in enumerate(found()):
+        for number, (path, image, values) in enumerate(_images(each_pass, results)):
             for result, of_blob in zip(printed, values):
-                first, *others = result.lines(of_blob, image.shape)
-                say(f"{path}: {first}", *others, sep="\n")
+                _print(path, result.lines(of_blob, image.shape))
             if places:
                 outputs.write_image(places[number], results[0].drawn(values[0], image))
             if confusion:
@@ -185,6 +179,30 @@ def run(args: argparse.Namespace) -> None:
         say(line)
     if args.out:
         _write(Path(args.out), {result.blob: result.array() for result in results})
+
+
+def _shown(args: argparse.Namespace) -> Shown:
+    """Which classes or detections are shown: by default the best, with --threshold all above it."""
+    if args.threshold is None:
+        return Shown(args.top or TOP, -np.inf)
+    return Shown(args.top, args.threshold)
+
+
+def _images(
+    each_pass: Iterator[Pass], results: Sequence[Results]
+) -> Iterator[tuple[str, Array, Sequence[Array]]]:
+    """The path and the pixels of each image, and its values in the blob of each result, to which
+    they are added.
+    """
+    for paths, images, arrays in each_pass:
+        values = [result.add(arrays[result.blob], len(paths)) for result in results]
+        yield from zip(paths, images, zip(*values))
+
+
+def _print(path: str, lines: Iterable[str]) -> None:
+    """Print the lines about an image, the first behind its path."""
+    first, *others = lines
+    say(f"{path}: {first}", *others, sep="\n")
 
 
 def _paths(images: Sequence[str], root: str) -> tuple[list[str], list[int]]:
@@ -266,19 +284,25 @@ def _confusion(
 def _write(out: Path, arrays: Mapping[str, Array]) -> None:
     """Write arrays by the suffix of the file's name."""
 
-    def fill(path: Path) -> None:
-        if out.suffix.lower() == ".npy":
-            with path.open("wb") as file:
-                for array in arrays.values():  # only one
-                    np.lib.format.write_array(file, array, allow_pickle=False)
-            return
-        with zipfile.ZipFile(path, "w") as archive:  # numpy.savez does not accept every name
-            for name, array in arrays.items():
-                with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
-                    np.lib.format.write_array(entry, array, allow_pickle=False)
+    fill = _write_npy if out.suffix.lower() == ".npy" else _write_npz
+    atomic.replace(out, lambda path: fill(path, arrays))
+    shapes = ", ".join(f"{name} {array.shape}" for name, array in arrays.items())
+    say(f"wrote {out}: {shapes}")
 
-    atomic.replace(out, fill)
-    say(f"wrote {out}: {', '.join(f'{name} {array.shape}' for name, array in arrays.items())}")
+
+def _write_npy(path: Path, arrays: Mapping[str, Array]) -> None:
+    """Write the only one of the arrays."""
+    (array,) = arrays.values()
+    with path.open("wb") as file:
+        np.lib.format.write_array(file, array, allow_pickle=False)
+
+
+def _write_npz(path: Path, arrays: Mapping[str, Array]) -> None:
+    """Write arrays by name; numpy.savez does not accept every name."""
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, array in arrays.items():
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
+                np.lib.format.write_array(entry, array, allow_pickle=False)
 
 
 if __name__ == "__main__":

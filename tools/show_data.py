@@ -28,7 +28,7 @@ tools.begin(__name__)
 import numpy as np
 
 from handpose.datasets.frames import Example, examples_of
-from handpose.output.drawing import hands, strokes
+from handpose.output.drawing import hands, sheets, strokes
 from layers.hand import skeleton as skeletons
 from layers.hand.skeleton import Skeleton
 from netlib import files
@@ -83,7 +83,7 @@ def run(args: argparse.Namespace) -> None:
         while len(images) % columns:  # each set starts a row
             images.append(np.full_like(images[-1], 255))
         titles += [""] * (len(images) - len(titles))
-    outputs.write_image(args.out, strokes.sheet(images, columns, titles, gap=4))
+    outputs.write_image(args.out, sheets.sheet(images, columns, titles, gap=4))
     notify(f"wrote {args.out}")
 
 

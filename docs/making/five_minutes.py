@@ -23,6 +23,7 @@ import numpy as np
 import netlib
 from docs.making.figures.drawing import PLACE, write
 from docs.making.figures.whole import (
+    Frames,
     Progress,
     error_mm,
     errors_over_time,
@@ -84,19 +85,26 @@ def train(count: int, iterations: int) -> list[Progress]:
     solver, order, course = new_solver(iterations), shuffled(count), []
     for iteration in range(iterations + 1):
         if iteration == iterations // 100 or iteration % (iterations // 10) == 0:
-            fitted = predict(solver, training.depth[:HELD_OUT])
-            training_mm = error_mm(fitted, training.joints[:HELD_OUT])
-            predicted = predict(solver, held_out.depth)
-            held_out_mm = error_mm(predicted, held_out.joints)
-            course.append(Progress(iteration, training_mm, held_out_mm, predicted[DRAWN]))
-            errors = f"training frames {training_mm:5.1f} mm, held-out frames {held_out_mm:5.1f} mm"
-            print(f"iteration {iteration:4}   {errors}")
+            course.append(measured(solver, iteration, training, held_out))
         if iteration < iterations:
             batch = list(itertools.islice(order, BATCH))
             solver.net.blobs["depth"].data[...] = training.depth[batch]
             solver.net.blobs["joint"].data[...] = training.joints[batch].reshape(BATCH, -1)
             solver.step(1)
     return course
+
+
+def measured(solver: netlib.Solver, iteration: int, training: Frames, held_out: Frames) -> Progress:
+    """Print the errors of the network on some frames of each kind, and return them with its drawn
+    hands.
+    """
+    fitted = predict(solver, training.depth[:HELD_OUT])
+    training_mm = error_mm(fitted, training.joints[:HELD_OUT])
+    predicted = predict(solver, held_out.depth)
+    held_out_mm = error_mm(predicted, held_out.joints)
+    errors = f"training frames {training_mm:5.1f} mm, held-out frames {held_out_mm:5.1f} mm"
+    print(f"iteration {iteration:4}   {errors}")
+    return Progress(iteration, training_mm, held_out_mm, predicted[DRAWN])
 
 
 def draw(course: list[Progress], path: Path) -> None:

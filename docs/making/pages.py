@@ -14,7 +14,8 @@ import numpy as np
 
 import netlib
 from docs.making.figures import drawing
-from handpose.output.hand_page.assembly import assembled, body, page, script_of, source
+from handpose.output.hand_page.assembly import assembled, page, script_of, source
+from handpose.output.hand_page.values import body
 from handpose.sequences.movements import poses
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from functools import reduce
+from functools import partial, reduce
 
 import numpy as np
 
@@ -53,15 +53,20 @@ def power(graph: Graph, call: LayerCall) -> list[str]:
 
 def exp(graph: Graph, call: LayerCall) -> list[str]:
     p = call.layer.param
-    ln_base = 1.0 if p.base == -1 else math.log(p.base)
+    ln_base = _ln_base(p.base)
     return [graph.op("Exp", graph.affine(call.values[0], ln_base * p.scale, ln_base * p.shift))]
 
 
 def log(graph: Graph, call: LayerCall) -> list[str]:
     p = call.layer.param
-    ln_base = 1.0 if p.base == -1 else math.log(p.base)
+    ln_base = _ln_base(p.base)
     y = graph.op("Log", graph.affine(call.values[0], p.scale, p.shift))
     return [graph.affine(y, 1 / ln_base, 0)]
+
+
+def _ln_base(base: float) -> float:
+    """The natural logarithm of a base, of which -1 stands for e."""
+    return 1.0 if base == -1 else math.log(base)
 
 
 def swish(graph: Graph, call: LayerCall) -> list[str]:
@@ -223,7 +228,7 @@ def softmax(graph: Graph, call: LayerCall) -> list[str]:
 
 def eltwise(graph: Graph, call: LayerCall) -> list[str]:
     if call.layer.param.operation == "PROD":
-        return [reduce(lambda a, b: graph.op("Mul", a, b), call.values)]
+        return [reduce(partial(graph.op, "Mul"), call.values)]
     if call.layer.param.operation == "MAX":
         return [graph.op("Max", *call.values)]
     terms = [graph.affine(x, c, 0) for x, c in zip(call.values, call.layer.coeff)]

@@ -175,24 +175,22 @@ class Graph:
                 f"net {name!r} has {size / 1e9:.1f} GB of weights; expected at most 2.1 GB, the limit of ONNX files"
             )
         make = onnx.helper
+        dtype = onnx.TensorProto.FLOAT
 
         def node(op: str, reads: Sequence[str], writes: Sequence[str], attributes: Any) -> Any:
             named = ([names.get(value, value) for value in values] for values in (reads, writes))
             return make.make_node(op, *named, **attributes)
 
         def infos(blobs: Mapping[str, Shape]) -> list[Any]:
-            dtype = onnx.TensorProto.FLOAT
             return [
                 make.make_tensor_value_info(blob, dtype, shape) for blob, shape in blobs.items()
             ]
 
-        graph = make.make_graph(
-            [node(*arguments) for arguments in self.nodes],
-            name or "net",
-            infos(inputs),
-            infos(outputs),
-            [onnx.numpy_helper.from_array(array, key) for key, array in self.constants.items()],
-        )
+        nodes = [node(*arguments) for arguments in self.nodes]
+        constants = [
+            onnx.numpy_helper.from_array(array, key) for key, array in self.constants.items()
+        ]
+        graph = make.make_graph(nodes, name or "net", infos(inputs), infos(outputs), constants)
         model = make.make_model(
             graph,
             producer_name=PRODUCER,

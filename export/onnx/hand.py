@@ -73,16 +73,21 @@ def hand_model(graph: Graph, call: LayerCall) -> list[str]:
         one = graph.op("Add", one, _times(graph, bones, by_step, ("N", len(steps), 4, 4)))
         ends_at = graph.op("Add", ends_at, _times(graph, bones, by_joint, ("N", len(last), 1, 4)))
     theta = graph.reshaped(graph.op("Add", moved, initial), ("N", len(steps), 1, 1))
-    cosines = graph.op("Mul", graph.op("Cos", theta), cosine)
-    sines = graph.op("Mul", graph.op("Sin", theta), sine)
-    turned = graph.op("Add", cosines, sines)
-    slid = graph.op("Add", one, graph.op("Mul", theta, angle))
-    transforms = graph.op("Add", turned, slid)  # (N, steps, 4, 4)
+    transforms = _transforms(graph, theta, one, cosine, sine, angle)
     worlds = _worlds(graph, steps, transforms)
     frames = graph.op("Gather", worlds, graph.constant(last, "steps"), axis=1)
     terms = graph.op("Mul", frames, ends_at)  # not MatMul, which is wrong in OpenCV 5.0
     ends = graph.op("ReduceSum", terms, graph.constant([3], "axes"), keepdims=0)  # (N, K, 4)
     return [graph.reshaped(graph.sliced(ends, [0], [3], [2]), call.top[0])]
+
+
+def _transforms(graph: Graph, theta: str, one: str, cosine: str, sine: str, angle: str) -> str:
+    """Compute A(theta) of each step, (N, steps, 4, 4), for its four matrices."""
+    cosines = graph.op("Mul", graph.op("Cos", theta), cosine)
+    sines = graph.op("Mul", graph.op("Sin", theta), sine)
+    turned = graph.op("Add", cosines, sines)
+    slid = graph.op("Add", one, graph.op("Mul", theta, angle))
+    return graph.op("Add", turned, slid)
 
 
 def _size(graph: Graph, call: LayerCall, sk: Skeleton, dofs: list[int]) -> tuple[str, str]:

@@ -68,25 +68,27 @@ def pooling(graph: Graph, call: LayerCall) -> list[str]:
         "strides": stride.tolist(),
         "pads": [*pad.tolist(), *after.tolist()],
     }
-
-    def completed(y: str, nothing: float) -> str:
-        if not any(beyond):
-            return y
-        pads = graph.constant([0] * 6 + beyond, "beyond")
-        return graph.op("Pad", y, pads, graph.constant(nothing, "nothing"))
-
     if is_max:
         y = graph.ops("MaxPool", len(call.top), x, **options)
         if len(y) > 1:  # ONNX's index counts through all items and channels
             index = graph.op("Mod", y[1], graph.constant(np.prod(sizes), "map"))
-            y[1] = completed(graph.to_float(index), -1.0)
-        return [completed(y[0], float(np.finfo(np.float32).min)), *y[1:]]
-    mean = completed(graph.op("AveragePool", x, count_include_pad=1, **options), 0.0)
+            y[1] = _completed(graph, graph.to_float(index), beyond, -1.0)
+        return [_completed(graph, y[0], beyond, float(np.finfo(np.float32).min)), *y[1:]]
+    mean = graph.op("AveragePool", x, count_include_pad=1, **options)
+    mean = _completed(graph, mean, beyond, 0.0)
     with np.errstate(divide="ignore"):  # 0 x infinity is NaN, like Caffe's 0 / 0
         correction = kernel.prod() / _counted(layer, sizes, outputs)
     if (correction != 1).any():
         mean = graph.op("Mul", mean, graph.constant(correction, "correction"))
     return [mean]
+
+
+def _completed(graph: Graph, y: str, beyond: list[int], nothing: float) -> str:
+    """Append the rows and columns of windows beyond the image, with the value ``nothing``."""
+    if not any(beyond):
+        return y
+    pads = graph.constant([0] * 6 + beyond, "beyond")
+    return graph.op("Pad", y, pads, graph.constant(nothing, "nothing"))
 
 
 def _counted(layer: Any, sizes: Array, outputs: Array) -> Array:
@@ -146,10 +148,17 @@ def interp(graph: Graph, call: LayerCall) -> list[str]:
         return [y]
     size = graph.constant(call.sizes(call.bottom[0][1:2]) + top_sizes, "size")
     sizes = graph.op("Concat", graph.shape_of(y, 0, 1), size, axis=0)
-    y = graph.op(
-        "Resize", y, "", "", sizes, mode="linear", coordinate_transformation_mode="align_corners"
-    )
-    return [y]
+    return [
+        graph.op(
+            "Resize",
+            y,
+            "",
+            "",
+            sizes,
+            mode="linear",
+            coordinate_transformation_mode="align_corners",
+        )
+    ]
 
 
 def upsample(graph: Graph, call: LayerCall) -> list[str]:
@@ -159,16 +168,17 @@ def upsample(graph: Graph, call: LayerCall) -> list[str]:
     if len(call.values) == 1:
         factors = [1.0] * (len(call.bottom[0]) - 2) + [float(call.layer.scale)] * 2
         scales = graph.constant(factors, "scales")
-        y = graph.op(
-            "Resize",
-            call.values[0],
-            "",
-            scales,
-            mode="nearest",
-            coordinate_transformation_mode="asymmetric",
-            nearest_mode="floor",
-        )
-        return [y]
+        return [
+            graph.op(
+                "Resize",
+                call.values[0],
+                "",
+                scales,
+                mode="nearest",
+                coordinate_transformation_mode="asymmetric",
+                nearest_mode="floor",
+            )
+        ]
     C, H, W = call.sizes(call.bottom[0][1:])
     Ho, Wo = call.sizes(call.top[0][2:])
     x, mask = (graph.reshaped(value, ("N", C, H * W)) for value in call.values)
@@ -215,15 +225,20 @@ def detection_output(graph: Graph, call: LayerCall) -> list[str]:
     boxes = graph.reshaped(_boxes(graph, call, labels, best, B), ("N", L * B, 4))
     flags = _not_suppressed(graph, call, boxes, scores, L, B)
     if 0 < p.keep_top_k < L * B:
-        lowest = graph.constant(float(np.finfo(np.float32).min), "lowest")
-        ranked = graph.op("Where", graph.op("Cast", flags, to=9), scores, lowest)  # BOOL
-        _, first = graph.ops("TopK", 2, ranked, graph.constant([p.keep_top_k], "keep"), axis=1)
-        kept = graph.op("GatherElements", flags, first, axis=1)
-        flags = graph.op("ScatterElements", _zeros_like(graph, flags), first, kept, axis=1)
+        flags = _best_only(graph, flags, scores, p.keep_top_k)
     call.top[0] = (1, 1, "detections", 7)
     rows = _rows(graph, flags, boxes, scores, labels, B)
     rows = graph.op("Concat", rows, _no_rows(graph, flags), axis=0)
     return [graph.op("Unsqueeze", rows, graph.constant([0, 1], "axes"))]
+
+
+def _best_only(graph: Graph, flags: str, scores: str, count: int) -> str:
+    """Keep the flags (N, L B) of the ``count`` best candidates of each item that have one."""
+    lowest = graph.constant(float(np.finfo(np.float32).min), "lowest")
+    ranked = graph.op("Where", graph.op("Cast", flags, to=9), scores, lowest)  # BOOL
+    _, first = graph.ops("TopK", 2, ranked, graph.constant([count], "keep"), axis=1)
+    kept = graph.op("GatherElements", flags, first, axis=1)
+    return graph.op("ScatterElements", _zeros_like(graph, flags), first, kept, axis=1)
 
 
 def _of_labels(graph: Graph, value: str, labels: list[int], classes: int) -> str:
@@ -248,22 +263,26 @@ def _boxes(graph: Graph, call: LayerCall, labels: list[int], best: str, B: int) 
         index = graph.reshaped(best, ("N", len(labels), B, 1))
     if not p.variance_encoded_in_target:
         change = graph.op("Mul", change, variance)
+    boxes = _decoded(graph, p.code_type, prior, change)
+    if p.clip:
+        boxes = graph.op("Clip", boxes, graph.constant(0.0, "min"), graph.constant(1.0, "max"))
+    return graph.op("GatherND", boxes, index, batch_dims=1 if p.share_location else 2)
+
+
+def _decoded(graph: Graph, code_type: str, prior: str, change: str) -> str:
+    """Apply changes (..., P, 4) to the prior boxes (P, 4), by the code of their layer."""
     first, last = _halves(graph, prior)
     size = graph.op("Sub", last, first)
-    if p.code_type == "CENTER_SIZE":
+    if code_type == "CENTER_SIZE":
         shift, log_scale = _halves(graph, change)
         centre = graph.affine(graph.op("Add", first, last), 0.5, 0)
         centre = graph.op("Add", centre, graph.op("Mul", shift, size))
         half = graph.affine(graph.op("Mul", size, graph.op("Exp", log_scale)), 0.5, 0)
         corners = graph.op("Sub", centre, half), graph.op("Add", centre, half)
-        boxes = graph.op("Concat", *corners, axis=-1)
-    else:
-        if p.code_type == "CORNER_SIZE":
-            change = graph.op("Mul", change, graph.op("Concat", size, size, axis=-1))
-        boxes = graph.op("Add", prior, change)
-    if p.clip:
-        boxes = graph.op("Clip", boxes, graph.constant(0.0, "min"), graph.constant(1.0, "max"))
-    return graph.op("GatherND", boxes, index, batch_dims=1 if p.share_location else 2)
+        return graph.op("Concat", *corners, axis=-1)
+    if code_type == "CORNER_SIZE":
+        change = graph.op("Mul", change, graph.op("Concat", size, size, axis=-1))
+    return graph.op("Add", prior, change)
 
 
 def _halves(graph: Graph, boxes: str) -> list[str]:
@@ -313,9 +332,8 @@ def _rows(graph: Graph, flags: str, boxes: str, scores: str, labels: list[int], 
 def _no_rows(graph: Graph, flags: str) -> str:
     """For a batch without detections a row for each item, -1 behind its number; otherwise none."""
     count = graph.shape_of(flags, 0, 1)
-    items = graph.op(
-        "Range", graph.constant(0, "first"), graph.op("Squeeze", count), graph.constant(1, "step")
-    )
+    range_ = graph.constant(0, "first"), graph.op("Squeeze", count), graph.constant(1, "step")
+    items = graph.op("Range", *range_)
     items = graph.reshaped(graph.to_float(items), ("N", 1))
     pads = graph.constant([0, 0, 0, 6], "pads")
     rows = graph.op("Pad", items, pads, graph.constant(-1.0, "nothing"))

@@ -31,7 +31,7 @@ f0 = d.(V1 x V2) / D and so on, D = V0.(V1 x V2).
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -166,13 +166,8 @@ def _paint(
     steps = -(-width // _WIDTH_STEP)
     shown = shown[np.lexsort((height[shown], steps[shown]))]
     area = (steps * _WIDTH_STEP * height)[shown]
-    first = 0
-    while first < len(shown):
-        # as many as fill a tile; the last of them are the largest
-        last = first + 1
-        while last < len(shown) and (last + 1 - first) * area[last] <= _TILE:
-            last += 1
-        some = shown[first:last]
+    for filling in _tiles(area):
+        some = shown[filling]
         w, h = int(width[some].max()), int(height[some].max())
         column = np.minimum(i0[some], W - w)
         row = np.minimum(j0[some], H - h)
@@ -185,6 +180,18 @@ def _paint(
         ):
             part = image[n, j : j + h, i : i + w]
             np.fmin(part, tile, out=part)  # fmin ignores NaN, for rays that miss
+
+
+def _tiles(area: NDArray[np.int64]) -> Iterator[slice]:
+    """The shapes with these areas (L,) in pixels that fill a tile together; of those in a tile, the
+    last are the largest.
+    """
+    first = 0
+    while first < len(area):
+        last = first + 1
+        while last < len(area) and (last + 1 - first) * area[last] <= _TILE:
+            last += 1
+        yield slice(first, last)
         first = last
 
 
@@ -312,11 +319,7 @@ def _triangles(capsules: Capsules) -> tuple[NDArray[np.int64], NDArray[np.int64]
     """The visible triangles of all facets: the frame and the facet of each (L,), and its corners
     (L, 3, 3), y down.
     """
-    N, M = capsules.radius_a.shape
-    ends = np.stack([capsules.a, capsules.b], axis=2).reshape(N, 2 * M, 3)
-    radii = np.stack([capsules.radius_a, capsules.radius_b], axis=2).reshape(N, 2 * M)
-    center = (ends * (1, -1, 1))[:, capsules.facets].reshape(-1, 3, 3)
-    r = radii[:, capsules.facets].reshape(-1, 3)
+    center, r = _facet_spheres(capsules)
     frame, facet = np.divmod(np.arange(len(center)), len(capsules.facets))
     sides = center[:, 1:] - center[:, :1]
     across = np.cross(sides[:, 0], sides[:, 1])
@@ -324,7 +327,7 @@ def _triangles(capsules: Capsules) -> tuple[NDArray[np.int64], NDArray[np.int64]
     gram = sides @ sides.swapaxes(1, 2)
     flat = area > 1e-6 * (1 + np.trace(gram, axis1=1, axis2=2))  # the centres are not collinear
     gram[~flat] = np.eye(2)
-    # the normal's part there
+    # the part of the normal in the plane of the centres
     along_sides = np.linalg.solve(gram, (r[:, :1] - r[:, 1:])[..., None])
     within = (along_sides * sides).sum(axis=1)
     left = 1 - (within * within).sum(axis=1)
@@ -340,6 +343,15 @@ def _triangles(capsules: Capsules) -> tuple[NDArray[np.int64], NDArray[np.int64]
         found.append((frame[seen], facet[seen], corners[seen]))
     frames, facets, every_corner = map(np.concatenate, zip(*found))
     return frames, facets, every_corner
+
+
+def _facet_spheres(capsules: Capsules) -> tuple[Array, Array]:
+    """Centres (L, 3, 3), y down, and radii (L, 3) of the spheres of all facets of all frames."""
+    N, M = capsules.radius_a.shape
+    ends = np.stack([capsules.a, capsules.b], axis=2).reshape(N, 2 * M, 3)
+    radii = np.stack([capsules.radius_a, capsules.radius_b], axis=2).reshape(N, 2 * M)
+    center = (ends * (1, -1, 1))[:, capsules.facets].reshape(-1, 3, 3)
+    return center, radii[:, capsules.facets].reshape(-1, 3)
 
 
 def _plane_coefficients(corners: Array) -> Floats:

@@ -1,4 +1,4 @@
-"""camera.json: the parameters of a depth camera, next to its frames or within their file; other
+"""camera.json, the parameters of a depth camera next to its frames or within their file, and other
 files with a camera.
 
 {"fx": 476.0, "fy": 476.0, "u0": 313.7, "v0": 242.8, "width": 640, "height": 480,
@@ -78,10 +78,10 @@ def to_text(given: CameraInfo) -> str:
     known = vars(given.camera) if isinstance(given.camera, Camera) else {}
     known = known | vars(given)
     keys = [key for key in (*CAMERA, *FIELDS) if known.get(key) not in (None, DEFAULTS.get(key))]
-    said = {key: known[key] for key in keys}
+    written = {key: known[key] for key in keys}
     if given.lens is not None and not given.lens.is_straight:
-        said["distortion"] = vars(given.lens)
-    return json.dumps(said, indent=1, default=float)
+        written["distortion"] = vars(given.lens)
+    return json.dumps(written, indent=1, default=float)
 
 
 def parse(text: str, where: str) -> CameraInfo:
@@ -93,11 +93,14 @@ def parse(text: str, where: str) -> CameraInfo:
         found = find(parse_document(text, where), where)
     except RecursionError:  # thousands of brackets
         raise DataError(f"{where}: not the parameters of a camera") from None
-    if found.unused and (found.is_own or found.info.camera is None):
+    must_know_all = found.is_own or found.info.camera is None
+    if found.unused and must_know_all:
         for pattern, what in NOT_READ.items():
             if re.search(pattern, text):
                 raise DataError(f"{where}: {what}")
         raise DataError(
             f"{where}: {unknown_key(found.unused[0])}; or give the numbers: --camera FX,FY,U0,V0"
         )
-    return found.info if found.is_own else replace(found.info, origin=f"{where} ({found.words})")
+    if found.is_own:
+        return found.info
+    return replace(found.info, origin=f"{where} ({found.words})")

@@ -81,27 +81,27 @@ NOT_READ = {
     ),
     '"camera_angle_x"': "a field of view; give --fov with camera_angle_x in degrees",
 }
-# Ranks of cameras: of depth, of infrared, whose names say no kind, of colours.
-UNNAMED, COLOUR = 2, 3
-KINDS = {0: "depth", 1: "infra|(?<![a-z])ir(?![a-z])", COLOUR: "colou?r|rgb"}
+# Ranks of cameras by their kind; UNNAMED, if no name tells it.
+DEPTH, INFRARED, UNNAMED, COLOUR = range(4)
+KINDS = {DEPTH: "depth", INFRARED: "infra|(?<![a-z])ir(?![a-z])", COLOUR: "colou?r|rgb"}
 MAX_NUMBER = 1e300
-IN_METRES, PER_METRE = 0.01, 100.0  # a depth scale below, and from here on
+# A depth scale below the first is in metres, one from the second on in values per metre.
+IN_METRES, PER_METRE = 0.01, 100.0
 UNIT_WORDS = {1.0: "mm millimeters millimetres", 10.0: "cm", 1000.0: "m meters metres"}
 UNITS_MM = {word: mm for mm, words in UNIT_WORDS.items() for word in words.split()}
-OF_ANYTHING = ("scale", "factor")  # names of a depth scale only with such numbers
+AMBIGUOUS = ("scale", "factor")  # names of a depth scale only with numbers of these two kinds
 
 
 def key_of(name: str, value: Any = None) -> str:
-    """The key of a camera.json, or one of those in ``KEY_NAMES`` alone, for a name; itself if
-    it is unknown.
+    """The key of a camera.json or of ``KEY_NAMES`` that a name means; the name if it is unknown.
 
-    A value with a width and a height alone is a size under any name. The plain scale of a NeRF is
+    An object of a width and a height alone is a size under any name. The plain scale of a NeRF is
     that of its scene.
     """
     if isinstance(value, dict) and {key_of(one) for one in value} == {*SIZE}:
         return "size"
     letters = re.sub(r"[\W_]", "", name.rpartition(".")[2]).lower()
-    if letters in OF_ANYTHING and is_number(value) and IN_METRES <= value < PER_METRE:
+    if letters in AMBIGUOUS and is_number(value) and IN_METRES <= value < PER_METRE:
         return name
     return ALIASES.get(letters, name)
 
@@ -128,7 +128,7 @@ def has_camera(values: Mapping[str, Any]) -> bool:
 
 
 def rank_of(*names: str) -> int:
-    """The rank of a camera among others, 0 for depth, by the innermost name that says its kind."""
+    """The rank of a camera among others, by the last name that tells its kind."""
     for name in reversed(names):
         for rank, kind in KINDS.items():
             if re.search(kind, name, re.I):
@@ -138,9 +138,9 @@ def rank_of(*names: str) -> int:
 
 def is_number(value: object) -> TypeGuard[float]:
     """True for a number of JSON that is neither infinite nor close to it."""
-    return (
-        isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) < MAX_NUMBER
-    )
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return False
+    return abs(value) < MAX_NUMBER
 
 
 def numbers_in(value: Any) -> list[float] | None:

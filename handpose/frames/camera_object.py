@@ -1,4 +1,4 @@
-"""Read the camera in one object of a document, with what the objects around it say for it."""
+"""Read the camera in one object of a document, with what the objects around it give for it."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ from netlib.errors import DataError, some_of
 
 Chain = list[tuple[str, dict[str, Any]]]  # names and objects, from the document to one within it
 
-# what the objects around a camera say for it, unless it says one of the same group
+# Groups of keys: an object around a camera gives those of which the inner objects have none.
 AROUND = (("size", *SIZE), LENS, ("depthscale", "unit_mm"), ("rate",), ("time_unit",))
 IN_LENS = ("model", "coefficients", *BROWN)  # the keys of an object of a distortion
 MATRIX = "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]], or fx, fy, cx, cy"
@@ -81,28 +81,29 @@ def read_camera(chain: Chain, where: str, is_replaced: bool) -> FoundCamera:
     Raises DataError.
     """
     own = chain[-1][1]
-    wanted = {*ALIASES.values()}
-    has_focal_lengths = any(
-        key_of(name) == "fx" for name, value in own.items() if value is not None
-    )
-    if has_focal_lengths:  # of two forms the matrix is not used
-        wanted -= {"matrix"}
-    said = _Said(where, is_replaced)
-    for _, values in reversed(chain):
-        said.take(values, wanted)
-        wanted = {key for group in AROUND if said.values.keys().isdisjoint(group) for key in group}
+    parameters = _Parameters(where, is_replaced)
+    parameters.add(own, _own_keys(own))
+    for _, around in reversed(chain[:-1]):
+        parameters.add(around, parameters.open_keys())
+    fields = parameters.fields
     given = [name for name, value in own.items() if value is not None or not is_known(name)]
     return FoundCamera(
-        info=said.info(),
+        info=parameters.info(),
         name=".".join(name.strip() for name, _ in chain if name),
-        fields=said.fields,
-        unused=[name for name in given if name not in said.fields],
-        is_own=len(chain) == 1 and said.fields.keys() <= {*KNOWN},
+        fields=fields,
+        unused=[name for name in given if name not in fields],
+        is_own=len(chain) == 1 and fields.keys() <= {*KNOWN},
     )
 
 
-class _Said:
-    """What objects say of one camera.
+def _own_keys(own: Mapping[str, Any]) -> set[str]:
+    """The keys that are read in the object of a camera: all, but no matrix next to fx."""
+    has_fx = any(key_of(name) == "fx" for name, value in own.items() if value is not None)
+    return {*ALIASES.values()} - ({"matrix"} if has_fx else set())
+
+
+class _Parameters:
+    """The parameters of one camera, collected from an object and those around it.
 
     values  by the keys of a camera.json
     fields  for each name that was used the field of CameraInfo that it gives
@@ -114,18 +115,23 @@ class _Said:
         self._where = where
         self._is_replaced = is_replaced
 
-    # ------------------------------------------------------------------------------------- reading
+    # ---------------------------------------------------------------------------------- collecting
 
-    def take(self, values: Mapping[str, Any], wanted: Collection[str]) -> None:
-        """Take what an object says under the wanted keys. Raises DataError."""
+    def add(self, values: Mapping[str, Any], wanted: Collection[str]) -> None:
+        """Add what an object has under the wanted keys. Raises DataError."""
         for name, value in values.items():
             if value is not None and key_of(name, value) in wanted:
-                self._take(name, value)
+                self._add(name, value)
 
-    def _take(self, name: str, value: Any) -> None:
+    def open_keys(self) -> set[str]:
+        """The keys that the next object around the camera may give."""
+        open_groups = [group for group in AROUND if self.values.keys().isdisjoint(group)]
+        return {key for group in open_groups for key in group}
+
+    def _add(self, name: str, value: Any) -> None:
         for key, plain in self._plain(name, value).items():
             if key in self.values:
-                self._refuse(f"says {key} twice, once as {name}")
+                self._refuse_second(key, name)
             self.values[key] = self._checked(key, plain)
             self.fields[name] = _field_of(key)
 
@@ -139,7 +145,7 @@ class _Said:
         if key == "depthscale":
             return {"unit_mm": _unit_of(value)}
         if key in ROWS:
-            return _in_row(key, value)
+            return self._in_row(key, value)
         return {key: value}
 
     def _in_matrix(self, name: str, value: Any) -> dict[str, Any]:
@@ -154,21 +160,77 @@ class _Said:
             return {"model": value}
         if not isinstance(value, dict) or numbers_in(value):
             return {"distortion": value}
-        inner = _by_keys(value)
+        inner = self._by_keys(value)
         for key in inner:
             if key not in LENS:
                 self._refuse(f"{name}: {unknown_key(key, IN_LENS)}")
         return inner
 
+    def _in_row(self, key: str, value: Any) -> dict[str, Any]:
+        """Two values in a row, in an object, or in a text such as 640x480; empty for others."""
+        keys = ROWS[key]
+        row = value
+        if isinstance(value, dict):
+            inner = self._by_keys(value)
+            row = [inner.get(key, inner.get(axis)) for key, axis in zip(keys, AXES)]
+        elif key == "size" and isinstance(value, str):
+            row = value_of(value)
+        is_row = isinstance(row, list) and len(row) == len(keys)
+        return dict(zip(keys, row)) if is_row else {}
+
+    def _by_keys(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """An object by the keys of a camera.json, without known ones whose value is null.
+
+        Raises DataError if two names mean the same key.
+        """
+        found: dict[str, Any] = {}
+        for name, value in values.items():
+            key = key_of(name)
+            if value is None and is_known(name):
+                continue
+            if key in found:
+                self._refuse_second(key, name)
+            found[key] = value
+        return found
+
+    # ------------------------------------------------------------------------------------ checking
+
     def _checked(self, key: str, value: Any) -> Any:
-        """The value of a key, numbers as such.
+        """The value of a key in its type.
 
         Raises DataError for one of another kind, or out of range.
         """
-        plain, expected = _typed(key, value)
-        if plain is None:
-            self._refuse(f"{key} is {shown(value)}; expected {expected}")
-        return plain
+        if key in RANGES:
+            return self._checked_number(key, value)
+        if key == "distortion":
+            numbers = numbers_in(value)
+            if numbers is None:
+                self._refuse_value(key, value, "a list of numbers: k1, k2, p1, p2, k3 ...")
+            return numbers
+        is_text = isinstance(value, str)
+        if key == "time_unit" and not (is_text and value in TIME_UNITS):
+            self._refuse_value(key, value, ", ".join(TIME_UNITS))
+        if not is_text:
+            self._refuse_value(key, value, "a text")
+        return value
+
+    def _checked_number(self, key: str, value: Any) -> float:
+        """A number within its range; width and height as integers. Raises DataError."""
+        low, high = RANGES[key]
+        if not is_number(value) or not low < value <= high:
+            self._refuse_value(key, value, f"a number more than {low:g} and at most {high:g}")
+        number = float(value)
+        if key not in SIZE:
+            return number
+        if not number.is_integer():
+            self._refuse_value(key, value, "a whole number")
+        return int(number)
+
+    def _refuse_value(self, key: str, value: Any, expected: str) -> NoReturn:
+        self._refuse(f"{key} is {shown(value)}; expected {expected}")
+
+    def _refuse_second(self, key: str, name: str) -> NoReturn:
+        self._refuse(f"says {key} twice, once as {name}")
 
     def _refuse(self, what: str) -> NoReturn:
         raise DataError(f"{self._where}: {what}")
@@ -182,28 +244,29 @@ class _Said:
 
     def _camera(self) -> Camera | None:
         """The camera; None without one of its keys. Raises DataError if others are missing."""
-        said = {key: self.values[key] for key in CAMERA if key in self.values}
-        if not said:
+        given = {key: self.values[key] for key in CAMERA if key in self.values}
+        if not given:
             return None
-        first = next(iter(said))
+        first = next(iter(given))
         needed = (*SIZE, *INTRINSICS) if first in SIZE else INTRINSICS
-        missing = [key for key in needed if key not in said]
+        missing = [key for key in needed if key not in given]
         if missing:
-            names = (" and " if len(missing) < len(INTRINSICS) else ", ").join(missing)
-            self._refuse(f"has {first}, but not {names}")
-        return Camera(**DEFAULTS | said)
+            separator = " and " if len(missing) < len(INTRINSICS) else ", "
+            self._refuse(f"has {first}, but not {separator.join(missing)}")
+        return Camera(**DEFAULTS | given)
 
     def _lens(self) -> Lens | None:
         """The lens; None without one of its keys. Raises DataError."""
-        said = self.values
-        coefficients = said.get("distortion")
-        if said.keys() & BROWN:
+        values = self.values
+        coefficients = values.get("distortion")
+        if values.keys() & BROWN:
             if coefficients is not None:
                 self._refuse("says the distortion twice, once as k1 ... or p1 ...")
-            coefficients = [said.get(key, 0.0) for key in BROWN]
-        if coefficients is None and "model" not in said:
+            coefficients = [values.get(key, 0.0) for key in BROWN]
+        if coefficients is None and "model" not in values:
             return None
-        return lens_of(said.get("model", "brown_conrady"), coefficients or [], self._where)
+        model = values.get("model", "brown_conrady")
+        return lens_of(model, coefficients or [], self._where)
 
 
 def _field_of(key: str) -> str:
@@ -213,63 +276,30 @@ def _field_of(key: str) -> str:
     return key if key in FIELDS else "camera"
 
 
-def _by_keys(values: Mapping[str, Any]) -> dict[str, Any]:
-    """An object by the keys of a camera.json."""
-    return {key_of(name): value for name, value in values.items()}
-
-
-def _in_row(key: str, value: Any) -> dict[str, Any]:
-    """Two values in a row, in an object, or in a text such as 640x480; empty for others."""
-    keys = ROWS[key]
-    if isinstance(value, dict):
-        inner = _by_keys(value)
-        row: Any = [inner.get(key, inner.get(axis)) for key, axis in zip(keys, AXES)]
-    elif key == "size" and isinstance(value, str):
-        row = value_of(value)
-    else:
-        row = value
-    is_row = isinstance(row, list) and len(row) == len(keys)
-    return dict(zip(keys, row)) if is_row else {}
-
-
-def _typed(key: str, value: Any) -> tuple[Any, str]:
-    """The value of a key in its type, or None if it is of another kind or out of range; and what
-    is expected.
-    """
-    if key == "distortion":
-        return numbers_in(value), "a list of numbers: k1, k2, p1, p2, k3 ..."
-    if key not in RANGES:
-        text = value if isinstance(value, str) else None
-        if key == "time_unit":
-            return text if text in TIME_UNITS else None, ", ".join(TIME_UNITS)
-        return text, "a text"
-    low, high = RANGES[key]
-    if not is_number(value) or not low < value <= high:
-        return None, f"a number more than {low:g} and at most {high:g}"
-    number = float(value)
-    if key not in SIZE:
-        return number, "a number"
-    return int(number) if number.is_integer() else None, "a whole number"
-
-
 def _unit_of(scale: Any) -> Any:
-    """The unit in mm of a depth scale, or of the name of a unit."""
+    """The unit in mm of a depth scale, or of the name of a unit; the scale itself if it is none."""
     if isinstance(scale, str):
         return UNITS_MM.get(scale.lower(), scale)
-    if not is_number(scale) or IN_METRES <= scale < PER_METRE:
+    if not is_number(scale) or scale <= 0:
         return scale
-    return 1000 * scale if scale < IN_METRES else 1000 / scale
+    if scale < IN_METRES:
+        return 1000 * scale
+    return 1000 / scale if scale >= PER_METRE else scale
 
 
 def _of_matrix(numbers: list[float]) -> list[float]:
     """fx, fy, u0, v0 of a matrix by rows or by columns, or of these four; none of others."""
     if len(numbers) == len(INTRINSICS):
         return numbers
-    for order in ("C", "F") if len(numbers) in MATRIX_SHAPES else ():
-        matrix = np.reshape(numbers, MATRIX_SHAPES[len(numbers)], order)
-        expected = np.eye(*matrix.shape)
+    if len(numbers) not in MATRIX_SHAPES:
+        return []
+    shape = MATRIX_SHAPES[len(numbers)]
+    identity = np.eye(*shape)
+    for order in ("C", "F"):
+        matrix = np.reshape(numbers, shape, order)
+        expected = identity.copy()
         expected[PLACES] = matrix[PLACES]
-        is_pose = np.array_equal(matrix, np.eye(*matrix.shape))  # of a camera at the origin
+        is_pose = np.array_equal(matrix, identity)  # of a camera at the origin
         if np.array_equal(matrix, expected) and not is_pose:
             return [float(number) for number in matrix[PLACES]]
     return []

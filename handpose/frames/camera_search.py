@@ -36,9 +36,9 @@ def find(document: Any, where: str, is_replaced: bool = False) -> FoundCamera:
     found = [read_camera(chain, where, is_replaced) for chain in chosen]
     if all(rank_of(*(name for name, _ in chain)) == COLOUR for chain in chosen):
         found = [replace(one, info=replace(one.info, doubt=OF_COLOURS)) for one in found]
-    if len({one.info for one in found}) > 1:
-        return replace(found[0], info=_of_modes(found, where))
-    return found[0]
+    if len({one.info for one in found}) == 1:
+        return found[0]
+    return replace(found[0], info=_of_modes(found, where))
 
 
 def _of_numbers(document: Any, where: str) -> dict[str, Any]:
@@ -74,19 +74,22 @@ def _objects(value: Any, outer: Chain, name: str = "") -> Iterator[Chain]:
 
 def _rank(chain: Chain) -> int:
     """The rank of a camera, by the names around it and the texts in it."""
-    return rank_of(*(name for name, _ in chain), *map(str, chain[-1][1].values()))
+    names = [name for name, _ in chain]
+    texts = map(str, chain[-1][1].values())
+    return rank_of(*names, *texts)
 
 
 def _of_modes(found: Sequence[FoundCamera], where: str) -> CameraInfo:
-    """Cameras that differ in the size of their frames alone, as one.
+    """Cameras that have one size of frames each, and all else in common, as one.
 
     Raises DataError for others.
     """
     infos = dict.fromkeys(one.info for one in found)
     cameras = [info.camera for info in infos if isinstance(info.camera, Camera)]
     modes = {(camera.width, camera.height): camera for camera in cameras}
+    has_size_each = len(modes) == len(infos) and (0, 0) not in modes
     common, *others = {replace(info, camera=None) for info in infos}
-    if len(modes) < len(infos) or (0, 0) in modes or others:
+    if not has_size_each or others:
         names = ", ".join(dict.fromkeys(one.name for one in found))
         raise DataError(f"{where}: has several cameras: {names}; expected one, or one of depth")
 

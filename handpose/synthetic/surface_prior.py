@@ -68,21 +68,23 @@ def draw_capsules(
     radii = _draw_radii(rng, prior, surface, bodies.scale) * unit_mm
     a = origin[:, None] + ends[:, surface.start] * unit_mm
     b = origin[:, None] + ends[:, surface.end] * unit_mm
+    body = Capsules(a, b, radii[..., 0], radii[..., 1], surface.facets)
     length = np.where(rng.random(N) < prior.cut, rng.uniform(*prior.cut_at, N), 1.0)
+    limbs = body.chosen(surface.limbs).part(np.zeros((N, 1)), length[:, None])
+    for values, own in zip(body[:4], limbs[:4]):
+        values[:, surface.limbs] = own
+    sleeves = _draw_sleeves(rng, prior, limbs)
+    return in_front(joined([body, sleeves]) if prior.sleeve else body)
+
+
+def _draw_sleeves(rng: np.random.Generator, prior: SurfacePrior, limbs: Capsules) -> Capsules:
+    """The sleeves of limbs; where there is none, the limb itself once more."""
+    N = len(limbs.a)
     has_sleeve = rng.random(N) < prior.sleeve
-    sleeve_from = rng.uniform(*prior.sleeve_from, N) * has_sleeve
-    sleeve_mm = np.where(has_sleeve, rng.uniform(*prior.sleeve_mm, N), 0.0)
-    limbs = surface.limbs
-    whole = Capsules(a, b, radii[..., 0], radii[..., 1], surface.facets)
-    cut = whole.chosen(limbs).part(np.zeros((N, 1)), length[:, None])
-    for values, own in zip(whole[:4], cut[:4]):
-        values[:, limbs] = own
-    if not prior.sleeve:
-        return in_front(whole)
-    # bodies without a sleeve have a second limb in the same place
-    ra, rb = cut.radius_a + sleeve_mm[:, None], cut.radius_b + sleeve_mm[:, None]
-    sleeves = cut._replace(radius_a=ra, radius_b=rb).part(sleeve_from[:, None], np.ones((N, 1)))
-    return in_front(joined([whole, sleeves]))
+    start = rng.uniform(*prior.sleeve_from, N) * has_sleeve
+    thickness_mm = np.where(has_sleeve, rng.uniform(*prior.sleeve_mm, N), 0.0)[:, None]
+    ra, rb = limbs.radius_a + thickness_mm, limbs.radius_b + thickness_mm
+    return limbs._replace(radius_a=ra, radius_b=rb).part(start[:, None], np.ones((N, 1)))
 
 
 def _draw_radii(

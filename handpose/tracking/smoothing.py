@@ -70,44 +70,56 @@ class PoseFilter:
         error_mm  expected error of its joints; NaN if unknown
         """
         kept = self._kept
-        s = self._settings
         if kept is None:
             still = np.zeros(6 + len(body.others))
             self._kept = _Kept(time, body, body, still, still, 1)
-            cutoffs = np.array((s.place, s.rotation, s.others))
-            # (V,) each
-            self._each = Cutoff(*np.repeat(cutoffs, (3, 3, len(body.others)), axis=0).T)
             return body
         seconds = time - kept.time
         if seconds <= 0:
             return kept.filtered
-        trust = (
-            1.0
-            if math.isnan(error_mm)
-            else max((GOOD_MM / max(error_mm, GOOD_MM)) ** s.power, s.min_trust)
-        )
+        cutoff = self._cutoff_of(body)
         now = kept.raw.step_to(body) / seconds
-        speed = kept.speed + share(self._each.speed_hz, seconds) * (now - kept.speed)
-        scatter = np.log(np.maximum(_sizes(now - speed), NO_SPEED))
-        scatter = kept.scatter + max(share(s.scatter_hz, seconds), 1 / kept.number) * (
-            scatter - kept.scatter
-        )
+        speed = kept.speed + share(cutoff.speed_hz, seconds) * (now - kept.speed)
+        scatter = self._scatter(kept, now - speed, seconds)
         gap = kept.filtered.step_to(body)
-        hertz = self._hertz(_sizes(speed), np.exp(scatter), _sizes(gap), trust)
+        trust = self._trust(error_mm)
+        hertz = _hertz(cutoff, _sizes(speed), np.exp(scatter), _sizes(gap), trust)
         filtered = kept.filtered.moved(share(hertz, seconds) * gap)
         self._kept = _Kept(time, body, filtered, speed, scatter, kept.number + 1)
         return filtered
 
-    def _hertz(self, speed: Array, scatter: Array, gap: Array, trust: float) -> Array:
-        """The cutoffs (V,) at speeds |v̂| with a scatter n̂ and gaps |x − x̂|, scaled by ``trust``.
+    def _cutoff_of(self, body: WorldPose) -> Cutoff:
+        """The settings of each variable of a body, (V,) each."""
+        s = self._settings
+        counts = (3, 3, len(body.others))
+        return Cutoff(*np.repeat((s.place, s.rotation, s.others), counts, axis=0).T)
 
-        The part of the gap is scaled by its cube, because a doubtful pose may be far off.
+    def _scatter(self, kept: _Kept, deviation: Array, seconds: float) -> Array:
+        """The logarithm (V,) of n̂ after a deviation (V,) of the speed from the filtered one.
+
+        At first it is the mean of all deviations so far.
         """
-        c = self._each
-        known = np.maximum(speed - np.minimum(c.noise * scatter, c.max_noise), 0.0)
-        far = np.maximum(gap - c.min_gap, 0.0)
-        by_speed = c.min_hz + c.slope * known
-        return trust * by_speed + trust**3 * c.gap_slope * far
+        now = np.log(np.maximum(_sizes(deviation), NO_SPEED))
+        weight = max(share(self._settings.scatter_hz, seconds), 1 / kept.number)
+        return np.asarray(kept.scatter + weight * (now - kept.scatter))
+
+    def _trust(self, error_mm: float) -> float:
+        """The factor of the cutoffs for a pose with an expected error; 1 if it is unknown."""
+        if math.isnan(error_mm):
+            return 1.0
+        s = self._settings
+        return max((GOOD_MM / max(error_mm, GOOD_MM)) ** s.power, s.min_trust)
+
+
+def _hertz(c: Cutoff, speed: Array, scatter: Array, gap: Array, trust: float) -> Array:
+    """The cutoffs (V,) at speeds |v̂| with a scatter n̂ and gaps |x − x̂|, scaled by ``trust``.
+
+    The part of the gap is scaled by its cube, because a doubtful pose may be far off.
+    """
+    known = np.maximum(speed - np.minimum(c.noise * scatter, c.max_noise), 0.0)
+    far = np.maximum(gap - c.min_gap, 0.0)
+    by_speed = c.min_hz + c.slope * known
+    return trust * by_speed + trust**3 * c.gap_slope * far
 
 
 def share(cutoff: Array | float, seconds: float) -> Array:

@@ -15,7 +15,6 @@ ANY = "any"  # all values only select an implementation, or have no effect witho
 NONE = ""  # every value changes the result
 ENGINES = ("MKL2017", "MKLDNN")  # Intel's values of ``engine``
 
-
 # Dataclass of a message -> values without effect -> the options that have this one
 _BY_VALUE = {
     "BatchNormParameter": {
@@ -112,10 +111,10 @@ def has_no_effect(message: str, item: Field) -> bool:
     """Whether a field of the named message is an option of a fork whose value does not
     change the result.
     """
-    harmless = OPTIONS.get(message, {}).get(item.name)
-    return harmless == ANY or bool(
-        harmless and isinstance(item.value, Scalar) and _same(item.value, harmless)
-    )
+    harmless = OPTIONS.get(message, {}).get(item.name, NONE)
+    if harmless in (ANY, NONE):
+        return harmless == ANY
+    return isinstance(item.value, Scalar) and _same(item.value, harmless)
 
 
 def effect_of(message: str, name: str) -> str:
@@ -123,9 +122,8 @@ def effect_of(message: str, name: str) -> str:
     harmless = OPTIONS.get(message, {}).get(name)
     if harmless is None:
         return ""
-    return "of a fork of Caffe changes the result; not supported" + (
-        f", expected {harmless}" if harmless else ""
-    )
+    expected = f", expected {harmless}" if harmless else ""
+    return f"of a fork of Caffe changes the result; not supported{expected}"
 
 
 def _same(value: Scalar, harmless: str) -> bool:

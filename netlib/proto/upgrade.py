@@ -153,9 +153,8 @@ def upgraded(net: Message) -> Message:
         layer = schema.message_of(item)
         refuse_v0(layer)
         _check_type(layer)
-        typed = schema.read(
-            layer, V1LayerParameter, "layers"
-        )  # reports mistakes at their positions
+        # reports mistakes at their positions
+        typed = schema.read(layer, V1LayerParameter, "layers")
         fields.append(Field("layer", _layer(layer, typed.type), layer.position))
     return Message(fields, net.position)
 
@@ -165,9 +164,9 @@ def refuse_v0(layer: Message) -> None:
     type: "conv" } }``.
     """
     for item in layer.fields:
-        if item.name == "layer" or (
-            isinstance(item.value, Unknown) and item.value.encoded.startswith(V0_KEY)
-        ):
+        value = item.value
+        is_encoded_v0 = isinstance(value, Unknown) and value.encoded.startswith(V0_KEY)
+        if item.name == "layer" or is_encoded_v0:
             raise PrototxtError(
                 layer.position,
                 "this net is in Caffe's format of 2013 (V0); convert it by Caffe 1.0's "
@@ -178,17 +177,12 @@ def refuse_v0(layer: Message) -> None:
 def _check_type(layer: Message) -> None:
     """Raise PrototxtError if the type of a V1 layer is not a word of the format."""
     for value in layer.values("type"):
-        if (
-            not isinstance(value, Scalar)
-            or value.kind == "number"
-            or (value.kind, value.text) in _V1_WORDS
-        ):
-            continue
-        advice = (
-            v1_advice(value.text, V1_TYPES, layer_types())
-            or f"; known values: {', '.join(V1_TYPES)}"
-        )
-        raise schema.wrong_name(value, "type", advice)
+        if not isinstance(value, Scalar) or value.kind == "number":
+            continue  # ``schema.read`` checks it
+        if (value.kind, value.text) not in _V1_WORDS:
+            advice = v1_advice(value.text, V1_TYPES, layer_types())
+            all_known = f"; known values: {', '.join(V1_TYPES)}"
+            raise schema.wrong_name(value, "type", advice or all_known)
 
 
 # ------------------------------------------------------------------------------------- V1 → current
@@ -207,9 +201,8 @@ def _layer(old: Message, type_name: str) -> Message:
                 item.position,
             )
         elif item.name == "type":
-            fields.append(
-                Field("type", Scalar("string", V1_TYPES[type_name], item.position), item.position)
-            )
+            name = Scalar("string", V1_TYPES[type_name], item.position)
+            fields.append(Field("type", name, item.position))
         elif item.name in PER_PARAMETER:
             spec = specs.setdefault(seen[item.name], [])
             spec.append(Field(PER_PARAMETER[item.name], item.value, item.position))

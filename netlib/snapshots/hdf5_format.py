@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import h5py
@@ -100,21 +100,21 @@ def read_weights(path: str | Path | Content) -> Weights:
             raise WeightsError(
                 f"{path}: no group /data; expected weights in the layout of Caffe's HDF5 snapshots"
             )
-        found: Weights = {}
-        for name, group in _layers(file["data"]):
-            found[name] = {}
-            for key in sorted(group):
-                if not key.isdecimal() or str(int(key)) != key:
-                    raise WeightsError(
-                        f"{path}: layer {name!r} has a parameter {key!r}; expected numbers from 0 on"
-                    )
-                array = np.asarray(group[key][...])
-                if array.dtype.kind not in "fiu":
-                    raise WeightsError(
-                        f"{path}: layer {name!r} parameter {key} holds {array.dtype}, expected numbers"
-                    )
-                found[name][int(key)] = array
-        return found
+        layers = _layers(file["data"])
+        return {name: _parameters(group, f"{path}: layer {name!r}") for name, group in layers}
+
+
+def _parameters(group: Mapping[str, h5py.Dataset], where: str) -> dict[int, Array]:
+    """The parameters of a layer by their indices; ``where`` begins errors. Raises WeightsError."""
+    found = {}
+    for key in sorted(group):
+        if not key.isdecimal() or str(int(key)) != key:
+            raise WeightsError(f"{where} has a parameter {key!r}; expected numbers from 0 on")
+        array = np.asarray(group[key][...])
+        if array.dtype.kind not in "fiu":
+            raise WeightsError(f"{where} parameter {key} holds {array.dtype}, expected numbers")
+        found[int(key)] = array
+    return found
 
 
 def net_name(path: str | Path | Content) -> str:
@@ -127,7 +127,8 @@ def net_name(path: str | Path | Content) -> str:
 def _layers(group: h5py.Group, prefix: str = "") -> Iterator[tuple[str, dict[str, h5py.Dataset]]]:
     """Layers in /data with their data sets.
 
-    HDF5 nests groups for slashes in names: ``inception/1x1``.
+    HDF5 nests groups for slashes in names: ``inception/1x1``. A group that holds only groups is
+    a part of such a name, not a layer.
     """
     for name, item in list(group.items()):  # h5py's iterator blocks other threads
         if not isinstance(item, h5py.Group):
@@ -135,7 +136,8 @@ def _layers(group: h5py.Group, prefix: str = "") -> Iterator[tuple[str, dict[str
         inner = [k for k, v in item.items() if isinstance(v, h5py.Group)]
         if not inner or len(inner) < len(item):
             yield prefix + name, {k: v for k, v in item.items() if isinstance(v, h5py.Dataset)}
-        yield from _layers(item, f"{prefix}{name}/") if inner else ()
+        if inner:
+            yield from _layers(item, f"{prefix}{name}/")
 
 
 def read_state(path: str | Path | Content) -> SolverState:

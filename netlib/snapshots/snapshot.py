@@ -77,23 +77,9 @@ def prefix_in_use(prefix: Path) -> Iterator[None]:
     Raises WeightsError, also if snapshots cannot be written there, before the training starts.
     """
     folder = Path(f"{prefix}_").parent
-    path = folder / f".{prefix.name}.netlib.lock"
     snapshots = re.escape(prefix.name) + r"_iter_\d+\.(caffemodel|solverstate)(\.h5)?"
-    longest = folder / f"{prefix.name}_iter_{10**9}.solverstate.h5"
     with contextlib.ExitStack() as stack:
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            holder = stack.enter_context(locks.held(path))
-            if not holder:
-                with atomic.temporary(longest) as fresh:
-                    fresh.write_bytes(b"\0" * 4096)
-        except (OSError, ValueError) as error:
-            # the lock is the file of another user, or a link
-            is_lock = os.path.lexists(path) and getattr(error, "filename", "") == str(path)
-            what = f"{path.name}: " if is_lock else ""
-            raise WeightsError(
-                f"{folder}: cannot write snapshots there: {what}{reason_of(error)}"
-            ) from error
+        holder = _locked(prefix, folder, stack)
         if holder:
             raise WeightsError(
                 f"{prefix}: another training is writing its snapshots there (process {holder}); wait "
@@ -101,6 +87,30 @@ def prefix_in_use(prefix: Path) -> Iterator[None]:
             )
         atomic.clear_leftovers(folder, re.compile(snapshots))
         yield
+
+
+def _locked(prefix: Path, folder: Path, stack: contextlib.ExitStack) -> str:
+    """Lock a prefix until the stack is left, and write as much as a small snapshot with a long
+    name; returns the number of the process that has the lock, empty for none.
+
+    Raises WeightsError.
+    """
+    path = folder / f".{prefix.name}.netlib.lock"
+    longest = folder / f"{prefix.name}_iter_{10**9}.solverstate.h5"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        holder = stack.enter_context(locks.held(path))
+        if not holder:
+            with atomic.temporary(longest) as fresh:
+                fresh.write_bytes(b"\0" * 4096)
+    except (OSError, ValueError) as error:
+        # the lock is the file of another user, or a link
+        is_lock = os.path.lexists(path) and getattr(error, "filename", "") == str(path)
+        what = f"{path.name}: " if is_lock else ""
+        raise WeightsError(
+            f"{folder}: cannot write snapshots there: {what}{reason_of(error)}"
+        ) from error
+    return holder
 
 
 # ------------------------------------------------------------------------------------------ reading
@@ -177,10 +187,10 @@ def complete_snapshot(state_path: str | Path) -> Path | None:
     path of its state.
     """
     path = Path(state_path)
-    wanted = STATE_NAME.fullmatch(path.name)
-    found = [name for name in map(STATE_NAME.fullmatch, names_in(path.parent)) if name]
-    for name in sorted(found, key=lambda name: -int(name["iter"])):
-        if wanted and name["prefix"] == wanted["prefix"] and name[0] != path.name:
+    own = STATE_NAME.fullmatch(path.name)
+    states = [name for name in map(STATE_NAME.fullmatch, names_in(path.parent)) if name]
+    for name in sorted(states, key=lambda name: -int(name["iter"])):
+        if own and name["prefix"] == own["prefix"] and name[0] != path.name:
             other = path.with_name(name[0])
             with contextlib.suppress(WeightsError):
                 weights_of(other, read_state(other))

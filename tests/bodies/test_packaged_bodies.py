@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import netlib
-from handpose.output.hand_page.assembly import body
+from handpose.output.hand_page.values import body
 from handpose.synthetic import prior_file
 from handpose.synthetic.generator import Generator, Recipe, SyntheticCamera
 from handpose.synthetic.pose_prior import BodySampler

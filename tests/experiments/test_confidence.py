@@ -1,4 +1,4 @@
-"""experiments/confidence.py: the weights of the confidence of poses."""
+"""experiments/confidence.py, confidence_poses.py: the weights of the confidence of poses."""
 
 from __future__ import annotations
 
@@ -9,13 +9,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from experiments.confidence import (
+from experiments.confidence import cells_of, fitted, text_of
+from experiments.confidence_poses import (
     Poses,
-    cells_of,
     evidence_of_track,
-    fitted,
     gathered,
-    text_of,
     tracked_poses,
     true_labels,
 )

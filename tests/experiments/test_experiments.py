@@ -15,17 +15,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 import netlib
 from experiments import fit, parts, peers
 from experiments.__main__ import NAMES
-from experiments.example_nets import (
-    NETS,
-    Example,
-    NetBuilder,
-    Workload,
-    hand_deploy,
-    hand_training,
-    ordinary,
-)
+from experiments.example_nets import NETS, Example, hand_deploy, hand_training, ordinary
+from experiments.net_builder import NetBuilder
 from experiments.package_model import rounded
 from experiments.tracking import cells_of, follow
+from experiments.workload import Workload
 from handpose.estimate.packaged import HAND_FINDER, SYNTHETIC_HAND, read_card
 from handpose.frames.recording import DepthFrame
 from handpose.sequences.recordings import SyntheticRecording
@@ -49,8 +43,9 @@ def test_the_list() -> None:
     assert [line.split()[0] for line in lines if line.startswith("  ")] == list(NAMES)
     assert all(len(line.split()) > 5 for line in lines if line.startswith("  "))
     folder = Path(importlib.import_module("experiments").__file__ or "").parent
-    nets = {"example_nets", "peers", "table1_nets", "torch_nets"}
-    others = nets | {"__init__", "__main__", "choices", "hidden_parts", "labelled_frames", "tables"}
+    nets = {"example_nets", "net_builder", "peers", "table1_nets", "torch_nets", "workload"}
+    frames = {"confidence_poses", "hidden_parts", "labelled_frames"}
+    others = nets | frames | {"__init__", "__main__", "choices", "tables"}
     assert {path.stem for path in folder.glob("*.py")} - others == set(NAMES)
 
 

@@ -61,14 +61,16 @@ def run(rule: str, gradients: list[float], rate: float = 0.1, **options: Any) ->
         ),
     ],
 )
-def test_two_updates_by_hand(rule: str, options: dict[str, float], expected: list[float]) -> None:
+def test_two_updates_give_the_weights_worked_by_hand(
+    rule: str, options: dict[str, float], expected: list[float]
+) -> None:
     assert run(rule, [2, 4], **options) == pytest.approx(expected, rel=1e-12)
 
 
 @pytest.mark.parametrize(
     ("options", "rates"), lines_of(Path(__file__).with_name("learning_rates.txt"))
 )
-def test_learning_rate_policies(options: str, rates: str) -> None:
+def test_learning_rates_follow_their_policy(options: str, rates: str) -> None:
     p = schema.read(prototxt.parse(f"base_lr: 2 {options}"), SolverParameter)
     expected = {int(t): float(rate) for t, rate in (pair.split(":") for pair in rates.split())}
     assert {t: learning_rate(p, t) for t in expected} == pytest.approx(expected)

@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from experiments.confidence import true_labels
+from experiments.confidence_poses import true_labels
 from handpose.frames import camera_file
 from handpose.frames.cameras import ICVL
 from handpose.frames.recording import CameraInfo

@@ -29,20 +29,16 @@ def tracked(
 ) -> TrackedHand:
     """Return an open hand at a position in mm, camera axes."""
     sk, origin = HEADER.skeleton, np.array(at, dtype=np.float64)
-    inputs, side = _stretched(), mirror_of(hand)
-    x = _MODEL.variables_of(inputs[None])
-    a, b, *radii = _MODEL.capsules(x, np.zeros((1, 3)))
-    pose = HandPose(
-        sk,
-        hand,
-        inputs,
-        sk.bones,
-        origin,
-        joints_of(sk, HEADER.unit_mm, hand, inputs, sk.bones, origin),
-        CAMERA.project(origin),
-        CUBE_MM,
-        surface=lambda: Capsules(a * side + origin, b * side + origin, *radii),
-    )
+    inputs = _stretched()
+    xyz = joints_of(sk, HEADER.unit_mm, hand, inputs, sk.bones, origin)
+    center_uvd = CAMERA.project(origin)
+
+    def surface() -> Capsules:
+        x = _MODEL.variables_of(inputs[None])
+        right = _MODEL.capsules(x, np.zeros((1, 3)))
+        return right.mirrored(mirror_of(hand)).moved(origin[None])
+
+    pose = HandPose(sk, hand, inputs, sk.bones, origin, xyz, center_uvd, CUBE_MM, surface=surface)
     return TrackedHand(id, hand, confidence, 8.0, pose)
 
 

@@ -66,7 +66,7 @@ def stopped_at(monkeypatch: pytest.MonkeyPatch, number: int, stop: Any) -> None:
 # ------------------------------------------------------------------------------------------ results
 
 
-def test_without_any_output_named() -> None:
+def test_default_outputs_have_the_smoothed_results() -> None:
     """By default a JSON file and a contact sheet, named after the source, have the results,
     smoothed both ways.
     """
@@ -99,7 +99,7 @@ def test_without_any_output_named() -> None:
     assert sorted(lines[-2:]) == ["wrote take.json", "wrote take.png"]
 
 
-def test_lines_for_another_program() -> None:
+def test_json_lines_for_other_programs_go_to_stdout() -> None:
     """With --json - a header and a line per frame go to stdout, with other joints;
     messages go to stderr.
     """
@@ -126,7 +126,7 @@ def test_an_unknown_rate_is_reported() -> None:
     assert "rate unknown" not in run_tool(f"{command} --rate 15").err
 
 
-def test_options() -> None:
+def test_options_reach_the_tracker() -> None:
     """--raw, --size and --frames are passed to the tracker."""
     run_tool("track takes/take.npz --json a.json --raw --size 1.1 --frames 3")
     found = read_track("a.json")
@@ -142,39 +142,33 @@ def test_options() -> None:
     ("options", "expected"),
     [("", [0, 2, 4]), ("--min-confidence 0.4", [0, 4]), ("--min-confidence 0", [0, 1, 2, 3, 4, 5])],
 )
-def test_the_minimum_confidence(
+def test_hands_below_the_minimum_confidence_are_written_without_joints(
     options: str, expected: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It holds for what is written, after the smoothing; elsewhere the hand is present
-    without joints.
-    """
+    """The confidence after the smoothing counts."""
     release = LaterFrames._release
+    confidences = (0.5, 0.1, 0.3, 0.29, 0.9, 0.0)
+
+    def with_confidence(frame: TrackedFrame) -> TrackedFrame:
+        confidence = confidences[frame.number]
+        return frame._replace(
+            every=tuple(replace(one, confidence=confidence) for one in frame.every)
+        )
 
     def doubtful(self: LaterFrames[Any], count: int) -> list[tuple[Any, TrackedFrame]]:
-        after = (0.5, 0.1, 0.3, 0.29, 0.9, 0.0)
-        return [
-            (
-                item,
-                frame._replace(
-                    every=tuple(replace(one, confidence=after[frame.number]) for one in frame.every)
-                ),
-            )
-            for item, frame in release(self, count)
-        ]
+        return [(item, with_confidence(frame)) for item, frame in release(self, count)]
 
     monkeypatch.setattr(LaterFrames, "_release", doubtful)
     done = run_tool(f"track takes/take.npz --json a.json {options}")
     frames = read_track("a.json").frames
+    without_joints = [n for n in range(COUNT) if n not in expected]
     assert [frame.number for frame in frames if frame.hands] == expected
-    assert [frame.number for frame in frames if frame.present] == [
-        n for n in range(COUNT) if n not in expected
-    ]
+    assert [frame.number for frame in frames if frame.present] == without_joints
     summary = f"{COUNT - len(expected)} frames have a hand with a confidence below"
     assert (summary in done.out) == (len(expected) < COUNT)
 
 
-def test_no_hand_is_sure_enough() -> None:
-    """The summary says that there is none, and why."""
+def test_the_summary_explains_why_no_hand_has_joints() -> None:
     done = run_tool("track takes/take.npz --json a.json --min-confidence 1")
     assert (
         f"no pose was found of the hands that were seen: the pose is uncertain ({COUNT})"
@@ -185,15 +179,16 @@ def test_no_hand_is_sure_enough() -> None:
     assert not any(frame.hands for frame in read_track("a.json").frames)
 
 
-def test_with_option_hand_only_that_hand_is_tracked() -> None:
+def test_option_hand_restricts_the_tracked_hand() -> None:
     """Even if it is not visible."""
     run_tool("track takes/take.npz --json a.json --hand left --frames 2")
     assert {hand.hand for frame in read_track("a.json").frames for hand in frame.hands} <= {"left"}
 
 
 @pytest.mark.parametrize("picture", ["--sheet a.png", "--video a.mp4"])
-def test_gestures_in_pictures(picture: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """They are those of JSON."""
+def test_pictures_show_the_gestures_of_the_json(
+    picture: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     draw, labels = Painter.seen, []
 
     def seen(self: Painter, depth: Any, frame: TrackedFrame) -> Any:
@@ -223,8 +218,10 @@ def test_gestures_in_pictures(picture: str, monkeypatch: pytest.MonkeyPatch) -> 
         ("../here", "here"),
     ],
 )
-def test_names_of_outputs(source: str, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Default output names are derived from the source and never equal a camera file."""
+def test_outputs_are_named_after_the_source(
+    source: str, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They never equal a camera file."""
     seen: list[argparse.Namespace] = []
     monkeypatch.setattr(track, "run", lambda args: seen.append(args) or 0)
     Path("here").mkdir()
@@ -233,7 +230,7 @@ def test_names_of_outputs(source: str, name: str, monkeypatch: pytest.MonkeyPatc
     assert (seen[0].json, seen[0].sheet) == (f"{name}.json", f"{name}.png")
 
 
-def test_a_first_look(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_look_draws_the_first_confident_hand(monkeypatch: pytest.MonkeyPatch) -> None:
     """--look tracks nothing: it draws the first hand that is sure enough, otherwise the first one,
     without joints.
     """
@@ -258,10 +255,10 @@ def test_a_first_look(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_a_signal_leaves_whole_files(
+def test_a_signal_leaves_complete_files(
     number: int, status: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A signal leaves complete files up to the current frame, and the summary is printed."""
+    """They end with the current frame, and the summary is printed."""
     stopped_at(monkeypatch, 3, lambda: signal.raise_signal(number))
     command = "track takes/take.npz --json a.json --csv a.csv"
     _, out, error = run_tool(command, status=status)
@@ -275,8 +272,8 @@ def test_a_signal_leaves_whole_files(
     assert "wrote a.json" in out
 
 
-def test_a_frame_that_cannot_be_tracked(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The error has its number, and the files have the frames before it."""
+def test_the_error_of_a_frame_has_its_number(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The files have the frames before it."""
     stopped_at(monkeypatch, 3, Mock(side_effect=DataError("no depth")))
     done = run_tool("track takes/take.npz --json a.json", status=1)
     assert done.err == "takes/take.npz: frame 3: no depth\n"
@@ -284,7 +281,7 @@ def test_a_frame_that_cannot_be_tracked(monkeypatch: pytest.MonkeyPatch) -> None
     assert len(read_track("a.json").frames) == 3
 
 
-def test_a_source_that_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_truncated_source_is_tracked_with_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
     """All complete frames of a truncated source are tracked with a warning, and the file is not
     marked as cut.
     """

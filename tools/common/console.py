@@ -86,12 +86,11 @@ def aligned(rows: Sequence[Sequence[str]]) -> str:
     """
     rows = [[printable(cell) for cell in row] for row in rows]
     widths = [max(len(cell) for cell in column) for column in zip(*rows)]
-    return "\n".join(
-        "  ".join(
-            cell.rjust(w) if i else cell.ljust(w) for i, (cell, w) in enumerate(zip(row, widths))
-        )
-        for row in rows
-    )
+    aligns = [str.ljust, *[str.rjust] * (len(widths) - 1)]
+    lines = [
+        [align(cell, width) for align, cell, width in zip(aligns, row, widths)] for row in rows
+    ]
+    return "\n".join(map("  ".join, lines))
 
 
 def duration(seconds: float) -> str:

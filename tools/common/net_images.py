@@ -28,6 +28,8 @@ from netlib.proto.binaryproto import read_blob
 from tools.common.arguments import numbers, positive_number
 
 Size = tuple[int, int]  # width and height in px
+# the paths, the images and the named blobs of the images that a net computes together
+Pass = tuple[Sequence[str], list[Array], Mapping[str, Array]]
 MAX_LABELS = 1 << 16
 PICTURES = (".bmp", ".jpeg", ".jpg", ".png", ".pgm", ".ppm", ".tif", ".tiff", ".webp")
 
@@ -141,7 +143,7 @@ def passes(
     preprocessing: Preprocessing,
     blobs: Sequence[str],
     batch: int | None = None,
-) -> Iterator[tuple[Sequence[str], list[Array], Mapping[str, Array]]]:
+) -> Iterator[Pass]:
     """Run the net on images, ``batch`` at a time, by default as many as the prototxt has: yields
     their paths, the images and the named blobs.
 

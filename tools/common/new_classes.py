@@ -40,14 +40,13 @@ class NewClasses:
         _check_one_output(net)
         self._net = net
         self._count = count
-        self._at = _last_with_weights(net)
-        self.head = net.layers[self._at].name
+        self._head_index = _last_with_weights(net)
+        self.head = net.layers[self._head_index].name
         self.name = _free_name(net, f"{self.head}_new")
-        *body, last = (layer.spec for layer in net.layers)
-        if last.type == "Softmax":
-            self.logits, self._body = last.bottom[0], body
-        else:
-            self.logits, self._body = net.outputs[0], [*body, last]
+        self._body = [layer.spec for layer in net.layers]  # without the Softmax at the end
+        self.logits = net.outputs[0]
+        if self._body[-1].type == "Softmax":
+            self.logits = self._body.pop().bottom[0]
         self._check_classes()
 
     def _check_classes(self) -> None:
@@ -62,9 +61,8 @@ class NewClasses:
 
     def deploy(self) -> NetParameter:
         """The net that classifies images."""
-        return schema.changed(
-            self._net.param, layer=tuple(map(self._renewed, self._net.param.layer))
-        )
+        layers = tuple(map(self._renewed, self._net.param.layer))
+        return schema.changed(self._net.param, layer=layers)
 
     def training(self, data: str, frozen: Sequence[str]) -> NetParameter:
         """The net to train.
@@ -73,7 +71,7 @@ class NewClasses:
         frozen  names of the layers whose parameters stay as they are
         """
         (image,) = self._net.inputs
-        reader = _layers(data)
+        reader = _layers(data)  # in the place of the Input layer
         body = [spec for spec in self._body if spec.bottom or image not in spec.top]
         body = [self._fixed(spec) if spec.name in frozen else spec for spec in body]
         body = [self._renewed(_with_statistics(spec)) for spec in body]
@@ -85,7 +83,7 @@ class NewClasses:
 
         Raises NetlibError.
         """
-        layers = self._net.layers[: self._at]
+        layers = self._net.layers[: self._head_index]
         ends = {layer.name: number for number, layer in enumerate(layers, 1)}
         meant = did_you_mean(last, ends)
         ends |= {"none": 0, "all": len(layers)}
@@ -104,20 +102,16 @@ class NewClasses:
         options = _with(options, "weight_filler", 'weight_filler { type: "xavier" }')
         weights = ParamSpec(lr_mult=NEW_RATE, decay_mult=1)
         bias = ParamSpec(lr_mult=2 * NEW_RATE, decay_mult=0)
-        return schema.changed(
-            spec,
-            name=self.name,
-            param=(weights, bias)[: len(self._net.params[self.head])],
-            blocks={**spec.blocks, block: options},
-        )
+        params = (weights, bias)[: len(self._net.params[self.head])]
+        blocks = {**spec.blocks, block: options}
+        return schema.changed(spec, name=self.name, param=params, blocks=blocks)
 
     def _fixed(self, spec: LayerParameter) -> LayerParameter:
         """The layer with parameters that are not trained."""
         count = len(self._net.params[spec.name])
         given = (*spec.param, *[ParamSpec()] * count)[:count]
-        return schema.changed(
-            spec, param=tuple(schema.changed(one, lr_mult=0.0, decay_mult=0.0) for one in given)
-        )
+        fixed = tuple(schema.changed(one, lr_mult=0.0, decay_mult=0.0) for one in given)
+        return schema.changed(spec, param=fixed)
 
 
 def _check_one_output(net: Net) -> None:
@@ -135,14 +129,16 @@ def _last_with_weights(net: Net) -> int:
     Raises NetlibError for one that cannot be replaced, or that is not at the end of a classifier.
     """
     specs = [layer.spec for layer in net.layers]
-    at = max((i for i, layer in enumerate(net.layers) if layer.blobs), default=None)
-    if at is None or specs[at].type not in HEADS:
+    with_weights = [i for i, layer in enumerate(net.layers) if layer.blobs]
+    if not with_weights or specs[with_weights[-1]].type not in HEADS:
         found = "there is none"
-        if at is not None:
-            found = f"{specs[at].name!r} has the type {specs[at].type}"
+        if with_weights:
+            last = specs[with_weights[-1]]
+            found = f"{last.name!r} has the type {last.type}"
         raise NetlibError(
             f"{net.source}: the last layer with weights: {found}; expected {' or '.join(HEADS)}"
         )
+    at = with_weights[-1]
     for spec in specs[at + 1 :]:
         if spec.type not in AFTER:
             raise NetlibError(

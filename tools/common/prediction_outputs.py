@@ -17,10 +17,11 @@ from handpose.estimate.nets import hand_poses
 from handpose.estimate.predictor import Predictor
 from handpose.frames.cameras import Camera
 from handpose.frames.inspection import Inspection
-from handpose.output.drawing import hands, strokes, surface
+from handpose.output.drawing import hands, sheets, strokes, surface
 from handpose.output.drawing.tracks import Painter
 from handpose.output.drawing.view import percent
-from handpose.output.hand_page.assembly import body, hand, page
+from handpose.output.hand_page.assembly import page
+from handpose.output.hand_page.values import body, hand
 from handpose.output.tracks import joint_values
 from handpose.output.tracks.csv_file import HandColumns, rows_of
 from handpose.output.tracks.json_values import FrameValues, header_values
@@ -207,7 +208,7 @@ def views(found: HandEstimate, predictor: Predictor, zoom: int = 4) -> list[stro
 def draw(picture: Path, found: HandEstimate, predictor: Predictor) -> None:
     """Write the views of a prediction as one picture. Raises NetlibError."""
     drawn = views(found, predictor)
-    outputs.write_image(picture, strokes.sheet(drawn, len(drawn), captions(found, predictor)))
+    outputs.write_image(picture, sheets.sheet(drawn, len(drawn), captions(found, predictor)))
 
 
 def captions(found: HandEstimate, predictor: Predictor) -> list[str]:

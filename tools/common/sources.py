@@ -47,16 +47,18 @@ def camera(text: str) -> Camera | View:
     if text.lower() in known:
         return known[text.lower()]
     form = f"a file, {', '.join(known)}, or FX,FY,U0,V0 in px, the intrinsics from its SDK"
-    fx, fy, u0, v0 = four = numbers(form, [4])(text)
-    if not all(RANGES[key][0] < value <= RANGES[key][1] for key, value in zip(INTRINSICS, four)):
-        raise expected(form, text)
-    return Camera("own", fx, fy, u0, v0, width=0, height=0)
+    intrinsics = dict(zip(INTRINSICS, numbers(form, [4])(text)))
+    for key, value in intrinsics.items():
+        low, high = RANGES[key]
+        if not low < value <= high:
+            raise expected(form, text)
+    return Camera("own", **intrinsics, width=0, height=0)
 
 
 def _camera(text: str) -> Camera | View | Path:
-    is_file = Path(text).suffix.lower() in FILES or (
-        exists(Path(text)) and text not in {*CAMERAS, *VIEWS}
-    )
+    has_suffix = Path(text).suffix.lower() in FILES
+    is_name = text in {*CAMERAS, *VIEWS}
+    is_file = has_suffix or (exists(Path(text)) and not is_name)
     return Path(text) if is_file else camera(text)
 
 
@@ -121,13 +123,14 @@ def add_camera_options(parser: argparse.ArgumentParser, of: str, default: str = 
     parameters come from.
     """
     names = ", ".join((*CAMERAS, *VIEWS))
+    by_default = f" (default: {default})" if default else ""
     camera = parser.add_mutually_exclusive_group()
     camera.add_argument(
         "--camera",
         type=_camera,
         metavar="NAME|FX,FY,U0,V0|FILE",
         help=f"{of}: {names}, four numbers in px, or a file with its intrinsics: camera.json, or as "
-        f"other programs write it{default and f' (default: {default})'}",
+        f"other programs write it{by_default}",
     )
     camera.add_argument(
         "--fov",
@@ -191,32 +194,43 @@ def opened(args: argparse.Namespace) -> Recording:
 def print_inspection(found: Inspection, file: TextIO | None = None) -> None:
     """Print a report on a recording and its first frames; warnings go to stderr."""
     recording = found.recording
-    camera = recording.camera
-    view = view_of(camera)
+    size = f"{recording.camera.width} x {recording.camera.height} pixels"
     rate = f", {recording.rate:g} frames/s" if recording.rate else ""
-    length = (
-        "live"
-        if recording.live
-        else "unknown number of frames"
-        if recording.count is None
-        else f"{recording.count} frames"
-    )
-    lines = [
-        f"camera {camera.name}: fx {camera.fx:g}, fy {camera.fy:g}, u0 {camera.u0:g}, v0 {camera.v0:g}; "
-        f"field of view {view[0]:.0f} x {view[1]:.0f} degrees"
-    ]
-    if found.depth_mm is not None and found.nearest is not None:
-        low, middle, high = found.depth_mm
-        away, wide = found.nearest
-        lines += [
-            f"depth {low:.0f} to {high:.0f} mm, median {middle:.0f}; {found.zeros:.0%} of the pixels empty; "
-            f"unit {recording.unit_mm:g} mm",
-            f"nearest object: {away:.0f} mm away, {wide:.0f} mm wide",
-        ]
-    first = f"{recording.name}: {length}, {camera.width} x {camera.height} pixels{rate}"
-    say(first, *lines, *found.remarks, sep="\n  ", file=file)
+    first = f"{recording.name}: {_length_of(recording)}, {size}{rate}"
+    lines = [_camera_line(recording.camera), *_depth_lines(found), *found.remarks]
+    say(first, *lines, sep="\n  ", file=file)
     for warning in found.warnings:
         notify(f"warning: {recording.name}: {warning}")
+
+
+def _length_of(recording: Recording) -> str:
+    if recording.live:
+        return "live"
+    if recording.count is None:
+        return "unknown number of frames"
+    return f"{recording.count} frames"
+
+
+def _camera_line(camera: Camera) -> str:
+    across, down = view_of(camera)
+    return (
+        f"camera {camera.name}: fx {camera.fx:g}, fy {camera.fy:g}, u0 {camera.u0:g}, v0 {camera.v0:g}; "
+        f"field of view {across:.0f} x {down:.0f} degrees"
+    )
+
+
+def _depth_lines(found: Inspection) -> list[str]:
+    """What the first frames show; empty if they show nothing."""
+    if found.depth_mm is None or found.nearest is None:
+        return []
+    low, middle, high = found.depth_mm
+    away, wide = found.nearest
+    unit_mm = found.recording.unit_mm
+    return [
+        f"depth {low:.0f} to {high:.0f} mm, median {middle:.0f}; {found.zeros:.0%} of the pixels empty; "
+        f"unit {unit_mm:g} mm",
+        f"nearest object: {away:.0f} mm away, {wide:.0f} mm wide",
+    ]
 
 
 def print_warnings(
@@ -231,10 +245,9 @@ def print_warnings(
     ``confidence`` is that of the hand found in the frame; a high one confirms the unit.
     """
     found = checked([depth], camera, unit_mm)
-    for warning in (
-        *found.of_camera,
-        *(found.of_depths if not confidence >= CONFIRMS_UNIT else ()),
-    ):
+    is_unit_confirmed = confidence >= CONFIRMS_UNIT
+    warnings = [*found.of_camera, *(() if is_unit_confirmed else found.of_depths)]
+    for warning in warnings:
         notify(f"warning: {name}: {warning}")
 
 

@@ -22,7 +22,7 @@ from handpose.body.gestures import GestureReader
 from handpose.frames.camera_places import places_next_to
 from handpose.frames.formats import PICTURES
 from handpose.frames.formats.folder import FolderRecording
-from handpose.output.drawing.strokes import ContactSheet
+from handpose.output.drawing.sheets import ContactSheet
 from handpose.output.drawing.tracks import HEAD, Painter
 from handpose.output.drawing.video_file import VideoFile
 from handpose.output.live.messages import LINES_PATH, VIEWS_PATH, Messages

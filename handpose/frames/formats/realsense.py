@@ -37,18 +37,24 @@ def open_live(serial: str | None, given: CameraInfo) -> Recording:
     try:
         profile = pipeline.start(config)
     except RuntimeError as error:
+        wanted = f"camera {serial}" if serial else "a camera"
+        connected = ", ".join(_connected(rs)) or "none"
         raise DataError(
-            f"realsense: {f'camera {serial}' if serial else 'a camera'} cannot be started: "
-            f"{reason_of(error)}; connected: {', '.join(_connected(rs)) or 'none'} (no other program may "
-            "use it)"
+            f"realsense: {wanted} cannot be started: {reason_of(error)}; connected: {connected} "
+            "(no other program may use it)"
         ) from error
     with contextlib.ExitStack() as stack:
-        stack.callback(pipeline.stop)
-        device = profile.get_device()
-        name = f"{device.get_info(rs.camera_info.name)} {device.get_info(rs.camera_info.serial_number)}"
+        stack.callback(pipeline.stop)  # if its parameters cannot be read
+        name = _name_of(rs, profile.get_device())
         info = _info(rs, profile, name)
         stack.pop_all()
     return LiveRecording(_Device(name, info, pipeline), given)
+
+
+def _name_of(rs: Any, device: Any) -> str:
+    """The model and the serial number."""
+    keys = (rs.camera_info.name, rs.camera_info.serial_number)
+    return " ".join(str(device.get_info(key)) for key in keys)
 
 
 def _library() -> Any:
@@ -57,10 +63,8 @@ def _library() -> Any:
     except ModuleNotFoundError as error:
         raise NetlibError("pyrealsense2 is missing: pip install pyrealsense2") from error
     except ImportError as error:  # its wheels leave out the system's libusb
-        raise NetlibError(
-            f"pyrealsense2 cannot be loaded: {reason_of(error)}"
-            f"{': apt install libusb-1.0-0' if 'libusb' in str(error) else ''}"
-        ) from error
+        advice = ": apt install libusb-1.0-0" if "libusb" in str(error) else ""
+        raise NetlibError(f"pyrealsense2 cannot be loaded: {reason_of(error)}{advice}") from error
     return pyrealsense2
 
 
@@ -79,10 +83,10 @@ def _info(rs: Any, profile: Any, name: str) -> CameraInfo:
     stream = profile.get_stream(rs.stream.depth).as_video_stream_profile()
     if stream.format() != rs.format.z16:
         raise DataError(f"{name}: its depth comes as {stream.format()}; expected z16")
-    said = stream.get_intrinsics()
-    lens = lens_of(str(said.model), said.coeffs, name)
+    own = stream.get_intrinsics()
+    lens = lens_of(str(own.model), own.coeffs, name)
     try:
-        camera = Camera(name, said.fx, said.fy, said.ppx, said.ppy, said.width, said.height)
+        camera = Camera(name, own.fx, own.fy, own.ppx, own.ppy, own.width, own.height)
     except ValueError as error:  # it is not calibrated
         raise DataError(f"{name}: {error}") from None
     metres = profile.get_device().first_depth_sensor().get_depth_scale()

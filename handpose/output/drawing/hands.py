@@ -18,7 +18,7 @@ from handpose.body.model import FINGERS
 from handpose.body.nyu import CUBE_MM
 from handpose.frames.cameras import NYU, Camera
 from handpose.frames.crops import crop_pixels, restore_joints
-from handpose.output.drawing import strokes
+from handpose.output.drawing import sheets, strokes
 from handpose.output.drawing.strokes import Colour, Image
 from layers.hand.kinematics import rotation
 from layers.hand.skeleton import Skeleton
@@ -192,7 +192,7 @@ def two_views(
             overlay(crop, joints[n], skeleton, annotated, center, cube_mm[n], camera, zoom=3)
         )
         images.append(view_3d(joints[n], skeleton, annotated, size=384))
-    page = strokes.sheet(images, PAGE_COLUMNS, [title for pair in titles for title in pair])
+    page = sheets.sheet(images, PAGE_COLUMNS, [title for pair in titles for title in pair])
     legend = np.full((24, page.shape[1], 3), 255, dtype=np.uint8)
     strokes.text_within(legend, LEGEND, np.array([8, 18]), (40, 40, 40), 0.5, page.shape[1] - 16)
     return np.concatenate([legend, page])

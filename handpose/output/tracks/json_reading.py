@@ -13,7 +13,7 @@ from handpose.estimate.nets import is_hand
 from handpose.fit.pose_confidence import unknown_finger_errors
 from handpose.frames.cameras import MIN_RANGE_MM, Camera
 from handpose.output.tracks.fields import Fields
-from handpose.output.tracks.json_values import FORMAT, FORMAT_VERSION, free_dofs
+from handpose.output.tracks.json_values import FORMAT, free_dofs
 from handpose.tracking.track import HandPose, TrackedFrame, TrackedHand, TrackHeader
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import SkeletonParameter
@@ -48,9 +48,8 @@ def _check_format(fields: Fields) -> None:
         )
     version = fields.whole("version")
     if version not in READABLE_VERSIONS:
-        raise DataError(
-            f"{fields.where}: format version {version}; this program reads {FORMAT_VERSION}"
-        )
+        readable = " and ".join(map(str, READABLE_VERSIONS))
+        raise DataError(f"{fields.where}: format version {version}; this program reads {readable}")
 
 
 def _camera_of(of: Fields) -> Camera:
@@ -139,9 +138,8 @@ class FrameReader:
         initial = self._skeleton.initial
         theta = initial.copy()
         theta[[*self._turning.values()]] = _by_name(of, "angles_rad", self._turning)
-        theta[[*self._sliding.values()]] = (
-            _by_name(of, "translations_mm", self._sliding) / self._unit_mm
-        )
+        slides_mm = _by_name(of, "translations_mm", self._sliding)
+        theta[[*self._sliding.values()]] = slides_mm / self._unit_mm
         return theta - initial
 
     def _bones(self, of: Fields) -> Array:

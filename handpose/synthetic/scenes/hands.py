@@ -127,9 +127,8 @@ def draw_held(
     away_mm = draw(prior.away)
     along = hand.distal * draw(prior.along, 1)
     center = palm + along + hand.palmar * away_mm[:, None]
-    to_tips = across(hand.tips - center[:, None], axis[:, None])
-    up_to_tips = np.linalg.norm(to_tips, axis=-1).min(1) - FINGERTIP_RADIUS_MM
     up_to_palm = away_mm - PALM_RADIUS_MM
+    up_to_tips = _distance_to_tips(hand, center, axis) - FINGERTIP_RADIUS_MM
     touches_tips = draw.chance(prior.touches)
     radius = np.where(touches_tips, np.minimum(up_to_palm, up_to_tips), up_to_palm)
     is_held = there & (radius > MIN_HELD_RADIUS_MM) & draw.chance(prior.share)
@@ -149,3 +148,9 @@ def draw_held(
     top_center = center + axis * half_length[:, None]
     tops = one_each(np.full(draw.count, CYLINDER), top_center, axes, top_sizes, has_top)
     return joined([held, tops])
+
+
+def _distance_to_tips(hand: Hands, center: Array, axis: Array) -> Array:
+    """The distance (N,) of the nearest fingertip from lines through points (N, 3)."""
+    to_tips = across(hand.tips - center[:, None], axis[:, None])
+    return np.asarray(np.linalg.norm(to_tips, axis=-1).min(1))

@@ -64,8 +64,8 @@ def sight_of(draw: Draw, prior: ScenePrior, people: People, rays: Rays) -> Sight
     ]
     hand = np.minimum(*hands)
     solids, of = _surroundings(draw, prior, people, rays, hands[0])
-    others = [layer_of(_arms(draw, prior, people, rays), PERSON_OBJECT), *solids]
-    behind = nearest(others)
+    arms = layer_of(_arms(draw, prior, people, rays), PERSON_OBJECT)
+    behind = nearest([arms, *solids])
     far = _farthest(draw, prior.light, people.palms[:, 0])[:, None, None]
     is_hand = np.isfinite(hand) & (hand <= behind.depth + TOLERANCE_MM) & (hand < far)
     depth = np.minimum(hand, behind.depth)
@@ -74,15 +74,11 @@ def sight_of(draw: Draw, prior: ScenePrior, people: People, rays: Rays) -> Sight
     number[np.isinf(depth)] = 0
     shares = [_seen_share(own, is_hand & (own == hand)) for own in hands]
     nearer = np.where(hands[1] < hands[0], 2, 1)
+    which = np.where(is_hand, nearer, 0).astype(np.int8)
     light = _light(draw, prior.light, THINGS + len(of))
-    return Sight(
-        depth=depth,
-        number=number,
-        of=of,
-        which=np.where(is_hand, nearer, 0).astype(np.int8),
-        share=np.stack(shares, axis=1),
-        reflects=light[np.arange(len(depth))[:, None, None], number],
-    )
+    view = np.arange(len(depth))[:, None, None]
+    reflects = light[view, number]
+    return Sight(depth, number, of, which, np.stack(shares, axis=1), reflects)
 
 
 def _arms(draw: Draw, prior: ScenePrior, people: People, rays: Rays) -> Floats:

@@ -89,9 +89,8 @@ def shown(capsules: Capsules, there: NDArray[np.bool_]) -> Capsules:
     """Capsules of which those not there (N, M) become invisible."""
     behind = np.array([0.0, 0.0, -1e4])  # in_front takes them away
     keep = there[..., None]
-    return capsules._replace(
-        a=np.where(keep, capsules.a, behind), b=np.where(keep, capsules.b, behind)
-    )
+    a, b = (np.where(keep, end, behind) for end in (capsules.a, capsules.b))
+    return capsules._replace(a=a, b=b)
 
 
 def plane_depth(normal: Array, offset: Array, rays: Rays) -> Floats:
@@ -117,10 +116,7 @@ def solid_layer(solids: Solids, first: int, rays: Rays) -> Layer:
         corners = center + (signs * half) @ axes.T
         if corners[:, 2].min() < NEAR_MM:
             continue
-        slopes = corners[:, :2] / corners[:, 2:] * (1, -1)
-        (left, top), (right, bottom) = slopes.min(axis=0), slopes.max(axis=0)
-        columns = slice(*np.searchsorted(x[n], (left, right)))
-        rows = slice(*np.searchsorted(y[n], (top, bottom)))
+        rows, columns = _part_around(corners, x[n], y[n])
         part = depth[n, rows, columns]
         if part.size:
             entry = _entry(int(solids.kind[n, m]), center, axes, half, x[n, columns], y[n, rows])
@@ -128,6 +124,17 @@ def solid_layer(solids: Solids, first: int, rays: Rays) -> Layer:
             np.copyto(part, entry, where=nearer)
             number[n, rows, columns][nearer] = first + m
     return Layer(depth, number)
+
+
+def _part_around(corners: Array, x: Floats, y: Floats) -> tuple[slice, slice]:
+    """The rows and columns of a frame, with rays of slopes x (W,) and y (H,), that may show what
+    lies between corners (8, 3).
+    """
+    slopes = corners[:, :2] / corners[:, 2:] * (1, -1)
+    (left, top), (right, bottom) = slopes.min(axis=0), slopes.max(axis=0)
+    columns = np.searchsorted(x, (left, right))
+    rows = np.searchsorted(y, (top, bottom))
+    return slice(*rows), slice(*columns)
 
 
 def _entry(kind: int, center: Array, axes: Array, half: Array, x: Floats, y: Floats) -> Floats:

@@ -186,7 +186,7 @@ TRAJECTORY = {
         ),
     ],
 )
-def test_a_camera_alone(text: str, camera: Camera, words: str) -> None:
+def test_the_only_camera_of_a_file_is_read(text: str, camera: Camera, words: str) -> None:
     """Open3D's camera and trajectory, tables, ScanNet's, OpenCV's, NeRF's and Record3D's."""
     found = parse(text, "x")
     assert (found.camera, found.lens, found.origin) == (camera, None, f"x ({words})")
@@ -229,7 +229,7 @@ def test_a_camera_alone(text: str, camera: Camera, words: str) -> None:
         ),
     ],
 )
-def test_a_camera_with_a_lens(text: str, name: str, lens: tuple[float, ...]) -> None:
+def test_a_camera_is_read_with_its_lens(text: str, name: str, lens: tuple[float, ...]) -> None:
     """ROS's calibration, a topic's messages, Kalibr, ORB-SLAM, RealSense's list, ROS 2 in JSON,
     objects in objects.
     """
@@ -238,14 +238,14 @@ def test_a_camera_with_a_lens(text: str, name: str, lens: tuple[float, ...]) -> 
     assert found.lens == Lens(lens)
 
 
-def test_the_depth_camera_among_others() -> None:
-    """By the names around it; what is said around it holds for it."""
+def test_names_tell_the_depth_camera_from_others() -> None:
+    """What is said around it holds for it, too."""
     found = parse(json.dumps(TWO_STREAMS), "x")
     assert (found.camera, found.lens, found.unit_mm, found.rate) == (SIZED, Lens(), 1.0, 30)
 
 
-def test_the_depth_camera_in_a_list() -> None:
-    """By the texts in it, if its names say nothing."""
+def test_texts_tell_the_depth_camera_in_a_list() -> None:
+    """If the names around it say nothing."""
     cameras = [
         {"name": kind, "K": [60 + i, 0, 31.5, 0, 61, 23.5, 0, 0, 1], "width": 64, "height": 48}
         for i, kind in ((2, "rgb"), (0, "depth"), (1, "left infrared"))
@@ -270,14 +270,14 @@ def test_the_depth_camera_in_a_list() -> None:
         ("depth_scaling_factor", 5000, 0.2),
     ],
 )
-def test_units(name: str, value: Any, unit: float) -> None:
-    """A scale of metres, of mm, or the number of values per metre."""
+def test_a_depth_scale_of_any_kind_gives_the_unit(name: str, value: Any, unit: float) -> None:
+    """In metres, in mm, or the number of values per metre."""
     assert find({"K": MATRIX.tolist(), name: value}, "x").info.unit_mm == pytest.approx(unit)
 
 
 @pytest.mark.parametrize("suffix", [".yml", ".yaml", ".json"])
-def test_files_of_opencv(tmp_path: Path, suffix: str) -> None:
-    """As cv2.FileStorage writes them."""
+def test_files_that_opencv_writes_are_read(tmp_path: Path, suffix: str) -> None:
+    """Those of cv2.FileStorage."""
     storage = cv2.FileStorage(str(tmp_path / f"camera{suffix}"), cv2.FILE_STORAGE_WRITE)
     storage.write("calibration_time", "Sat 28 Nov 2026")
     storage.write("image_width", 64)
@@ -298,8 +298,7 @@ def test_files_of_opencv(tmp_path: Path, suffix: str) -> None:
         '%YAML 1.1\n---\na:\n  - 1\n  - 2\nb: {c: 2, d: [1, 2], e: "f"}\n...\nb: 1\n',
     ],
 )
-def test_yaml(text: str) -> None:
-    """Numbers, texts and objects as a reader of YAML has them."""
+def test_yaml_is_read_as_by_a_reader_of_yaml(text: str) -> None:
     yaml = pytest.importorskip("yaml")
 
     def flat(value: Any) -> Any:
@@ -312,8 +311,36 @@ def test_yaml(text: str) -> None:
 
 
 # What other programs print or write: 64 x 48 px, focal lengths 60 and 61, the middle at 31.5, 23.5.
-ENUMERATED = (
-    """Device info:
+
+
+def intrinsic(kind: str, code: str, lens: str, factor: int, shift: float = 0) -> str:
+    """The part of ENUMERATED about a stream whose size is ``factor`` times 64 x 48."""
+    width, height = 64 * factor, 48 * factor
+    return f"""
+ Intrinsic of "{kind}" / {width}x{height} / {{{code}}}
+  Width:      \t{width}
+  Height:     \t{height}
+  PPX:        \t{factor * (32 + shift) - 0.5}
+  PPY:        \t{factor * (24 + shift) - 0.5}
+  Fx:         \t{factor * (60 + shift)}
+  Fy:         \t{factor * (61 + shift)}
+  Distortion: \t{lens}
+  Coeffs:     \t0  \t0  \t0  \t0  \t0
+  FOV (deg):  \t89.97 x 58.99
+"""
+
+
+INTRINSICS = "\n".join(
+    intrinsic(kind, code, lens, factor, shift)
+    for kind, code, shift, lens in (
+        ("Depth", "Z16", 0, "Brown Conrady"),
+        ("Infrared 1", "Y8", 0, "Brown Conrady"),
+        ("Infrared 2", "Y8", 0.25, "Brown Conrady"),
+        ("Color", "RGB8", 7, "Inverse Brown Conrady"),
+    )
+    for factor in (1, 2)
+)
+ENUMERATED = f"""Device info:
     Name                          : \tIntel RealSense D455
     Firmware Version              : \t05.13.00.50
     Physical Port                 : \t/sys/devices/pci0000:00/0000:00:14.0/usb2/2-1/video4linux/video0
@@ -324,29 +351,7 @@ Stream Profiles supported by Stereo Module
     Depth    \t  128x96\t@ 30Hz\t   Z16
 
 Intrinsic Parameters:
-"""
-    + "\n".join(
-        f"""
- Intrinsic of "{kind}" / {64 * factor}x{48 * factor} / {{{code}}}
-  Width:      \t{64 * factor}
-  Height:     \t{48 * factor}
-  PPX:        \t{factor * (32 + shift) - 0.5}
-  PPY:        \t{factor * (24 + shift) - 0.5}
-  Fx:         \t{factor * (60 + shift)}
-  Fy:         \t{factor * (61 + shift)}
-  Distortion: \t{lens}
-  Coeffs:     \t0  \t0  \t0  \t0  \t0
-  FOV (deg):  \t89.97 x 58.99
-"""
-        for kind, code, shift, lens in (
-            ("Depth", "Z16", 0, "Brown Conrady"),
-            ("Infrared 1", "Y8", 0, "Brown Conrady"),
-            ("Infrared 2", "Y8", 0.25, "Brown Conrady"),
-            ("Color", "RGB8", 7, "Inverse Brown Conrady"),
-        )
-        for factor in (1, 2)
-    )
-    + """
+{INTRINSICS}
 Extrinsic from "Depth"\t  To\t  "Color" :
  Rotation Matrix:
    0.99998\t  -0.0031\t   0.0029
@@ -360,7 +365,6 @@ Extrinsic from "Depth"\t  To\t  "Depth" :
    0  \t1  \t0
    0  \t0  \t1
 """
-)
 OST = """# oST version 5.0 parameters
 
 
@@ -482,7 +486,7 @@ def test_the_output_of_camera_programs_is_accepted(text: str, lens: Lens | None)
     assert (found.camera, found.lens) == (SIZED, lens)
 
 
-def test_the_modes_of_a_camera(tmp_path: Path) -> None:
+def test_the_mode_of_a_camera_depends_on_the_size_of_frames(tmp_path: Path) -> None:
     """The whole text of rs-enumerate-devices -c, also as PowerShell writes it: the depth of
     the frames' size.
     """
@@ -510,6 +514,6 @@ def test_the_modes_of_a_camera(tmp_path: Path) -> None:
         ),
     },
 )
-def test_modes_that_are_ambiguous(given: str, rejected: Any) -> None:
+def test_ambiguous_modes_are_rejected(given: str, rejected: Any) -> None:
     with rejected:
         parse(given, "x")

@@ -23,8 +23,8 @@ from handpose.synthetic.prior_parameters import NormalParameter, RangeParameter
 from netlib.files.paths import ROOT
 
 
-def test_arrays(frames: Frames) -> None:
-    """They have a row for each frame, and values in their ranges."""
+def test_arrays_have_a_row_for_each_frame(frames: Frames) -> None:
+    """Their values are in their ranges."""
     for name, array in frames.arrays().items():
         assert len(array) == BLOCK
         assert array.dtype == (np.int64 if name == "index" else np.float32)
@@ -51,7 +51,9 @@ def test_joints_are_inside_the_surface() -> None:
     joints = frames.joint.reshape(-1, 31, 3).astype(float)
     xyz = restore_joints(joints, frames.center, frames.half_cube)
     at = np.rint(crop_pixels(NYU.project(xyz), frames.center_uvd, 300.0)).astype(int)
-    n, k = np.nonzero(((at >= 0) & (at < 128)).all(axis=2) & (np.abs(joints) < 0.99).all(axis=2))
+    is_in_crop = ((at >= 0) & (at < 128)).all(axis=2)
+    is_in_cube = (np.abs(joints) < 0.99).all(axis=2)
+    n, k = np.nonzero(is_in_crop & is_in_cube)
     assert len(n) > 1800
     surface = frames.depth[n, 0, at[n, k, 1], at[n, k, 0]]
     gap = (joints[n, k, 2] - surface) * 150
@@ -75,8 +77,7 @@ def test_crop_pixels_outside_the_image_are_background() -> None:
     assert (frames.depth[:, 0][outside] == 1).all()
 
 
-def test_recipes() -> None:
-    """All differ, and each draws bodies in sight."""
+def test_recipes_differ_and_draw_bodies_in_sight() -> None:
     generators = [Generator(3, "test", recipes.recipe(name)) for name in recipes.NAMES]
     assert len({json.dumps(generator.made_from()) for generator in generators}) == len(
         recipes.NAMES
@@ -85,8 +86,8 @@ def test_recipes() -> None:
         assert np.isfinite(depth).all() and (depth < 1).any(axis=(1, 2)).all()
 
 
-def test_every_roll_and_every_camera() -> None:
-    """The recipe "cameras" uses all views, all rolls, and near and far hands."""
+def test_the_recipe_cameras_uses_all_views_and_rolls() -> None:
+    """Its hands are near and far."""
     scenes = [
         Generator(3, "train", recipes.recipe("cameras")).scene(number) for number in range(12)
     ]
@@ -101,7 +102,9 @@ def test_every_roll_and_every_camera() -> None:
 
 
 @pytest.mark.parametrize("frame", [0, 772])
-def test_real_hands(nyu_data: Path, generator: Generator, frame: int) -> None:
+def test_a_rendered_hand_covers_the_real_one(
+    nyu_data: Path, generator: Generator, frame: int
+) -> None:
     """The surface on a real frame's annotated joints covers the real hand and lies at its depth."""
     published = cv2.imread(str(nyu_data / "crops" / f"{frame}.png"), cv2.IMREAD_GRAYSCALE)
     assert published is not None
@@ -110,10 +113,8 @@ def test_real_hands(nyu_data: Path, generator: Generator, frame: int) -> None:
     joints = NYU.unproject(uvd[list(ANNOTATION_OF_JOINT)])[None]
     surface = generator.sampler.surface
     palm = palm_frame(joints[0], generator.sampler.skeleton)[None]
-    joints = (
-        np.concatenate([joints, np.zeros((1, len(surface.whole.joint_names) - 31, 3))], axis=1)
-        / 150
-    )
+    of_surface = np.zeros((1, len(surface.whole.joint_names) - 31, 3))
+    joints = np.concatenate([joints, of_surface], axis=1) / 150
     ends = surface.ends_at(joints, dict.fromkeys(surface.offsets, palm)) * 150
     own = ~surface.limbs  # without the forearm, whose direction is not annotated
     radii = surface.radii[None, own] * 150

@@ -40,25 +40,30 @@ def layer() -> Any:
 
 @pytest.mark.parametrize("name", list(DATACLASSES))
 def test_fields_are_those_of_the_dataclass(name: str) -> None:
-    cls = DATACLASSES[name]
     fields = getattr(caffe_pb2, name).DESCRIPTOR.fields_by_name
-    declared = wire.fields_of(cls)
-    assert set(fields) >= set(declared)
-    defaults = {schema.written_name(f.name): f.default for f in dataclasses.fields(cls)}
-    made = getattr(caffe_pb2, name)()
-    for known in declared.values():
-        field = fields[known.name]
+    for declared, known in wire.fields_of(DATACLASSES[name]).items():
+        field = fields[declared]
         assert field.number == known.number
-        if known.repeated or schema.is_message(known.kind):
-            continue
-        values, default = schema.enum_of(known.kind), defaults.get(known.name)
+        values = schema.enum_of(known.kind)
         assert not values or {v.name: v.number for v in field.enum_type.values} == values
-        # GPU in Caffe
-        if default not in (None, dataclasses.MISSING) and known.name != "solver_mode":
-            expected = values[default] if values else default
-            assert getattr(made, known.name) == (
-                pytest.approx(expected) if known.kind is float else expected
-            )
+
+
+@pytest.mark.parametrize("name", list(DATACLASSES))
+def test_defaults_are_those_of_the_dataclass(name: str) -> None:
+    cls = DATACLASSES[name]
+    made = getattr(caffe_pb2, name)()
+    defaults = {schema.written_name(f.name): f.default for f in dataclasses.fields(cls)}
+    for known in wire.fields_of(cls).values():
+        default = defaults.get(known.name)
+        is_default = default not in (None, dataclasses.MISSING)
+        is_scalar = not known.repeated and not schema.is_message(known.kind)
+        if not is_default or not is_scalar or known.name == "solver_mode":  # GPU in Caffe
+            continue
+        values = schema.enum_of(known.kind)
+        expected = values[default] if values else default
+        if known.kind is float:
+            expected = pytest.approx(expected)
+        assert getattr(made, known.name) == expected
 
 
 def test_old_nets_are_read() -> None:
@@ -69,25 +74,30 @@ def test_old_nets_are_read() -> None:
     assert caffe_pb2.V1LayerParameter.LayerType.Name(18) == "RELU"
 
 
-def test_the_protobuf_functions_that_scripts_use_work() -> None:
+def test_messages_are_converted_copied_and_pickled() -> None:
     made = layer()
     assert isinstance(made, message.Message)
     assert json_format.Parse(json_format.MessageToJson(made), caffe_pb2.LayerParameter()) == made
     assert json_format.MessageToDict(made)["poolingParam"] == {"pool": "AVE"}
     assert pickle.loads(pickle.dumps(made)) == copy.deepcopy(made) == made
+
+
+def test_invalid_bytes_are_rejected() -> None:
     with pytest.raises(message.DecodeError):
         caffe_pb2.NetParameter().ParseFromString(b"\xff\xff")
-    assert (
-        caffe_pb2.DESCRIPTOR.message_types_by_name["NetParameter"]
-        is caffe_pb2.NetParameter.DESCRIPTOR
-    )
-    assert [v.name for v in caffe_pb2._POOLINGPARAMETER_POOLMETHOD.values] == [
-        "MAX",
-        "AVE",
-        "STOCHASTIC",
-    ]
+
+
+def test_descriptors_and_constants_have_the_names_that_protobuf_gives_them() -> None:
+    of_file = caffe_pb2.DESCRIPTOR.message_types_by_name
+    assert of_file["NetParameter"] is caffe_pb2.NetParameter.DESCRIPTOR
+    methods = caffe_pb2._POOLINGPARAMETER_POOLMETHOD.values
+    assert [value.name for value in methods] == ["MAX", "AVE", "STOCHASTIC"]
     assert (caffe_pb2.TRAIN, caffe_pb2.TEST, caffe_pb2.Phase.Name(1)) == (0, 1, "TEST")
     assert caffe_pb2.LayerParameter.CONVOLUTION_PARAM_FIELD_NUMBER == 106
+
+
+def test_repeated_fields_have_the_methods_of_lists() -> None:
+    made = layer()
     net = caffe_pb2.NetParameter(layer=[made, caffe_pb2.LayerParameter(name="d")])
     net.layer.reverse()
     assert [one.name for one in net.layer] == ["d", "c"]
@@ -95,7 +105,7 @@ def test_the_protobuf_functions_that_scripts_use_work() -> None:
     assert made.loss_weight[0] == 0.5
 
 
-def test_another_module_of_the_same_messages() -> None:
+def test_a_script_can_load_its_own_caffe_pb2_too() -> None:
     """A script's own compiled caffe_pb2 can be loaded too: the descriptors are in a
     pool of their own.
     """
@@ -109,7 +119,7 @@ def test_another_module_of_the_same_messages() -> None:
     assert caffe_pb2.BlobShape.DESCRIPTOR.fields[0].name == "dim"
 
 
-def test_messages_inside_the_options_of_a_fork() -> None:
+def test_messages_inside_the_options_of_a_fork_are_defined() -> None:
     """Messages that only options contain are defined, and the enum that two layer types use is
     where scripts look.
     """
@@ -143,7 +153,7 @@ def test_fields_of_forks_do_not_collide_with_declared_ones() -> None:
     assert {"LayerParameter", "SolverParameter"} <= {fork.name for fork in added.message_type}
 
 
-def test_options_of_refinedet() -> None:
+def test_options_of_refinedet_are_written_and_parsed() -> None:
     """As its scripts write them by NetSpec."""
     made = caffe_pb2.LayerParameter()
     made.multibox_loss_param.objectness_score = 0.5
@@ -151,12 +161,12 @@ def test_options_of_refinedet() -> None:
     assert text_format.Parse(str(made), caffe_pb2.LayerParameter()) == made
 
 
-def test_a_solver_of_ssd() -> None:
+def test_a_solver_of_ssd_is_parsed() -> None:
     text = 'net: "n" eval_type: "detection" ap_version: "11point" show_per_class_result: true'
     assert text_format.Parse(text, caffe_pb2.SolverParameter()).ap_version == "11point"
 
 
-def test_the_labels_of_ssd() -> None:
+def test_label_maps_and_annotations_of_ssd_are_read_and_written() -> None:
     """As ssd_detect.py and create_annoset read and write them."""
     names = text_format.Parse(
         'item { name: "none" label: 0 } item { name: "n1" label: 1 display_name: "hand" }',

@@ -29,7 +29,7 @@ def parsed(options: str) -> argparse.Namespace:
     return parser.parse_args(["*.png", *options.split()])
 
 
-def test_a_camera_by_name_by_numbers_by_file(frames: None) -> None:
+def test_a_camera_is_given_by_name_numbers_or_file(frames: None) -> None:
     """A camera may be a name, numbers or a file; options on the command line take precedence."""
     assert opened(parsed("--camera sr305")).camera == SR305
     assert opened(parsed("--camera sr305")).unit_mm == 0.125
@@ -43,7 +43,9 @@ def test_a_camera_by_name_by_numbers_by_file(frames: None) -> None:
     assert (recording.camera.fx, recording.unit_mm, recording.rate) == (500, 0.25, 60)
 
 
-def test_a_file_of_another_program(frames: None, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_camera_file_of_another_program_is_read(
+    frames: None, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Any name; the report says what was taken from it."""
     Path("narrow").write_text(
         "image_width: 640\nimage_height: 480\nK: [500, 0, 320, 0, 501, 240, 0, 0, 1]\nseq: 3\n"
@@ -67,7 +69,7 @@ def test_a_file_of_another_program(frames: None, capsys: pytest.CaptureFixture[s
         ("--camera kinect1", "kinect1", 576, 576),
     ],
 )
-def test_a_camera_by_its_field_of_view(
+def test_a_field_of_view_gives_a_camera(
     frames: None, option: str, name: str, fx: float, fy: float
 ) -> None:
     """The principal point is in the middle; the report says that it is a guess."""
@@ -80,7 +82,7 @@ def test_a_camera_by_its_field_of_view(
     assert any(remark.startswith(said) for remark in recording.remarks)
 
 
-def test_a_size_that_a_camera_file_does_not_have(frames: None) -> None:
+def test_frames_of_another_size_than_the_cameras_are_rejected(frames: None) -> None:
     """The error names the file."""
     said = {"fx": 60, "fy": 60, "cx": 31.5, "cy": 23.5, "width": 64, "height": 48}
     Path("intrinsics.json").write_text(json.dumps(said))
@@ -88,7 +90,7 @@ def test_a_size_that_a_camera_file_does_not_have(frames: None) -> None:
         opened(parsed(""))
 
 
-def test_distortion(frames: None) -> None:
+def test_lens_distortion_is_removed(frames: None) -> None:
     """Lens distortion is removed and mentioned in the remarks."""
     recording = opened(parsed("--camera sr305 --distortion=-0.1,0.2,0,0"))
     assert "the distortion of the lens is taken out" in recording.remarks
@@ -105,7 +107,9 @@ def test_distortion(frames: None) -> None:
         ("--distortion a,b,c,d", "expected 4, 5 or 8 numbers K1,K2,P1,P2"),
     ],
 )
-def test_wrong_usage(argv: str, what: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_invalid_options_are_rejected(
+    argv: str, what: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(SystemExit) as stopped:
         parsed(argv)
     assert stopped.value.code == 2

@@ -10,7 +10,8 @@ import functools
 from pathlib import Path
 
 from handpose.output.drawing.view import ID_COLOURS
-from handpose.output.hand_page.assembly import assembled, script_of, skeleton_values, source
+from handpose.output.hand_page.assembly import assembled, script_of, source
+from handpose.output.hand_page.values import skeleton_values
 from handpose.output.live.messages import VIEWS_PATH
 from handpose.tracking.track import TrackHeader
 

@@ -30,7 +30,7 @@ def inputs():
 
 
 @pytest.mark.parametrize("limits", [True, False])
-def test_all_joints_give_the_pose_back(inputs, limits):
+def test_all_joints_determine_the_pose(inputs, limits):
     """31 joints are fitted to 1e-5 half-cubes, and the median error of canonical angles is
     below 0.01 degrees.
     """
@@ -40,8 +40,8 @@ def test_all_joints_give_the_pose_back(inputs, limits):
     assert np.median(errors.max(axis=1)) < 0.01
 
 
-def test_a_body_whose_root_does_not_turn():
-    """A body without a rotating root is fitted from its initial rotation alone."""
+def test_a_body_without_a_rotating_root_is_fitted():
+    """From its initial rotation alone."""
     text = """dof { name: "bend" }
         joint { name: "root" bone { axis: X length: 1 } }
         joint { name: "tip" parent: "root" rotate { axis: Z dof: "bend" } bone { axis: X length: 1 } }"""
@@ -51,10 +51,8 @@ def test_a_body_whose_root_does_not_turn():
 
 
 @pytest.mark.parametrize("limits", [True, False])
-def test_a_root_that_turns_about_two_axes(rng, limits):
-    """Half a turn of the root affects joints below it; both forms of the pose are valid, with and
-    without limits.
-    """
+def test_a_root_that_turns_about_two_axes_is_fitted_within_its_limits(rng, limits):
+    """Half a turn of the root affects joints below it; both forms of the pose are valid."""
     text = """dof { name: "a" lower: -3 upper: 3 } dof { name: "b" lower: -3 upper: 3 }
         dof { name: "c" lower: -2 upper: 1 }
         joint { name: "root" rotate { axis: Z dof: "a" } rotate { axis: X dof: "b" } bone { axis: Y length: 1 } }
@@ -62,10 +60,9 @@ def test_a_root_that_turns_about_two_axes(rng, limits):
     arm = skeleton_of(text)
     found = fit_joints(arm, joints_of(arm, rng.uniform(-2, 1, (50, 3))), limits=limits)
     assert found.residuals.max() < 1e-5
-    assert (
-        not limits
-        or ((found.inputs >= arm.lower - 1e-9) & (found.inputs <= arm.upper + 1e-9)).all()
-    )
+    if limits:
+        assert (found.inputs >= arm.lower - 1e-9).all()
+        assert (found.inputs <= arm.upper + 1e-9).all()
 
 
 def test_frames_with_missing_joints_are_fitted_to_the_others(inputs):
@@ -82,10 +79,8 @@ def test_frames_with_missing_joints_are_fitted_to_the_others(inputs):
     assert np.abs(off[:, [1, 6, 29]]).max() < 1e-4
 
 
-def test_joints_at_absolute_positions(inputs):
-    """Each hand is fitted in its own unit, about its own centre, to within 0.01 mm;
-    residuals are in mm.
-    """
+def test_joints_at_absolute_positions_are_fitted_in_each_hands_unit(inputs):
+    """About its own centre, to within 0.01 mm; residuals are in mm."""
     half = np.array([150.0, 130.5, 150.0])
     xyz = joints_of(NYU_HAND, inputs[:3]) * half[:, None, None] + (20, -30, 800)
     for off in (0, 10):
@@ -96,8 +91,8 @@ def test_joints_at_absolute_positions(inputs):
         assert found.residuals == pytest.approx(np.linalg.norm(placed - xyz, axis=2), abs=1e-6)
 
 
-def test_limits_hold(inputs, rng):
-    """With limits no input exceeds them, and without limits the residual is lower."""
+def test_inputs_stay_within_their_limits(inputs, rng):
+    """Without limits the residual is lower."""
     targets = joints_of(NYU_HAND, inputs)[:20, EVALUATION_JOINTS] + rng.normal(0, 0.05, (20, 14, 3))
     inside, free = (
         fit_joints(NYU_HAND, targets, EVALUATION_JOINTS, limits=limits, starts=4)
@@ -110,8 +105,8 @@ def test_limits_hold(inputs, rng):
     assert (free.inputs > NYU_HAND.upper).any()
 
 
-def test_ridge_pulls_to_the_initial_pose(inputs, rng):
-    """A larger ridge gives smaller angles and a larger residual."""
+def test_a_larger_ridge_gives_smaller_angles(inputs, rng):
+    """The residual is larger."""
     targets = joints_of(NYU_HAND, inputs)[:20, EVALUATION_JOINTS] + rng.normal(0, 0.02, (20, 14, 3))
     fingers = np.setdiff1d(angles.rotations(NYU_HAND), (3, 4, 5))
     sizes, residuals = [], []
@@ -140,8 +135,8 @@ def test_the_result_is_a_minimum(inputs, rng):
             assert (cost(moved) >= cost(found.inputs) - 1e-9).all()
 
 
-def test_threads_change_nothing(inputs, rng, monkeypatch):
-    """Results for one and two threads are equal bit for bit."""
+def test_results_do_not_depend_on_the_number_of_threads(inputs, rng, monkeypatch):
+    """They are equal bit for bit."""
     monkeypatch.setattr("handpose.fit.joints.fit_joints.CHUNK", 8)
     targets = joints_of(NYU_HAND, inputs)[:20, EVALUATION_JOINTS] + rng.normal(0, 0.02, (20, 14, 3))
     before = netlib.threads()
@@ -163,11 +158,6 @@ def test_published_predictions_lie_on_the_model(nyu_data):
         uvd = np.loadtxt(itertools.islice(lines, 0, None, 160)).reshape(-1, 14, 3)
     half = cube_of_test_frame(np.arange(0, 8252, 160))[:, None, None] / 2
     xyz = NYU.unproject(uvd)
-    found = fit_joints(
-        NYU_HAND,
-        (xyz - xyz.mean(axis=1, keepdims=True)) / half,
-        EVALUATION_JOINTS,
-        limits=False,
-        starts=64,
-    )
+    joints = (xyz - xyz.mean(axis=1, keepdims=True)) / half
+    found = fit_joints(NYU_HAND, joints, EVALUATION_JOINTS, limits=False, starts=64)
     assert (found.residuals * half[:, :, 0]).mean(axis=1).max() < 0.001

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from handpose.output.drawing import hands, strokes
-from handpose.output.drawing.strokes import ContactSheet
+from handpose.output.drawing import hands, sheets
+from handpose.output.drawing.sheets import ContactSheet
 from handpose.output.drawing.tracks import Painter
 from handpose.output.tracks.writing import open_writer
 from handpose.tracking.track import TrackedFrame
@@ -25,7 +25,7 @@ DEPTH = np.zeros((480, 640), np.float32)
     DataError,
     {
         "no pictures": (
-            lambda: strokes.sheet([], 1),
+            lambda: sheets.sheet([], 1),
             "0 pictures in 1 columns, expected at least one of each",
         ),
         "an empty page": (

@@ -1,4 +1,4 @@
-"""handpose/output/drawing/strokes.py: sheets of pictures"""
+"""handpose/output/drawing/sheets.py"""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from handpose.frames.cameras import ICVL
-from handpose.output.drawing import hands, strokes
-from handpose.output.drawing.strokes import IMAGES_PER_PAGE, PAGES, ContactSheet, Image
+from handpose.output.drawing import hands, sheets
+from handpose.output.drawing.sheets import IMAGES_PER_PAGE, PAGES, ContactSheet
+from handpose.output.drawing.strokes import Image
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
 
@@ -22,7 +23,7 @@ def picture(value: int = 0) -> Image:
 
 
 @given(frames=st.integers(1, 2000))
-def test_moments_evenly_apart(frames: int) -> None:
+def test_the_moments_of_a_sheet_are_evenly_apart(frames: int) -> None:
     """Moments span the whole sequence for any number of frames; few pictures are kept, and
     few are drawn.
     """
@@ -47,9 +48,9 @@ def test_moments_evenly_apart(frames: int) -> None:
 
 def test_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
     received = {}
-    draw = strokes.sheet
+    draw = sheets.sheet
     monkeypatch.setattr(
-        strokes, "sheet", lambda *given: received.update(given=given) or draw(*given)
+        sheets, "sheet", lambda *given: received.update(given=given) or draw(*given)
     )
     sheet = ContactSheet()
     for n in range(3):
@@ -79,7 +80,7 @@ def test_two_views(rng: np.random.Generator) -> None:
             center = None if at is None else at[n]
             cells.append(hands.overlay(crop, hand, SKELETON, truth, center, cubes[n], ICVL, zoom=3))
             cells.append(hands.view_3d(hand, SKELETON, truth, size=384))
-        page = strokes.sheet(cells, 6, ["frame 0", "1 mm", "frame 7", "2 mm"])
+        page = sheets.sheet(cells, 6, ["frame 0", "1 mm", "frame 7", "2 mm"])
         legend, below = np.split(drawn, [len(drawn) - len(page)])
         assert np.array_equal(below, page)
         assert 0.02 < (legend < 100).any(axis=2).mean() < 0.5
@@ -91,8 +92,8 @@ def test_sheet() -> None:
         np.full((30, 80, 3), 20, np.uint8),
         np.full((60, 80), 30, np.uint8),
     ]
-    page = strokes.sheet(pictures, 2, ["one", "a title that is far too long for its cell", "three"])
+    page = sheets.sheet(pictures, 2, ["one", "a title that is far too long for its cell", "three"])
     assert page.shape == (2 * (60 + 22 + 8) + 8, 2 * (80 + 8) + 8, 3)
     for value, picture in zip((10, 20, 30), pictures, strict=True):
         assert (page == value).all(axis=2).sum() >= picture.shape[0] * picture.shape[1]
-    assert strokes.sheet(pictures[:1], 4).shape == (60 + 16, 40 + 16, 3)
+    assert sheets.sheet(pictures[:1], 4).shape == (60 + 16, 40 + 16, 3)

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from handpose.output.hand_page.assembly import body, page
+from handpose.output.hand_page.assembly import page
+from handpose.output.hand_page.values import body
 from layers.hand import skeleton as skeletons
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import text_of

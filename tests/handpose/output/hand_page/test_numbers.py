@@ -13,7 +13,7 @@ from handpose.body.model import Surface
 from handpose.body.render import render_crop
 from handpose.frames.cameras import ICVL, KINECT2, NYU, Camera
 from handpose.frames.crops import crop
-from handpose.output.hand_page.assembly import skeleton_values
+from handpose.output.hand_page.values import skeleton_values
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
 from layers.hand.kinematics import Kinematics

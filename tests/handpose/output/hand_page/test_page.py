@@ -18,7 +18,8 @@ from docs.making import pages
 from handpose.body.render import normalise_depth, render_crop
 from handpose.fit.body import CapsuleModel
 from handpose.frames.cameras import KINECT2
-from handpose.output.hand_page.assembly import body, hand, page
+from handpose.output.hand_page.assembly import page
+from handpose.output.hand_page.values import body, hand
 from layers.hand import skeleton as skeletons
 from layers.hand.kinematics import Kinematics
 from tests.handpose.output.hand_page.conftest import ARM

@@ -1,4 +1,4 @@
-"""handpose/output/tracks/joint_values.py: other joint formats in track files"""
+"""handpose/output/tracks/joint_values.py: other joint formats in track files."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import csv
 import io
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -31,42 +32,51 @@ def written(path: Path, joints: FormatName | None) -> Path:
     return path
 
 
+def header_and_first(path: Path) -> tuple[Any, Any]:
+    """The header and the first frame of a file, as JSON values."""
+    text = path.read_text()
+    if path.suffix == ".json":
+        whole = json.loads(text)
+        return whole, whole["frames"][0]
+    header, first, *_ = map(json.loads, text.splitlines())
+    return header, first
+
+
 @pytest.mark.parametrize("ending", ["json", "jsonl"])
 @pytest.mark.parametrize("name", FORMATS)
-def test_json(here: Path, name: FormatName, ending: str) -> None:
-    """Every hand has the format in addition to the joints, the header describes it, and the track
-    is read as before.
-    """
+def test_json_has_the_joint_format_in_addition(here: Path, name: FormatName, ending: str) -> None:
+    """The header describes it, and every hand has the format's joints and the angles."""
+    header, first = header_and_first(written(Path(f"a.{ending}"), name))
+    assert header["joint_format"]["joints"] == list(FORMATS[name].joints)
+    hand, values = FRAMES[0].hands[1], first["hands"][1]
+    wanted = formatted(name, HEADER.skeleton, hand.hand, hand.xyz, HEADER.camera)
+    own = values[name]
+    if name == "mediapipe":
+        assert np.allclose(own["landmarks"], wanted.landmarks, atol=0.006)
+        absolute = np.array(own["world_landmarks"]) + own["center_m"]
+        assert np.allclose(absolute, wanted.positions, atol=2e-5)
+        assert np.allclose(np.mean(own["world_landmarks"], axis=0), 0, atol=1e-5)
+    else:
+        positions = own["positions_mm" if name == "nyu" else "positions_m"]
+        assert np.allclose(positions, wanted.positions, atol=0.006)
+    angles = anatomical_angles(HEADER.skeleton, hand.hand, hand.xyz)
+    assert values["anatomical_deg"] == pytest.approx(angles, abs=0.006)
+
+
+@pytest.mark.parametrize("ending", ["json", "jsonl"])
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_track_with_a_joint_format_is_read_as_without(
+    here: Path, name: FormatName, ending: str
+) -> None:
     path = written(Path(f"a.{ending}"), name)
-    found = (
-        json.loads(path.read_text())
-        if ending == "json"
-        else json.loads(path.read_text().splitlines()[0])
-    )
-    assert found["joint_format"]["joints"] == list(FORMATS[name].joints)
     plain = written(Path(f"plain.{ending}"), None)
     assert repr(read_track(path).frames) == repr(read_track(plain).frames)
-    assert "joint_format" not in plain.read_text() and "anatomical_deg" not in plain.read_text()
-    first = (
-        found if ending == "json" else {"frames": [json.loads(path.read_text().splitlines()[1])]}
-    )
-    hand, values = FRAMES[0].hands[1], first["frames"][0]["hands"][1]
-    wanted = formatted(name, HEADER.skeleton, hand.hand, hand.xyz, HEADER.camera)
-    key = {"mediapipe": "landmarks", "nyu": "positions_mm"}.get(name, "positions_m")
-    assert np.allclose(
-        values[name][key], wanted.landmarks if name == "mediapipe" else wanted.positions, atol=0.006
-    )
-    if name == "mediapipe":
-        absolute = np.array(values[name]["world_landmarks"]) + values[name]["center_m"]
-        assert np.allclose(absolute, wanted.positions, atol=2e-5)
-        assert np.allclose(np.mean(values[name]["world_landmarks"], axis=0), 0, atol=1e-5)
-    assert values["anatomical_deg"] == pytest.approx(
-        anatomical_angles(HEADER.skeleton, hand.hand, hand.xyz), abs=0.006
-    )
+    text = plain.read_text()
+    assert "joint_format" not in text and "anatomical_deg" not in text
 
 
 @pytest.mark.parametrize("name", FORMATS)
-def test_csv(here: Path, name: FormatName) -> None:
+def test_csv_has_the_joint_format_in_place_of_joints(here: Path, name: FormatName) -> None:
     """The format's columns replace the joints and angles; a lost hand has an empty row."""
     rows = list(csv.DictReader(io.StringIO(written(Path("a.csv"), name).read_text())))
     assert len(rows) == sum(len(frame.hands) + len(frame.lost) for frame in FRAMES)
@@ -89,7 +99,7 @@ def test_csv(here: Path, name: FormatName) -> None:
     assert float(row["ring_pip_flexion_deg"]) == pytest.approx(angle, abs=0.006)
 
 
-def test_gestures(here: Path) -> None:
+def test_json_and_csv_have_the_same_gestures(here: Path) -> None:
     """Each hand's gesture is written to JSON and, in the last columns, to CSV,
     with equal values.
     """
@@ -99,16 +109,13 @@ def test_gestures(here: Path) -> None:
         with open_writer(name, HEADER, gestures=True) as writer:
             for frame in frames:
                 writer.write(frame)
-    rows = [
-        row for row in csv.DictReader(io.StringIO(Path("a.csv").read_text())) if not row["lost"]
+    rows = csv.DictReader(io.StringIO(Path("a.csv").read_text()))
+    in_rows = [
+        (row["gesture"], float(row["gesture_confidence"])) for row in rows if not row["lost"]
     ]
-    found = [
-        hand["gesture"]
-        for frame in json.loads(Path("a.json").read_text())["frames"]
-        for hand in frame["hands"]
-    ]
-    gestures = [(row["gesture"], float(row["gesture_confidence"])) for row in rows]
-    assert [(one["name"] or "", one["confidence"]) for one in found] == gestures
+    written_frames = json.loads(Path("a.json").read_text())["frames"]
+    found = [hand["gesture"] for frame in written_frames for hand in frame["hands"]]
+    assert [(one["name"] or "", one["confidence"]) for one in found] == in_rows
     reader = GestureReader(HEADER.skeleton)
     hand = FRAMES[0].hands[0]
     wanted = reader.read(hand.id, hand.hand, hand.xyz, FRAMES[0].time)
