@@ -35,29 +35,29 @@ class Size(NamedTuple):
 
 
 ROOMS = {
-    "docs": Size(12_932, 1_085, 16, 8_324),
+    "docs": Size(12_947, 1_086, 16, 8_324),
     "exercises": Size(8_998, 817, 6, 32_728),
-    "experiments": Size(15_656, 1_380, 22, 9_290),
-    "export": Size(8_350, 730, 6, 3_877),
-    "fast": Size(29_279, 2_592, 12, 2_370),
-    "handpose": Size(98_168, 8_881, 114, 34_898),
-    "handpose/synthetic": Size(16_551, 1_499, 23, 2_081),
-    "layers": Size(36_981, 3_207, 30, 18_250),
-    "netlib": Size(44_288, 4_539, 53, 66_542),
-    "setup.py": Size(180, 10, 1, 284),
-    "tests": Size(256_536, 19_145, 366, 319_147),
-    "tools": Size(30_708, 2_910, 44, 31_859),
+    "experiments": Size(15_779, 1_395, 22, 9_325),
+    "export": Size(8_399, 736, 5, 3_877),
+    "fast": Size(29_347, 2_600, 12, 2_370),
+    "handpose": Size(99_550, 9_043, 114, 36_875),
+    "handpose/synthetic": Size(16_598, 1_505, 22, 2_081),
+    "layers": Size(36_985, 3_208, 30, 18_250),
+    "netlib": Size(44_593, 4_579, 53, 41_206),
+    "setup.py": Size(181, 10, 1, 291),
+    "tests": Size(258_000, 19_284, 363, 322_403),
+    "tools": Size(31_084, 2_980, 37, 32_139),
 }
 LINES = {  # of files that are not Python, by their patterns
     "prototxt/*.prototxt models/*.prototxt": 4_039,
     "*.json": 400,
     "*.js *.css *.html": 2_832,
-    "*.proto": 0,
+    "*.proto": 1_354,
 }
 WORDS = {  # of documents, by their pattern
-    ":(glob)docs/*.md": 25_920,
+    ":(glob)docs/*.md": 25_947,
     "README.md": 896,
-    "*.md": 64_998,
+    "*.md": 65_008,
 }
 OTHERS = LINES | WORDS
 LIMITS = {  # that no recorded total may exceed: syntax nodes of rooms, lines, words

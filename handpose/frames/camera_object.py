@@ -87,13 +87,10 @@ def read_camera(chain: Chain, where: str, is_replaced: bool) -> FoundCamera:
         parameters.add(around, parameters.open_keys())
     fields = parameters.fields
     given = [name for name, value in own.items() if value is not None or not is_known(name)]
-    return FoundCamera(
-        info=parameters.info(),
-        name=".".join(name.strip() for name, _ in chain if name),
-        fields=fields,
-        unused=[name for name in given if name not in fields],
-        is_own=len(chain) == 1 and fields.keys() <= {*KNOWN},
-    )
+    unused = [name for name in given if name not in fields]
+    names = ".".join(name.strip() for name, _ in chain if name)
+    is_own = len(chain) == 1 and fields.keys() <= {*KNOWN}
+    return FoundCamera(parameters.info(), names, fields, unused, is_own)
 
 
 def _own_keys(own: Mapping[str, Any]) -> set[str]:

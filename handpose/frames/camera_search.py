@@ -57,7 +57,8 @@ def _of_numbers(document: Any, where: str) -> dict[str, Any]:
 
 def _is_middle(point: Sequence[float], size: Sequence[float]) -> bool:
     """Whether a point may be the principal point of images of a size."""
-    return all(MIDDLE[0] * one < middle < MIDDLE[1] * one for middle, one in zip(point, size))
+    low, high = MIDDLE
+    return all(low * length < at < high * length for at, length in zip(point, size))
 
 
 def _objects(value: Any, outer: Chain, name: str = "") -> Iterator[Chain]:

@@ -308,8 +308,9 @@ def _scaled(camera: Camera, width: int, height: int) -> str:
     if camera.width * height != camera.height * width:
         return ""
     scale = width / camera.width
-    middle = ((one + 0.5) * scale - 0.5 for one in (camera.u0, camera.v0))
-    four = ",".join(f"{one:.6g}" for one in (camera.fx * scale, camera.fy * scale, *middle))
+    focal = (camera.fx * scale, camera.fy * scale)
+    middle = ((at + 0.5) * scale - 0.5 for at in (camera.u0, camera.v0))
+    four = ",".join(f"{number:.6g}" for number in (*focal, *middle))
     return f" (if they are the whole image in this size: --camera {four})"
 
 
