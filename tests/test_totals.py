@@ -55,9 +55,9 @@ LINES = {  # of files that are not Python, by their patterns
     "*.proto": 1_354,
 }
 WORDS = {  # of documents, by their pattern
-    ":(glob)docs/*.md": 25_944,
+    ":(glob)docs/*.md": 25_943,
     "README.md": 896,
-    "*.md": 65_001,
+    "*.md": 65_000,
 }
 OTHERS = LINES | WORDS
 LIMITS = {  # that no recorded total may exceed: syntax nodes of rooms, lines, words
