@@ -38,7 +38,7 @@ ROOMS = {
     "docs": Size(12_947, 1_086, 16, 8_324),
     "exercises": Size(8_998, 817, 6, 32_728),
     "experiments": Size(15_779, 1_395, 22, 9_325),
-    "export": Size(8_399, 736, 5, 3_877),
+    "export": Size(8_400, 737, 5, 3_877),
     "fast": Size(29_347, 2_600, 12, 2_370),
     "handpose": Size(99_550, 9_043, 114, 36_875),
     "handpose/synthetic": Size(16_598, 1_505, 22, 2_081),

@@ -148,17 +148,10 @@ def interp(graph: Graph, call: LayerCall) -> list[str]:
         return [y]
     size = graph.constant(call.sizes(call.bottom[0][1:2]) + top_sizes, "size")
     sizes = graph.op("Concat", graph.shape_of(y, 0, 1), size, axis=0)
-    return [
-        graph.op(
-            "Resize",
-            y,
-            "",
-            "",
-            sizes,
-            mode="linear",
-            coordinate_transformation_mode="align_corners",
-        )
-    ]
+    y = graph.op(
+        "Resize", y, "", "", sizes, mode="linear", coordinate_transformation_mode="align_corners"
+    )
+    return [y]
 
 
 def upsample(graph: Graph, call: LayerCall) -> list[str]:
@@ -168,17 +161,16 @@ def upsample(graph: Graph, call: LayerCall) -> list[str]:
     if len(call.values) == 1:
         factors = [1.0] * (len(call.bottom[0]) - 2) + [float(call.layer.scale)] * 2
         scales = graph.constant(factors, "scales")
-        return [
-            graph.op(
-                "Resize",
-                call.values[0],
-                "",
-                scales,
-                mode="nearest",
-                coordinate_transformation_mode="asymmetric",
-                nearest_mode="floor",
-            )
-        ]
+        y = graph.op(
+            "Resize",
+            call.values[0],
+            "",
+            scales,
+            mode="nearest",
+            coordinate_transformation_mode="asymmetric",
+            nearest_mode="floor",
+        )
+        return [y]
     C, H, W = call.sizes(call.bottom[0][1:])
     Ho, Wo = call.sizes(call.top[0][2:])
     x, mask = (graph.reshaped(value, ("N", C, H * W)) for value in call.values)
@@ -332,8 +324,9 @@ def _rows(graph: Graph, flags: str, boxes: str, scores: str, labels: list[int], 
 def _no_rows(graph: Graph, flags: str) -> str:
     """For a batch without detections a row for each item, -1 behind its number; otherwise none."""
     count = graph.shape_of(flags, 0, 1)
-    range_ = graph.constant(0, "first"), graph.op("Squeeze", count), graph.constant(1, "step")
-    items = graph.op("Range", *range_)
+    items = graph.op(
+        "Range", graph.constant(0, "first"), graph.op("Squeeze", count), graph.constant(1, "step")
+    )
     items = graph.reshaped(graph.to_float(items), ("N", 1))
     pads = graph.constant([0, 0, 0, 6], "pads")
     rows = graph.op("Pad", items, pads, graph.constant(-1.0, "nothing"))
