@@ -70,6 +70,8 @@ KEEP = 0.3  # of 0, 0.3, 1, 3 and 10; up to 1 they are alike when a recording is
 COMMENT = """Weights of the confidence of poses: handpose/fit/pose_confidence.py has the formulas.
 Fitted by `python -m experiments confidence` to {count} poses of {names},
 each as it is and mirrored; --seed {seed} --keep {keep:g}."""
+
+
 # -------------------------------------------------------------------------------------- regressions
 
 

@@ -154,7 +154,7 @@ def gradients(
     weights = [rng.uniform(0.5, 1.5, y.shape) * rng.choice([-1.0, 1.0], y.shape) for y in top]
 
     def tops_now() -> list[Array]:
-        """The tops of the present values, in arrays of their own."""
+        """The tops of the present values, until the next run."""
         return [y.data for y in run(arrays)[1]]
 
     def value() -> float:

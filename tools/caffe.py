@@ -44,7 +44,7 @@ log = logging.getLogger("netlib")
 
 NEEDED = {"train": ["solver"], "test": ["model", "weights"], "time": ["model"], "device_query": []}
 EFFECTS = ("stop", "snapshot", "none")
-GLOG = ("log_dir", "minloglevel", "stderrthreshold", "v", *SWITCHES)
+GLOG = ("log_dir", "minloglevel", "stderrthreshold", "v", *SWITCHES)  # its flags
 
 
 def main(argv: list[str] | None = None) -> int:

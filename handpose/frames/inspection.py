@@ -37,8 +37,10 @@ OFF_RATE = 3.0  # maximum ratio of the rate that is given to that of the times
 # of a Kinect 1: the stored value without a reading of its disparities, and the minimum share of it
 DISPARITY_UNREAD, MIN_UNREAD_SHARE = 2047, 0.01
 MAX_BYTE = 255
-# of exchanged bytes: minimum share of neighbours that differ much, and its minimum ratio to that
-# after another exchange
+# Of exchanged bytes: minimum share of neighbours that differ much, and its minimum ratio to that
+# after another exchange. In 102 takes (eight real recordings, and synthetic ones of three cameras
+# in units of 1 and 1/8 mm) the share is at most 0.011, and 0.42 or more with exchanged bytes; the
+# ratio at most 0.02, and 53 or more.
 MIN_JUMPS, SWAPPED = 0.01, 4
 TURNED = 0.1  # a principal point is farther from the middle of turned frames
 SAME_TIMES = 1.1  # maximum ratio of two factors that count as the same

@@ -18,6 +18,7 @@ MAX_COUNT = (1 << 31) - 1
 MAX_PORT = 65535
 DIGITS = "-?[0-9]{1,1000}"  # of an integer; Python's int() takes quadratic time
 MAX_SHOWN = 100  # characters of a value in a message
+SWITCHES = ("alsologtostderr", "logtostderr")  # flags of glog that need no value
 
 
 class _Parser(argparse.ArgumentParser):
@@ -87,9 +88,6 @@ def reject_given(
     for name in names:
         if getattr(args, name) != parser.get_default(name):
             parser.error(f"--{name.replace('_', '-')} {why}")
-
-
-SWITCHES = ("alsologtostderr", "logtostderr")
 
 
 def caffes_flags(argv: Sequence[str] | None) -> list[str]:

@@ -246,7 +246,7 @@ def _name_of_depth(headers: Mapping[str, _Header], where: str, is_single: bool) 
 
 def _are_last(shape: tuple[int, ...]) -> bool:
     """Whether the last of three axes is that of the frames, as in MATLAB: the others are the size
-    of a camera, or there are few frames.
+    of a camera, and the last two are none, or there are few frames.
     """
     by_size = {*shape[:2]} in FRAME_SIZES and {*shape[1:]} not in FRAME_SIZES
     return by_size or 4 * shape[2] < min(shape[:2])

@@ -1,6 +1,6 @@
 """The names of the classes of a detector, as files of SSD's fork of Caffe list them.
 
-Nets do not read them. The other messages of SSD are in forks.py.
+Nets do not read them. The other messages of SSD are in forks.proto.
 """
 
 from __future__ import annotations
